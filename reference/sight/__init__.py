@@ -4,7 +4,9 @@ boxes       Triangles as boxes of cells on the film: what shares no cell with a 
 clear       Clear triangles: nothing hides them well inside their outlines, so that their points need not be
             searched
 clear_jit   The search for clear triangles, compiled by Dr.Jit; `clear` says what they are and why
+coarse      Coarse cells of the film, and the triangles that reach into each: found once for a pencil
 distance    Distances of points from triangles and from their planes
+few         The search for what may hide few points, on NumPy, among what reaches into their coarse cells
 kept        What was made last, kept for as many threads as there are, in bounded memory
 rows_jit    Rows of the boxes of triangles as Dr.Jit arrays: one lane for each walks what lies in its cells
 sight       Surface points that the true frustum does not see, because another surface hides them

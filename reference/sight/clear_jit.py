@@ -16,7 +16,6 @@ import numpy as np
 from xfrustum.reference.devices.arithmetic_jit import JIT, Array4f64, Bool, Float64, UInt32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.clear import (
     AWAY,
     BEHIND,
@@ -27,47 +26,41 @@ from xfrustum.reference.sight.clear import (
     limit,
     looseness,
 )
+from xfrustum.reference.sight.coarse import CoarseCells
 from xfrustum.reference.sight.rows_jit import lanes_with_items, rows_of_boxes
 from xfrustum.reference.sight.walk import film_numbers
-from xfrustum.scenes.arrays import Indices, Mask
-
-COARSE = 8
-"""Sides of a coarse cell, in cells. Triangles of some ten pixels share few of these, and few share none."""
-
-MAX_ITEMS = 1 << 23
-"""Largest number of coarse cells of all triangles together, in 12 bytes each; of more, nothing is found."""
+from xfrustum.scenes.arrays import Mask
 
 
-def clear_triangles(corners: Any, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
-    """Return which triangles are clear; None where too many cells would have to be looked at.
+def clear_triangles(corners: Any, coarse: CoarseCells, pencil: Pencil, asked: Mask) -> ClearTriangles | None:
+    """Return which triangles are clear; None where none that is asked about is seen.
 
     Parameters
     ----------
     corners
         (9 F,) corners of all triangles, on the device.
-    boxes
-        Boxes of cells of the triangles, and their pencil.
+    coarse
+        Boxes of cells of the triangles, by coarse cells.
+    pencil
+        Lines of the film.
     asked
         (F,) triangles that are asked about.
     """
-    coarse = _coarse(boxes)
-    left, right, top, bottom = coarse.box.astype(np.int64)
-    if int(((right - left + 1) * (bottom - top + 1)).sum()) > MAX_ITEMS:
-        return None
+    boxes = coarse.boxes
     mine = np.flatnonzero(asked[boxes.number])
     if not mine.size:
         return None
     boxed = np.zeros_like(asked)
     boxed[boxes.number[mine]] = True
+    start, item = (values.astype(np.uint32) for values in (coarse.start, boxes.number[coarse.item]))
     with strict_arithmetic():
-        flat = _flattened(corners, boxes.pencil)
-        start, item = _by_cell(coarse)
-        some = replace(coarse, number=coarse.number[mine], holds=coarse.holds[mine], box=coarse.box[:, mine])
+        flat = _flattened(corners, pencil)
+        some = replace(boxes, number=boxes.number[mine], holds=boxes.holds[mine], box=boxes.box[:, mine])
         first, last, number, _ = lanes_with_items(rows_of_boxes(some), on_device(start))
-        hidden = _walk(flat, (first, last, number), on_device(item), boxes.pencil)
+        hidden = _walk(flat, (first, last, number), on_device(item), pencil)
         table = np.array(flat.table.numpy()).reshape(-1, COLUMNS)
         table[~boxed | hidden.numpy() | ~flat.comparable.numpy(), 2] = -np.inf
-    return ClearTriangles(pencil=boxes.pencil, table=table)
+    return ClearTriangles(pencil=pencil, table=table)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +73,7 @@ class _Flat:
         (8 F,) column and row of each corner, which are not numbers where the triangle is not comparable, and
         the smallest and the largest s.
     table
-        (12 F,) numbers of `ClearTriangles`.
+        (8 F,) numbers of `ClearTriangles`.
     comparable
         (F,) whether the triangle lies on one side of the center, and within the limit on the film.
     """
@@ -88,27 +81,6 @@ class _Flat:
     places: Any
     table: Any
     comparable: Any
-
-
-def _coarse(boxes: CellBoxes) -> CellBoxes:
-    """Return the boxes in coarse cells."""
-    width, height = ((side + 1) // COARSE + 1 for side in boxes.pencil.resolution)
-    pencil = replace(boxes.pencil, resolution=(width, height))
-    return replace(boxes, pencil=pencil, box=boxes.box // COARSE)
-
-
-def _by_cell(boxes: CellBoxes) -> tuple[Indices, Indices]:
-    """Return the first item of each cell, and the triangle of each item, one cell after another."""
-    left, right, top, bottom = boxes.box.astype(np.int64)
-    wide = right - left + 1
-    count = wide * (bottom - top + 1)
-    before = np.cumsum(count) - count
-    box = np.repeat(np.arange(len(count)), count)
-    down, across = np.divmod(np.arange(len(box)) - before[box], wide[box])
-    cell = (top[box] + down) * (boxes.pencil.resolution[0] + 2) + left[box] + across
-    order = np.argsort(cell.astype(np.uint16 if cells(boxes.pencil) < 1 << 16 else np.uint32), kind="stable")
-    start = np.concatenate(([0], np.cumsum(np.bincount(cell, minlength=cells(boxes.pencil)))))
-    return start.astype(np.uint32), boxes.number[box[order]].astype(np.uint32)
 
 
 def _edges(places: Sequence[tuple[Any, Any]]) -> tuple[list[tuple[Any, Any, Any]], Any]:
@@ -149,8 +121,10 @@ def _flattened(corners: Any, pencil: Pencil) -> _Flat:
     edges, area = _edges(places)
     least = dr.maximum(inside, area * SHARE)
     table, flat = dr.empty(Float64, COLUMNS * dr.width(lane)), dr.empty(Float64, 8 * dr.width(lane))
-    for number, (a, b, c) in enumerate(edges):
-        dr.scatter(table, Array4f64(a, b, c - least, farthest), 3 * lane + number)
+    # The third edge function reaches `least` where the other two, less that, leave this of twice the area.
+    left_over = area - 3 * least
+    for number, ((a, b, c), last) in enumerate(zip(edges[:2], (farthest, left_over), strict=True)):
+        dr.scatter(table, Array4f64(a, b, c - least, last), 2 * lane + number)
     known = [dr.select(comparable, value, np.nan) for place in places for value in place]
     dr.scatter(flat, Array4f64(*known[:4]), 2 * lane)
     dr.scatter(flat, Array4f64(*known[4:], nearest, farthest), 2 * lane + 1)

@@ -42,6 +42,11 @@ class Kept(Generic[Key, Value]):
     _values: OrderedDict[Key, Value] = field(init=False, default_factory=OrderedDict)
     _lock: Lock = field(init=False, default_factory=Lock)
 
+    def known(self, key: Key) -> Value | None:
+        """Return the value of a key if it is kept; None where it would have to be made."""
+        with self._lock:
+            return self._values.get(key)
+
     def __call__(self, key: Key) -> Value:
         """Return the value of a key."""
         with self._lock:

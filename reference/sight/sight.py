@@ -25,7 +25,9 @@ from xfrustum.reference.certify.processors import compiled, kernels_on_one_threa
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.clear import ClearTriangles
+from xfrustum.reference.sight.coarse import MAX_ITEMS, CoarseCells, coarse_cells
 from xfrustum.reference.sight.distance import off_planes
+from xfrustum.reference.sight.few import before_few
 from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
@@ -38,7 +40,7 @@ class Search(Protocol):
 
     def __init__(self, triangles: Floats) -> None: ...
 
-    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+    def clear(self, coarse: CoarseCells, pencil: Pencil, asked: Mask) -> ClearTriangles | None:
         """Return which of the asked triangles (F,) are clear; None where the engine does not find it."""
         ...
 
@@ -78,7 +80,7 @@ triangles it pays after five pictures or later; and of triangles that are as sma
 that are well inside."""
 
 KEPT_CLEAR = 1 << 21
-"""Largest number of triangles for which it is kept whether they are clear, in 96 bytes each."""
+"""Largest number of triangles for which it is kept whether they are clear, in 64 bytes each."""
 
 KEPT_BOXES = 1 << 21
 """Largest number of boxes of cells that are kept for the next pictures of apertures, in 41 bytes each; those
@@ -110,6 +112,11 @@ def _count(boxes: CellBoxes) -> int:
     return len(boxes.number)
 
 
+def _item_count(coarse: CoarseCells | None) -> int:
+    """Return the number of items of coarse cells."""
+    return 0 if coarse is None else len(coarse.item)
+
+
 class Sight:
     """The triangles of a scene, ready to be searched for what hides points.
 
@@ -125,7 +132,9 @@ class Sight:
         self._boxes: Kept[Pencil, CellBoxes] = Kept(
             make=partial(cell_boxes, self._triangles), size=_count, room=KEPT_BOXES, least=2
         )
-
+        self._coarse: Kept[CellBoxes, CoarseCells | None] = Kept(
+            make=coarse_cells, size=_item_count, room=MAX_ITEMS
+        )
         self._pictures: Kept[Pencil, _Pictures] = Kept(make=lambda _: _Pictures(), size=len, room=KEPT_CLEAR)
 
     @cached_property
@@ -153,7 +162,12 @@ class Sight:
         count = len(self._triangles)
         if not 0 < count <= MAX_TRIANGLES_PER_PIXEL * math.prod(pencil.resolution):
             return None
-        return self._pictures(pencil).more(pictures, lambda: self._search.clear(self._boxes(pencil), shown()))
+        return self._pictures(pencil).more(pictures, partial(self._find_clear, pencil, shown))
+
+    def _find_clear(self, pencil: Pencil, shown: Callable[[], Mask]) -> ClearTriangles | None:
+        """Return the clear triangles of those that are shown."""
+        coarse = self._coarse(self._boxes(pencil))
+        return None if coarse is None else self._search.clear(coarse, pencil, shown())
 
     def make_ready(self, pencil: Pencil, shown: Callable[[], Mask], pictures: int) -> None:
         """Find in advance what `clear` and `hidden` need for so many pictures of a pencil.
@@ -187,7 +201,7 @@ class Sight:
 
     def _mark(self, behind: Mask, boxes: CellBoxes, pencil: Pencil, points: SurfacePoints) -> None:
         """Mark the hidden points in `behind`, (N,)."""
-        for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
+        for found in self._before(boxes, points):
             # What hides a point that is known to be hidden need not be asked.
             asked = np.flatnonzero(~behind[found.point])
             point, triangle, sure = found.point[asked], found.triangle[asked], found.sure[asked]
@@ -198,6 +212,18 @@ class Sight:
             doubtful = np.flatnonzero(far & ~sure & ~behind[point])
             met = self._met(pencil, position[doubtful], tolerance[doubtful], triangle[doubtful])
             behind[point[doubtful[met]]] = True
+
+    def _before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
+        """Yield what the lines through points meet, or may meet, before them."""
+        asked = points.position, points.triangle, points.tolerance
+        # To sort the boxes by coarse cells takes longer than a search, but many pictures share it with the
+        # clear triangles.
+        coarse = self._coarse.known(boxes)
+        found = None if coarse is None else before_few(self._triangles, boxes, coarse, asked)
+        if found is not None:
+            yield found
+        else:
+            yield from self._search.before(boxes, *asked)
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:
         """Return which of some points' lines meet triangles before the points, decided in integers."""

@@ -23,9 +23,11 @@ from xfrustum.reference.devices.arithmetic_jit import (
     on_device,
 )
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.clear_jit import clear_triangles
+from xfrustum.reference.sight.coarse import CoarseCells
 from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.rows_jit import Rows, lanes_with_items, row_count, rows_of_boxes
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
@@ -79,9 +81,9 @@ class JitSearch:
         # The settings of one aperture share its rows, and several threads judge an aperture each.
         self._rows: Kept[CellBoxes, Rows] = Kept(make=rows_of_boxes, size=row_count, room=KEPT_ROWS)
 
-    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+    def clear(self, coarse: CoarseCells, pencil: Pencil, asked: Mask) -> ClearTriangles | None:
         """Return which of the asked triangles (F,) are clear; see `clear_triangles`."""
-        return clear_triangles(self._corners, boxes, asked)
+        return clear_triangles(self._corners, coarse, pencil, asked)
 
     def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.

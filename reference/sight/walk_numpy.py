@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from xfrustum.reference.devices.arithmetic import NUMPY
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.clear import ClearTriangles
+from xfrustum.reference.sight.coarse import CoarseCells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
 
@@ -28,7 +30,7 @@ class NumpySearch:
     def __init__(self, triangles: Floats) -> None:
         self._triangles = triangles
 
-    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+    def clear(self, coarse: CoarseCells, pencil: Pencil, asked: Mask) -> ClearTriangles | None:
         """Return None: this would take NumPy longer than it saves."""
         return None
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,21 +19,27 @@ from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.sight import few
 from xfrustum.reference.sight.boxes import cell_boxes
-from xfrustum.reference.sight.sight import Sight
+from xfrustum.reference.sight.coarse import SIDE, coarse_cells
+from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
+from xfrustum.reference.sight.walk import Before
 from xfrustum.reference.sight.walk_numpy import NumpySearch
 from xfrustum.scenes import Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-PATHS = ("numpy", "dr.jit")
+PATHS = ("numpy", "dr.jit", "coarse cells")
 
 
 def sight_on(path: str, scene: Scene) -> Sight:
-    """Return what finds hidden points on one of the two paths; skip what is not here."""
+    """Return what finds hidden points on one of the paths; skip what is not here."""
     found = Sight(scene)
-    if path == "numpy":
+    if path != "dr.jit":
         found.__dict__["_search"] = NumpySearch(scene.triangles)
+        if path == "coarse cells":
+            # They are known from the first question on, instead of from that for clear triangles.
+            found._coarse.__dict__["known"] = found._coarse.__call__
     elif not compiled():
         pytest.skip("needs LLVM for Dr.Jit")
     return found
@@ -244,6 +252,59 @@ def test_the_answer_does_not_depend_on_the_order_or_the_company_of_points() -> N
             tolerance=points.tolerance[some],
         )
         np.testing.assert_array_equal(sight.hidden(pencil, part), whole[some])
+
+
+@pytest.mark.parametrize("bound", ["MAX_FEW_POINTS", "MAX_CANDIDATES"])
+def test_few_points_are_searched_in_coarse_cells_and_many_among_all_triangles(
+    bound: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, pencil, points, pushed = seen_and_pushed("asymmetric-recentered")
+    some = np.linspace(0, len(pushed) - 1, 40).astype(int)
+    part = SurfacePoints(
+        position=points.position[some], triangle=points.triangle[some], tolerance=points.tolerance[some]
+    )
+    sight, asked = sight_on("coarse cells", scene), 0
+    before = sight._search.before
+
+    def counted(*of_points: Any) -> Iterator[Before]:
+        nonlocal asked
+        asked += 1
+        return before(*of_points)
+
+    monkeypatch.setattr(sight._search, "before", counted)
+    np.testing.assert_array_equal(sight.hidden(pencil, part), pushed[some])
+    assert asked == 0
+    monkeypatch.setattr(few, bound, 39)
+    np.testing.assert_array_equal(sight.hidden(pencil, part), pushed[some])
+    assert asked == 1
+
+
+def test_pictures_that_are_asked_for_clear_triangles_know_the_coarse_cells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(f"{Sight.__module__}.MAX_TRIANGLES_PER_PIXEL", np.inf)
+    scene = view("asymmetric", (48, 36))
+    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    everything = np.ones(len(scene.faces), dtype=np.bool_)
+    sight = Sight(scene)
+    boxes = sight._boxes(pencil)
+    assert sight._coarse.known(boxes) is None
+    sight.clear(pencil, lambda: everything, FEWEST_PICTURES)
+    assert sight._coarse.known(boxes) is not None
+
+
+def test_coarse_cells_hold_the_boxes_that_reach_into_them() -> None:
+    scene = view("asymmetric", (48, 36))
+    boxes = cell_boxes(scene.triangles, crossed_frustum(scene.frustum, scene.plate.middle))
+    coarse = coarse_cells(boxes)
+    assert coarse is not None
+    left, right, top, bottom = boxes.box // SIDE
+    for row in range(38 // SIDE + 1):
+        for column in range(50 // SIDE + 1):
+            reach = (left <= column) & (column <= right) & (top <= row) & (row <= bottom)
+            cell = row * coarse.stride + column
+            held = coarse.item[coarse.start[cell] : coarse.start[cell + 1]]
+            np.testing.assert_array_equal(np.sort(held), np.flatnonzero(reach))
 
 
 def test_nothing_is_hidden_where_there_is_nothing() -> None:
