@@ -20,8 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.cameras import RoundingCamera
 from xfrustum.compare.rounding.clip_seams import distance_to_border, distance_to_segments, seams
@@ -31,33 +33,74 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.notebook.shown import Brief
 
+HEADINGS = ("edge", "order", "lost", "unexplained")
+"""Headings of `Causes`; the last one is for pixels that bear no mark."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Causes(Brief):
     """Pixels that show another triangle than expected, each under one heading.
 
+    They are listed, because they are few: masks are made when they are first asked for.
+
     Attributes
     ----------
-    edge, order, lost, unexplained
-        (H, W) masks that exclude each other.
+    shape
+        H, W.
+    pixels
+        (N,) flat numbers of the pixels.
+    heading
+        (N,) place of each pixel's heading in `HEADINGS`.
     """
 
-    edge: Mask
-    order: Mask
-    lost: Mask
-    unexplained: Mask
+    shape: tuple[int, ...]
+    pixels: Indices
+    heading: NDArray[np.int8]
+
+    @cached_property
+    def masks(self) -> dict[str, Mask]:
+        """The pixels under each heading, (H, W) masks that exclude each other."""
+        return {
+            name: _scattered(self.shape, self.pixels, self.heading == place)
+            for place, name in enumerate(HEADINGS)
+        }
+
+    @property
+    def edge(self) -> Mask:
+        """(H, W) pixels whose cause is an edge."""
+        return self.masks["edge"]
+
+    @property
+    def order(self) -> Mask:
+        """(H, W) pixels whose cause is the order of surfaces."""
+        return self.masks["order"]
+
+    @property
+    def lost(self) -> Mask:
+        """(H, W) pixels whose surface is lost."""
+        return self.masks["lost"]
+
+    @property
+    def unexplained(self) -> Mask:
+        """(H, W) pixels that bear no mark."""
+        return self.masks["unexplained"]
 
     def counts(self) -> dict[str, int]:
         """Return the number of pixels under each heading."""
-        return {name: int(mask.sum()) for name, mask in vars(self).items()}
+        numbers = np.bincount(self.heading, minlength=len(HEADINGS)).tolist()
+        return dict(zip(HEADINGS, numbers, strict=True))
 
-    def within(self, pixels: Mask) -> Causes:
-        """Return the causes of some of the pixels."""
-        return Causes(**{name: mask & pixels for name, mask in vars(self).items()})
+    def some(self, kept: Mask) -> Causes:
+        """Return the causes of those of the pixels that are marked, (N,)."""
+        return Causes(shape=self.shape, pixels=self.pixels[kept], heading=self.heading[kept])
 
     def joined(self, other: Causes) -> Causes:
         """Return the causes of these pixels and of others."""
-        return Causes(**{name: mask | getattr(other, name) for name, mask in vars(self).items()})
+        return Causes(
+            shape=self.shape,
+            pixels=np.concatenate((self.pixels, other.pixels)),
+            heading=np.concatenate((self.heading, other.heading)),
+        )
 
 
 def find_causes(
@@ -65,7 +108,7 @@ def find_causes(
     cameras: Sequence[RoundingCamera],
     expected: HogelImage,
     shown: HogelImage,
-    wrong: Mask,
+    pixels: Indices,
 ) -> Causes:
     """Find the cause of every wrong pixel.
 
@@ -80,13 +123,13 @@ def find_causes(
         they lie on an edge, or at one depth.
     shown
         The picture. It may name triangles that the scene does not have.
-    wrong
-        (H, W) pixels at which the two name different triangles.
+    pixels
+        (N,) flat numbers of the pixels at which the two name different triangles.
     """
-    pixels = np.flatnonzero(wrong)
+    shape = shown.triangle.shape
     if not len(pixels):
-        return Causes(**{name: np.zeros_like(wrong) for name in ("edge", "order", "lost", "unexplained")})
-    columns, rows = _columns_and_rows(pixels, wrong.shape[1])
+        return Causes(shape=shape, pixels=pixels, heading=np.zeros(0, dtype=np.int8))
+    columns, rows = _columns_and_rows(pixels, shape[1])
     images = (expected, shown)
     before, after = _marks(triangles, cameras, images, pixels)
     edge = before.near_edge | after.near_edge | _near_border(cameras, (columns, rows))
@@ -102,8 +145,11 @@ def find_causes(
     # Seams take long to find, and are looked for where nothing else explains the pixel.
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
-    found = {"edge": edge, "order": order, "lost": lost, "unexplained": ~(edge | order | lost)}
-    return Causes(**{name: _scattered(wrong, pixels, values) for name, values in found.items()})
+    # The marks exclude each other: a pixel without any is left at the last heading.
+    heading = np.full(len(pixels), HEADINGS.index("unexplained"), dtype=np.int8)
+    for name, marked in (("edge", edge), ("order", order), ("lost", lost)):
+        heading[marked] = HEADINGS.index(name)
+    return Causes(shape=shape, pixels=pixels, heading=heading)
 
 
 def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage) -> Mask:
@@ -114,7 +160,7 @@ def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown
     for part in _drawn_by(triangles, cameras, (shown,), pixels):
         placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         possible[part.places] |= placed.possible
-    return _scattered(where, pixels, ~possible)
+    return _scattered(where.shape, pixels, ~possible)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -248,8 +294,8 @@ def _columns_and_rows(pixels: Indices, width: int) -> PixelIndex:
     return pixels - rows * width, rows
 
 
-def _scattered(where: Mask, pixels: Indices, values: Mask) -> Mask:
-    """Return values (N,) of pixels, given by their flat numbers, as a mask of the shape of another."""
-    mask = np.zeros(where.shape, dtype=np.bool_)
+def _scattered(shape: tuple[int, ...], pixels: Indices, values: Mask) -> Mask:
+    """Return values (N,) of pixels, given by their flat numbers, as a mask of some shape."""
+    mask = np.zeros(shape, dtype=np.bool_)
     mask.reshape(-1)[pixels] = values
     return mask
