@@ -45,7 +45,7 @@ def differing_triangles(one: HogelImage, other: HogelImage, pixels: Indices | No
     if pixels is None:
         return np.flatnonzero(one.triangle != other.triangle)
     mine, its = (image.triangle.reshape(-1).take(pixels) for image in (one, other))
-    return pixels[mine != its]
+    return np.asarray(pixels[mine != its])
 
 
 def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
