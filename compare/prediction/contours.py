@@ -14,20 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
+from xfrustum.compare.prediction.smoothing import smoothed_where_reached
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-
-CONTOUR_SIGMA_PX = 1.5
-"""Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
-that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies within two sigma on
-either side, and the normal is exact. On stairs that lean less the normal is too near to an axis, but by at
-most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
-mix contours that are as near to each other."""
-
-SIGMAS = 4.0
-"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
 
 MIN_OCCLUSION_FOOTPRINTS = 2
 """Distance, in footprints of a pixel, by which neighboring points must lie off each other's tangent planes
@@ -109,25 +99,6 @@ class _Steps:
     after: Indices
     kind: NDArray[np.int8]
     oriented: Floats
-
-
-CACHE_LINE_VALUES = 8
-"""Number of doubles in a line of the processor's cache."""
-
-
-def smoothed(image: Floats, mode: str = "reflect") -> Floats:
-    """Return an image (H, W) smoothed over `CONTOUR_SIGMA_PX`, continued at its border as SciPy's mode says.
-
-    Rows lie an odd number of cache lines apart. Where they lie a power of two apart, as those of most films
-    do, the values of a column displace each other from the cache, and filtering takes twice the time.
-    """
-    height, width = image.shape
-    lines = -(-width // CACHE_LINE_VALUES) | 1
-    given: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
-    found: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
-    given[:] = image
-    gaussian_filter(given, CONTOUR_SIGMA_PX, output=found, mode=mode, truncate=SIGMAS)
-    return found
 
 
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
@@ -230,11 +201,12 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
             # Each of a step's two pixels takes half of it.
             both = np.concatenate((step.before, step.after))
             halves = np.bincount(both, np.tile(weight, 2), size).astype(np.float64, copy=False)
-            smooth = smoothed(halves.reshape(shape), "constant")
+            pixels, values = smoothed_where_reached(halves.reshape(shape), "constant")
+            smooth = np.zeros(size)
+            smooth[pixels] = values
             for found, asked in zip((across, down), steps, strict=True):
                 mine = np.flatnonzero(asked.kind == kind)
-                ends = (np.divmod(end[mine], shape[1]) for end in (asked.before, asked.after))
-                first, second = (smooth[end] for end in ends)
+                first, second = (smooth.take(end[mine]) for end in (asked.before, asked.after))
                 found[mine, axis] = first + second
     return across, down
 

@@ -27,7 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
+from xfrustum.compare.prediction.contours import Contours, Kind, contours
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacements,
@@ -35,6 +35,7 @@ from xfrustum.compare.prediction.displacement import (
     is_drawn,
     pierced,
 )
+from xfrustum.compare.prediction.smoothing import smoothed_where_reached
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
@@ -200,22 +201,10 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
         # No area is swept twice, and smoothing preserves the sum.
         return float(swept.sum())
     wrong = np.zeros_like(swept)
-    some = _reached_by(swept)
-    wrong[some] = np.minimum(smoothed(swept[some]), 1)
+    pixels, values = smoothed_where_reached(swept)
+    wrong.reshape(-1)[pixels] = np.minimum(values, 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
-
-
-def _reached_by(swept: Floats) -> tuple[slice, slice]:
-    """Return the rows and columns that a filter takes anything but zero to."""
-    radius = int(SIGMAS * CONTOUR_SIGMA_PX + 0.5)
-    found = []
-    for axis, size in enumerate(swept.shape):
-        here = np.flatnonzero(swept.any(axis=1 - axis))
-        ends = (max(0, int(here[0]) - radius), min(size, int(here[-1]) + 1 + radius)) if here.size else (0, 0)
-        found.append(slice(*ends))
-    rows, columns = found
-    return rows, columns
 
 
 def _swept(steps: Contours, spans: _Spans) -> Floats:
