@@ -27,6 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.prediction.chain import with_named_fit
 from xfrustum.compare.prediction.contours import Contours, Kind, contours
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
@@ -38,7 +39,7 @@ from xfrustum.compare.prediction.displacement import (
 from xfrustum.compare.prediction.smoothing import smoothed_where_reached
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
 SNAP_PER_HALF_SUBPIXEL = 0.39
@@ -114,8 +115,7 @@ class Silhouettes:
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
-        # A fit by default is the same as the one that it stands for, as in `traced_settings`.
-        settings = replace(settings, fit=settings.fitted_height(self._frustum) or Fit.ANGLE)
+        settings = with_named_fit(settings, self._frustum)
         if settings not in self._wrong:
             swept = _swept(self._contours_for(settings).steps, self._spans(settings, settings))
             self._wrong[settings] = expected_wrong(swept, self._not_shown(settings), self._judged)

@@ -49,7 +49,7 @@ def smoothed_where_reached(image: Floats, mode: Mode = "reflect") -> tuple[Indic
     found = np.flatnonzero(by_both)
     if found.size > MAX_SPARSE_FRACTION * image.size:
         return found, smoothed(image, mode).ravel().take(found)
-    half = np.zeros(by_columns.shape)
+    half: Floats = np.zeros(by_columns.shape)
     places = np.flatnonzero(by_columns)
     # A pixel has the same flat number as the first row that its column's filter takes in: rows are as long.
     half.reshape(-1)[places] = _weighted(padded, places, padded.shape[1])
