@@ -17,6 +17,5 @@ shading       The effect of a bent eye vector on highlights and reflections, to 
 share         Closed form of the share of pixels that a depth buffer shows wrongly, from the truth's
               geometry alone
 silhouettes   Closed form of the surface error that displacement causes along silhouettes
-smoothing     Smoothing over the width of a contour, of images that are zero nearly everywhere
 stacks        Surfaces one behind the other that a depth buffer has to tell apart
 """

@@ -28,7 +28,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.chain import with_named_fit
-from xfrustum.compare.prediction.contours import Contours, Kind, contours
+from xfrustum.compare.prediction.contours import Contours, Kind, contours, smoothed_where_reached
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacements,
@@ -36,7 +36,6 @@ from xfrustum.compare.prediction.displacement import (
     is_drawn,
     pierced,
 )
-from xfrustum.compare.prediction.smoothing import smoothed_where_reached
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset

@@ -19,10 +19,16 @@ from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
-from xfrustum.compare.prediction.contours import Contours, Kind, contours
+from xfrustum.compare.prediction.contours import (
+    CONTOUR_SIGMA_PX,
+    Contours,
+    Kind,
+    Mode,
+    contours,
+    smoothed_where_reached,
+)
 from xfrustum.compare.prediction.displacement import displacement_field
 from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
-from xfrustum.compare.prediction.smoothing import CONTOUR_SIGMA_PX, Mode, smoothed_where_reached
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
