@@ -5,7 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import pairwise
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.attribution.explain import explain
+from xfrustum.compare.attribution.explain import differing_triangles, explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.attribution.steps import Steps, StepSize, shifts, step_lengths
 from xfrustum.compare.metrics.displacement import displacement
@@ -180,16 +180,24 @@ class ChainStart(Brief):
     @cached_property
     def charge(self) -> NDArray[np.int8]:
         """(H, W) the last link that changes the triangle of each pixel up to R0, `RIGHT` where none does."""
-        pixels = np.arange(self.truth.triangle.size)
-        return self.charge_at(pixels).reshape(self.truth.triangle.shape)
-
-    def charge_at(self, pixels: Indices) -> NDArray[np.int8]:
-        """Return `charge` of some pixels, given by their flat numbers (N,)."""
-        charge = np.full(len(pixels), RIGHT, dtype=np.int8)
-        for link, (before, after) in enumerate(pairwise(self.images)):
-            if after is not before:
-                charge[_differs(before, after, pixels)] = link
+        charge = np.full(self.truth.triangle.shape, RIGHT, dtype=np.int8)
+        for link in self.changing:
+            charge[self.images[link].triangle != self.images[link + 1].triangle] = link
         return charge
+
+    @cached_property
+    def changing(self) -> tuple[int, ...]:
+        """Numbers of the links up to R0 that change anything: the first one, which traces, always does."""
+        return tuple(
+            link for link, (before, after) in enumerate(pairwise(self.images)) if after is not before
+        )
+
+    @cached_property
+    def changed(self) -> Mapping[int, Indices]:
+        """Flat numbers of the pixels whose triangle each of the links `changing`, but the first, changes."""
+        return {
+            link: differing_triangles(self.images[link], self.images[link + 1]) for link in self.changing[1:]
+        }
 
     @cached_property
     def exact(self) -> JudgedImage:
@@ -221,13 +229,11 @@ class ChainStart(Brief):
         wrong = self.exact_wrong
         pixels = np.flatnonzero(wrong)
         truth = self.truth.at(pixels)
-        right = np.ones(pixels.size, dtype=np.bool_)
         # The truth is right everywhere: until a later image is, the first link is charged.
-        found = np.zeros(pixels.size, dtype=np.int8)
-        for link, (before, image) in enumerate(pairwise(self.images[:-1]), start=1):
-            if image is not before:
-                right = ~wrong_surface(truth, image.at(pixels), self.reference)[0]
-            found[right] = link
+        first, *later = self.changing
+        found = np.full(pixels.size, first, dtype=np.int8)
+        for link in later:
+            found[~wrong_surface(truth, self.images[link].at(pixels), self.reference)[0]] = link
         charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
         charge.reshape(-1)[pixels] = found
         return charge
@@ -252,15 +258,15 @@ class ChainStart(Brief):
     @cached_property
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
-        return self.causes_of(self.rasterization, self.images[-1])
+        return self.causes_of(self.rasterization, self.images[-1], self.changed[self.rasterization])
 
     @cached_property
     def shear(self) -> ShearNumbers | None:
         """What the pivot alone does to the points that T2 shows; None where the pivot does nothing."""
         return shear_numbers(self.images[PIVOT + 1], self.reference.scene.frustum)
 
-    def causes_of(self, link: int, after: HogelImage, pixels: Mask | None = None) -> Causes:
-        """Return the causes of what a link that rounds has changed between two images, at some pixels."""
+    def causes_of(self, link: int, after: HogelImage, pixels: Indices) -> Causes:
+        """Return the causes of what a link that rounds has changed between two images, at pixels (N,)."""
         return explain(self.reference.scene, self.images[link], after, self.subpixel_bits, pixels)
 
 
@@ -331,11 +337,16 @@ class Budget(Shown):
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        sizes = self._step_sizes()
+        # Links that change no image are charged with nothing, and nothing is counted.
+        changing = (*self.start.changing, self.start.depth)
         charges = self.surface_charge, self.charge
         return tuple(
-            self._cause(link, size, tuple(int(np.count_nonzero(charge == link)) for charge in charges))
-            for link, size in enumerate(sizes)
+            self._cause(
+                link,
+                size,
+                [int(np.count_nonzero(charge == link)) if link in changing else 0 for charge in charges],
+            )
+            for link, size in enumerate(self._step_sizes())
         )
 
     def _step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -352,7 +363,7 @@ class Budget(Shown):
             return (*start.step_sizes, *last.sizes())
         return steps.sizes()
 
-    def _cause(self, link: int, size: StepSize | None, wrong: tuple[int, ...]) -> Cause:
+    def _cause(self, link: int, size: StepSize | None, wrong: list[int]) -> Cause:
         return Cause(
             name=self.links[link],
             surface=wrong[0],
@@ -406,12 +417,6 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     return charged(start, chain.images[-1], predictor.links(chain.settings))
 
 
-def _differs(one: HogelImage, other: HogelImage, pixels: Indices) -> Mask:
-    """Return at which of some pixels (N,), given by their flat numbers, two images show other triangles."""
-    mine, its = (image.triangle.reshape(-1).take(pixels) for image in (one, other))
-    return np.asarray(mine != its)
-
-
 def charged(
     start: ChainStart,
     drawn: HogelImage,
@@ -435,25 +440,34 @@ def charged(
         Errors of the last image with its wrong surfaces, where it was compared with the truth already.
     """
     charge = np.full(drawn.triangle.shape, RIGHT, dtype=np.int8)
-    pixels = np.flatnonzero((drawn.triangle != start.truth.triangle) & start.judged)
-    by_depth = _differs(drawn, start.images[-1], pixels)
-    charge.reshape(-1)[pixels] = np.where(by_depth, start.depth, start.charge_at(pixels))
-    if errors is None or errors.surface is None:
-        wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
-    else:
-        wrong = errors.surface
-    # What R0 shows rightly goes wrong by depth, whatever the images before show.
-    surface_charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
-    pixels = np.flatnonzero(wrong)
-    before = start.surface_charge.reshape(-1).take(pixels)
-    surface_charge.reshape(-1)[pixels] = np.where(before == RIGHT, start.depth, before)
-    by_rasterizing = start.rounding.within(charge == start.rasterization)
-    by_rounding_depth = start.causes_of(start.depth, drawn, charge == start.depth)
+    wrong = (drawn.triangle != start.truth.triangle) & start.judged
+    # A wrong pixel that no later link changes was made wrong by the first. Later links change few pixels.
+    charge[wrong] = start.changing[0]
+    depth = differing_triangles(start.images[-1], drawn, start.changed_by(drawn))
+    for link, pixels in (*start.changed.items(), (start.depth, depth)):
+        charge.reshape(-1)[pixels[wrong.reshape(-1).take(pixels)]] = link
+    rounding = start.rounding
+    by_rasterizing = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.rasterization)
+    by_depth = depth[charge.reshape(-1).take(depth) == start.depth]
+    by_rounding_depth = start.causes_of(start.depth, drawn, by_depth)
     return Budget(
         start=start,
         drawn=drawn,
         charge=charge,
-        surface_charge=surface_charge,
+        surface_charge=_surface_charge(start, drawn, errors),
         explanation=by_rasterizing.joined(by_rounding_depth),
         predicted=predicted,
     )
+
+
+def _surface_charge(start: ChainStart, drawn: HogelImage, errors: PixelErrors | None) -> NDArray[np.int8]:
+    """Return the link (H, W) from which on each pixel shows a wrong surface; parameters as for `charged`."""
+    if errors is None or errors.surface is None:
+        wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
+    else:
+        wrong = errors.surface
+    # What R0 shows rightly goes wrong by depth, whatever the images before show. Few pixels differ from R0.
+    charge = start.surface_charge.copy()
+    pixels = np.flatnonzero(wrong != start.exact_wrong)
+    charge.reshape(-1)[pixels] = np.where(wrong.reshape(-1).take(pixels), start.depth, RIGHT)
+    return charge

@@ -7,7 +7,7 @@ import numpy as np
 from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
 from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -17,7 +17,7 @@ def explain(
     model: HogelImage,
     raster: HogelImage,
     subpixel_bits: int,
-    pixels: Mask | None = None,
+    pixels: Indices | None = None,
 ) -> Causes:
     """Find the cause of every pixel where the raster shows another triangle than the traced model.
 
@@ -33,13 +33,19 @@ def explain(
     subpixel_bits
         Subpixel bits of the device that drew it.
     pixels
-        (H, W) the pixels that are asked about; all where None.
+        (N,) flat numbers of the pixels that are asked about; all where None.
     """
-    wrong: Mask = np.not_equal(model.triangle, raster.triangle)
-    if pixels is not None:
-        wrong &= pixels
-    cameras = drawing_cameras(scene, raster, subpixel_bits) if wrong.any() else []
+    wrong = differing_triangles(model, raster, pixels)
+    cameras = drawing_cameras(scene, raster, subpixel_bits) if len(wrong) else []
     return find_causes(scene.triangles, cameras, model, raster, wrong)
+
+
+def differing_triangles(one: HogelImage, other: HogelImage, pixels: Indices | None = None) -> Indices:
+    """Return those of some pixels, or of all, at which two images show other triangles, by flat numbers."""
+    if pixels is None:
+        return np.flatnonzero(one.triangle != other.triangle)
+    mine, its = (image.triangle.reshape(-1).take(pixels) for image in (one, other))
+    return np.asarray(pixels[mine != its])
 
 
 def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:

@@ -230,7 +230,7 @@ def _drawing(frame: JudgedFrame, images: bool) -> JudgedDrawing:
         comparison=frame.comparison if images else frame.comparison.numbers,
         image=frame.image if images else None,
         causes=None if budget is None else budget.causes,
-        unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
+        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
         predicted=frame.prediction,
         times=frame.times,
     )

@@ -316,7 +316,8 @@ class _Compared:
         if self.by != "triangle":
             return None
         cameras = foreign_cameras(scene, question, self.answer.camera.aperture)
-        return find_causes(scene.triangles, cameras, self.answer, self.upright, self.differs)
+        pixels = np.flatnonzero(self.differs)
+        return find_causes(scene.triangles, cameras, self.answer, self.upright, pixels)
 
     def displacement(self, scene: Scene, question: DrawnModel) -> tuple[Spread | None, MeasuredBy]:
         """Return how far what the image shows has moved, and what that was measured by."""

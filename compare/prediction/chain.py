@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -49,10 +50,22 @@ class Chain(Brief):
     subpixel_bits: int
 
 
+MAX_KEPT_SETTINGS = 64
+"""Number of settings for which those of their chain are kept: a sweep asks for them once for each step of
+judging, and making settings takes longer, because they are checked."""
+
+
+@lru_cache(maxsize=MAX_KEPT_SETTINGS)
+def with_named_fit(settings: DoubleFrustum, frustum: Frustum) -> DoubleFrustum:
+    """Return settings whose fit by default is replaced by the one that it stands for."""
+    return replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
+
+
+@lru_cache(maxsize=MAX_KEPT_SETTINGS)
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
-    # A fit by default is the same as the one that it stands for, so that links that change nothing are equal.
-    settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
+    # Links that change nothing are equal.
+    settings = with_named_fit(settings, frustum)
     drawn = replace(settings, cull=Cull.NONE)
     whole = replace(drawn, slabs=())
     sheared = replace(whole, fit=Fit.ANGLE)
@@ -67,6 +80,7 @@ def links_of(settings: DoubleFrustum) -> tuple[str, ...]:
     return (*LINKS[:RASTERIZATION], CULLING, *LINKS[RASTERIZATION:])
 
 
+@lru_cache(maxsize=MAX_KEPT_SETTINGS)
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
     """Return settings with `EXACT_DEPTH`, and all else as it is."""
     return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from xfrustum.compare.prediction.chain import with_named_fit
 from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -46,6 +47,7 @@ class Border:
         # Place of each point's displacement along its axis among those of all points and both axes.
         self._inward, self._signs = 2 * np.arange(len(axes)) + axes, signs.astype(np.float64)
         self._pixels = (height, width)
+        self._fractions: dict[DoubleFrustum, float] = {}
 
     def charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the share of all pixels from outside the film that each link of a chain is charged with.
@@ -56,6 +58,20 @@ class Border:
             Settings, as they are changed link by link: pixels are charged to the link from which on they
             show points from outside.
         """
+        first, *others = dict.fromkeys(chain)
+        if not others:
+            # Links that change no setting are charged with nothing.
+            return (self.fraction(first), *[0.0] * (len(chain) - 1))
+        return self._charged_fractions(chain)
+
+    def fraction(self, settings: DoubleFrustum) -> float:
+        """Return the share of all pixels that show points from outside the film."""
+        settings = with_named_fit(settings, self._frustum)
+        if settings not in self._fractions:
+            self._fractions[settings] = self._charged_fractions((settings,))[0]
+        return self._fractions[settings]
+
+    def _charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         # Links that change no setting are displaced once.
         shown = {one: self._shown(one) for one in dict.fromkeys(chain)}
         to_the_end = np.minimum.accumulate(np.stack([shown[one] for one in reversed(chain)]), axis=0)[::-1]
@@ -66,10 +82,6 @@ class Border:
         # Both at once only in corners: taken as independent.
         together = 1 - (1 - across) * (1 - down)
         return tuple(np.diff(together, prepend=0.0).tolist())
-
-    def fraction(self, settings: DoubleFrustum) -> float:
-        """Return the share of all pixels that show points from outside the film."""
-        return self.charged_fractions((settings,))[0]
 
     def _shown(self, settings: DoubleFrustum) -> Floats:
         """Return how many pixels in from the border show what lies beyond it, at each point of all sides."""

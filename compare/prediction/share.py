@@ -144,17 +144,23 @@ def depth_wrong_share(
         if not len(distance):
             continue
         # Step 2: the chance of each pixel under the settings themselves.
-        wrong = chances(own, distance, gap, settings, order)
+        ends = stacks.ends[camera]
+        wrong = chances(own, distance, gap, settings, order, ends)
         # Step 3: subtract the chance under linear depth, which few pixels need.
         at = np.flatnonzero(wrong)
         if len(at):
-            anyway = chances(own, distance[at], gap[at], control, order)
+            anyway = chances(own, distance[at], gap[at], control, order, ends)
             expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
     return expected / stacks.judged if stacks.judged else 0.0
 
 
 def chances(
-    own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
+    own: Sequence[Slab],
+    distance: Floats,
+    gap: Floats,
+    settings: DoubleFrustum,
+    order: float,
+    ends: tuple[float, float] = (0.0, np.inf),
 ) -> Floats:
     """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
 
@@ -169,13 +175,16 @@ def chances(
         Settings of the camera.
     order
         Ratio of the misordered share to that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
+    ends
+        Distances between which all surfaces lie.
     """
     least = np.full(len(distance), np.inf)
     for slab in own:
         found = (distance <= slab.high) & (distance >= slab.low)
         # A single slab nearly always holds every surface: a slice then spares copying.
         inside: Indices | slice = slice(None) if found.all() else np.flatnonzero(found)
-        chance = _chance(slab, distance[inside], gap[inside], settings, order)
+        known = _table(slab, settings.depth, settings.mapping, ends)
+        chance = _chance(slab, distance[inside], gap[inside], known, settings.mapping, order)
         least[inside] = np.minimum(least[inside], chance)
     return np.where(np.isfinite(least), least, 0.0)
 
@@ -188,7 +197,7 @@ def _may_lose(slab: Slab, ends: tuple[float, float], settings: DoubleFrustum) ->
     first, last = max(ends[0], slab.low), min(ends[1], slab.high)
     if not first <= last:
         return False
-    known = _table(slab, settings.depth, settings.mapping)
+    known = _table(slab, settings.depth, settings.mapping, ends)
     apart = _from_clear(np.array([first, last]) + slab.step, slab, settings.mapping)
     return bool(apart.min() <= known.most_doubtful * (1 + DOUBT_MARGIN))
 
@@ -202,14 +211,15 @@ def _from_clear(w: Floats, slab: Slab, mapping: DepthMapping) -> Floats:
     return _difference(w, np.abs(clear - w), clear, slab, mapping)
 
 
-def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, order: float) -> Floats:
-    """Return the chance of each surface of one slab to be shown wrongly."""
-    # Step 1: distances from the camera, and what the buffer knows of depth there.
+def _chance(
+    slab: Slab, distance: Floats, gap: Floats, known: _Table, mapping: DepthMapping, order: float
+) -> Floats:
+    """Return the chance of each surface of one slab to be shown wrongly, given what its buffer knows."""
+    # Step 1: distances from the camera.
     w = distance + slab.step
-    known = _table(slab, settings.depth, settings.mapping)
     # Step 2, lost: the surface is lost where its depth, with the error of one surface, comes within half a
     # step of the clear value.
-    apart = _from_clear(w, slab, settings.mapping)
+    apart = _from_clear(w, slab, mapping)
     wrong = np.zeros_like(w)
     at, row = known.in_doubt(w, apart)
     wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
@@ -219,7 +229,7 @@ def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, 
     own, other = w[paired], w[paired] + (gap[paired] if slab.camera is Camera.C else -gap[paired])
     seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
     paired = paired[seen]
-    apart = _difference(own[seen], gap[paired], other[seen], slab, settings.mapping)
+    apart = _difference(own[seen], gap[paired], other[seen], slab, mapping)
     close, row = known.in_doubt(own[seen], apart)
     at = paired[close]
     # Step 4: only a surface that is not lost can be misordered; the two chances are taken as independent.
@@ -263,7 +273,7 @@ class _Table:
     Attributes
     ----------
     first
-        Number of the bin that holds the near plane.
+        Number of the bin that holds the least w of a surface.
     step
         Distance of neighboring stored values in each bin, stored units.
     error
@@ -302,11 +312,16 @@ class _Table:
 
 
 @lru_cache(maxsize=16)
-def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
-    """Return the table of a slab's buffer; the same slab is asked about for both errors, and by threads."""
-    # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
-    first, last = _bins(np.array([slab.near, slab.far])).tolist()
+def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping, ends: tuple[float, float]) -> _Table:
+    """Return the table of a slab's buffer between two distances, where all of its surfaces lie.
+
+    The same slab is asked about for both errors, and by threads. Surfaces lie within a few octaves of w; from
+    near to far there may be thirty.
+    """
+    used = np.clip(np.array(ends), slab.low, slab.high) + slab.step
+    first, last = _bins(np.clip(used, slab.near, slab.far)).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
+    # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
     stored = stored_depth(w, slab.near, slab.far, mapping)
     error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, mapping))

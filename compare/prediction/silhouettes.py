@@ -27,7 +27,8 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
+from xfrustum.compare.prediction.chain import with_named_fit
+from xfrustum.compare.prediction.contours import Contours, Kind, contours, smoothed_where_reached
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacements,
@@ -37,7 +38,7 @@ from xfrustum.compare.prediction.displacement import (
 )
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
 SNAP_PER_HALF_SUBPIXEL = 0.39
@@ -113,8 +114,7 @@ class Silhouettes:
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
-        # A fit by default is the same as the one that it stands for, as in `traced_settings`.
-        settings = replace(settings, fit=settings.fitted_height(self._frustum) or Fit.ANGLE)
+        settings = with_named_fit(settings, self._frustum)
         if settings not in self._wrong:
             swept = _swept(self._contours_for(settings).steps, self._spans(settings, settings))
             self._wrong[settings] = expected_wrong(swept, self._not_shown(settings), self._judged)
@@ -200,22 +200,10 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
         # No area is swept twice, and smoothing preserves the sum.
         return float(swept.sum())
     wrong = np.zeros_like(swept)
-    some = _reached_by(swept)
-    wrong[some] = np.minimum(smoothed(swept[some]), 1)
+    pixels, values = smoothed_where_reached(swept)
+    wrong.reshape(-1)[pixels] = np.minimum(values, 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
-
-
-def _reached_by(swept: Floats) -> tuple[slice, slice]:
-    """Return the rows and columns that a filter takes anything but zero to."""
-    radius = int(SIGMAS * CONTOUR_SIGMA_PX + 0.5)
-    found = []
-    for axis, size in enumerate(swept.shape):
-        here = np.flatnonzero(swept.any(axis=1 - axis))
-        ends = (max(0, int(here[0]) - radius), min(size, int(here[-1]) + 1 + radius)) if here.size else (0, 0)
-        found.append(slice(*ends))
-    rows, columns = found
-    return rows, columns
 
 
 def _swept(steps: Contours, spans: _Spans) -> Floats:

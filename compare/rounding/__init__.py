@@ -7,4 +7,5 @@ depth       How exactly a depth buffer knows the depth of a triangle at a pixel
 edges       Edges that rounding may move across a pixel's center, with the far cut, which depends on the
             mapping
 positions   How exactly a rasterizer in float32 can know the surface point that it draws
+triangles   Triangles on the films of the cameras that may have drawn them, and the pixels that show them
 """

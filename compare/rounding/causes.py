@@ -18,46 +18,90 @@ models of renderers. It takes cameras; `xfrustum.compare.attribution.explain` ma
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.cameras import RoundingCamera
 from xfrustum.compare.rounding.clip_seams import distance_to_border, distance_to_segments, seams
 from xfrustum.compare.rounding.depth import Depths, depths
-from xfrustum.compare.rounding.edges import PixelIndex, PixelTriangles, placement
+from xfrustum.compare.rounding.edges import placement
+from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.notebook.shown import Brief
+
+HEADINGS = ("edge", "order", "lost", "unexplained")
+"""Headings of `Causes`; the last one is for pixels that bear no mark."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Causes(Brief):
     """Pixels that show another triangle than expected, each under one heading.
 
+    They are listed, because they are few: masks are made when they are first asked for.
+
     Attributes
     ----------
-    edge, order, lost, unexplained
-        (H, W) masks that exclude each other.
+    shape
+        H, W.
+    pixels
+        (N,) flat numbers of the pixels.
+    heading
+        (N,) place of each pixel's heading in `HEADINGS`.
     """
 
-    edge: Mask
-    order: Mask
-    lost: Mask
-    unexplained: Mask
+    shape: tuple[int, ...]
+    pixels: Indices
+    heading: NDArray[np.int8]
+
+    @cached_property
+    def masks(self) -> dict[str, Mask]:
+        """The pixels under each heading, (H, W) masks that exclude each other."""
+        return {
+            name: _scattered(self.shape, self.pixels, self.heading == place)
+            for place, name in enumerate(HEADINGS)
+        }
+
+    @property
+    def edge(self) -> Mask:
+        """(H, W) pixels whose cause is an edge."""
+        return self.masks["edge"]
+
+    @property
+    def order(self) -> Mask:
+        """(H, W) pixels whose cause is the order of surfaces."""
+        return self.masks["order"]
+
+    @property
+    def lost(self) -> Mask:
+        """(H, W) pixels whose surface is lost."""
+        return self.masks["lost"]
+
+    @property
+    def unexplained(self) -> Mask:
+        """(H, W) pixels that bear no mark."""
+        return self.masks["unexplained"]
 
     def counts(self) -> dict[str, int]:
         """Return the number of pixels under each heading."""
-        return {name: int(mask.sum()) for name, mask in vars(self).items()}
+        numbers = np.bincount(self.heading, minlength=len(HEADINGS)).tolist()
+        return dict(zip(HEADINGS, numbers, strict=True))
 
-    def within(self, pixels: Mask) -> Causes:
-        """Return the causes of some of the pixels."""
-        return Causes(**{name: mask & pixels for name, mask in vars(self).items()})
+    def some(self, kept: Mask) -> Causes:
+        """Return the causes of those of the pixels that are marked, (N,)."""
+        return Causes(shape=self.shape, pixels=self.pixels[kept], heading=self.heading[kept])
 
     def joined(self, other: Causes) -> Causes:
         """Return the causes of these pixels and of others."""
-        return Causes(**{name: mask | getattr(other, name) for name, mask in vars(self).items()})
+        return Causes(
+            shape=self.shape,
+            pixels=np.concatenate((self.pixels, other.pixels)),
+            heading=np.concatenate((self.heading, other.heading)),
+        )
 
 
 def find_causes(
@@ -65,7 +109,7 @@ def find_causes(
     cameras: Sequence[RoundingCamera],
     expected: HogelImage,
     shown: HogelImage,
-    wrong: Mask,
+    pixels: Indices,
 ) -> Causes:
     """Find the cause of every wrong pixel.
 
@@ -80,79 +124,66 @@ def find_causes(
         they lie on an edge, or at one depth.
     shown
         The picture. It may name triangles that the scene does not have.
-    wrong
-        (H, W) pixels at which the two name different triangles.
+    pixels
+        (N,) flat numbers of the pixels at which the two name different triangles.
     """
-    pixels = np.flatnonzero(wrong)
+    shape = shown.triangle.shape
     if not len(pixels):
-        return Causes(**{name: np.zeros_like(wrong) for name in ("edge", "order", "lost", "unexplained")})
-    columns, rows = _columns_and_rows(pixels, wrong.shape[1])
+        return Causes(shape=shape, pixels=pixels, heading=np.zeros(0, dtype=np.int8))
+    columns, rows = _columns_and_rows(pixels, shape[1])
     images = (expected, shown)
-    before, after = _marks(triangles, cameras, images, pixels)
+    drawn = _drawn_by(triangles, cameras, images, pixels)
+    before, after = _marks(drawn, cameras, images, pixels)
     edge = before.near_edge | after.near_edge | _near_border(cameras, (columns, rows))
     # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
     # a triangle are near its edge, and have their cause already.
-    chosen = np.flatnonzero(before.possible & after.possible & ~edge)
+    chosen = before.possible & after.possible & ~edge
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
-    if len(chosen):
-        both = _stored(triangles, cameras, images, pixels[chosen])
-        order[chosen] = _any(one.indistinguishable_from(other) for one, other in both)
-        lost[chosen] = _any(one.lost() for one, _ in both)
-        lost &= ~order
+    if chosen.any():
+        one, other = _stored(drawn, cameras, images, chosen)
+        order = _by_any(one.indistinguishable_from(other))
+        lost = _by_any(one.lost()) & ~order
     # Seams take long to find, and are looked for where nothing else explains the pixel.
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
-    found = {"edge": edge, "order": order, "lost": lost, "unexplained": ~(edge | order | lost)}
-    return Causes(**{name: _scattered(wrong, pixels, values) for name, values in found.items()})
+    # The marks exclude each other: a pixel without any is left at the last heading.
+    heading = np.full(len(pixels), HEADINGS.index("unexplained"), dtype=np.int8)
+    for name, marked in (("edge", edge), ("order", order), ("lost", lost)):
+        heading[marked] = HEADINGS.index(name)
+    return Causes(shape=shape, pixels=pixels, heading=heading)
 
 
 def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage) -> Mask:
     """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
     where: Mask = np.not_equal(shown.triangle, NOTHING)
     pixels = np.flatnonzero(where)
-    possible = np.zeros(len(pixels), dtype=np.bool_)
-    for part in _drawn_by(triangles, cameras, (shown,), pixels):
-        placed = placement(part.shown, part.camera.pencil, part.camera.precision)
-        possible[part.places] |= placed.possible
-    return _scattered(where, pixels, ~possible)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Part:
-    """Pixels that one camera may have drawn: their places in a list of pixels, and one triangle each."""
-
-    camera: RoundingCamera
-    places: Indices
-    shown: PixelTriangles
+    drawn = _drawn_by(triangles, cameras, (shown,), pixels)
+    (marks,) = _marks(drawn, cameras, (shown,), pixels)
+    return _scattered(where.shape, pixels, ~marks.possible)
 
 
 def _drawn_by(
     triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
-) -> Iterator[_Part]:
-    """Yield for each camera the pixels whose triangle it may have drawn.
+) -> PixelTriangles:
+    """Return the triangles at pixels that each camera may have drawn.
 
     A surface that lies in a cut between two slabs may have been drawn by the cameras on either side of it.
 
     Parameters
     ----------
     images, pixels
-        Images of one size, and flat numbers (N,) of pixels. Places count those of the first image, then those
-        of the next one: what is found of a pixel depends on no other, and small arrays cost calls alone.
+        Images of one size, and flat numbers (N,) of pixels. What is found of a pixel depends on no other, and
+        small arrays cost calls alone: slots of the result are those of an array (cameras, images, N).
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     # `take` would copy all of the heights, which lie apart in memory.
     heights = [image.height.reshape(-1)[pixels] for image in images]
     columns, rows = _columns_and_rows(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
-    for camera in cameras:
-        # Each image's heights are compared as exactly as the image has them.
-        may_draw = np.concatenate([camera.may_draw(height) for height in heights])
-        places = np.flatnonzero(exists & may_draw)
-        yield _Part(
-            camera=camera,
-            places=places,
-            shown=PixelTriangles.of(triangles, number[places], (columns[places], rows[places])),
-        )
+    # Each image's heights are compared as exactly as the image has them.
+    may_draw = np.concatenate([camera.may_draw(height) for camera in cameras for height in heights])
+    slots = np.flatnonzero(may_draw & np.tile(exists, len(cameras)))
+    return PixelTriangles.of(triangles, cameras, number, (columns, rows), slots)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,32 +203,32 @@ class _Marks:
 
 
 def _marks(
-    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
+    drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
 ) -> list[_Marks]:
     """Return the marks of each image at pixels, given by their flat numbers (N,)."""
-    near_edge = np.zeros(len(images) * len(pixels), dtype=np.bool_)
-    possible = np.concatenate([image.triangle.reshape(-1).take(pixels) == NOTHING for image in images])
-    for part in _drawn_by(triangles, cameras, images, pixels):
-        if not len(part.places):
-            continue
-        placed = placement(part.shown, part.camera.pencil, part.camera.precision)
-        near_edge[part.places] |= placed.near_edge
-        possible[part.places] |= placed.possible
-    each = zip(np.split(near_edge, len(images)), np.split(possible, len(images)), strict=True)
-    return [_Marks(near_edge=one, possible=other) for one, other in each]
+    shape = len(cameras), len(images), len(pixels)
+    near_edge, possible = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    if len(drawn.slots):
+        placed = placement(drawn)
+        near_edge.reshape(-1)[drawn.slots] = placed.near_edge
+        possible.reshape(-1)[drawn.slots] = placed.possible
+    each = zip(images, _by_any(near_edge), _by_any(possible), strict=True)
+    return [
+        _Marks(near_edge=near, possible=(image.triangle.reshape(-1).take(pixels) == NOTHING) | inside)
+        for image, near, inside in each
+    ]
 
 
 def _stored(
-    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
-) -> list[list[Depths]]:
-    """Return for each camera the depths (N,) that each image's triangles have at pixels in its buffer."""
-    count = len(images) * len(pixels)
-    return [
-        depths(part.shown, part.camera.pencil, part.camera.precision)
-        .at(part.places, count)
-        .split(len(images))
-        for part in _drawn_by(triangles, cameras, images, pixels)
-    ]
+    drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], chosen: Mask
+) -> list[Depths]:
+    """Return the depths (cameras, N) that each image's triangles have in the cameras' buffers.
+
+    Pixels that are not `chosen` (N,) have none.
+    """
+    shape = len(cameras), len(images), len(chosen)
+    kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
+    return depths(kept).at(kept.slots, shape)
 
 
 def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:
@@ -238,8 +269,9 @@ def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
     return np.stack((columns + 0.5 + shift[0], rows + 0.5 + shift[1]), axis=1)
 
 
-def _any(masks: Iterator[Mask]) -> Mask:
-    return np.asarray(np.logical_or.reduce(list(masks)))
+def _by_any(marked: Mask) -> Mask:
+    """Return what any of the cameras (cameras, ...) marks."""
+    return np.asarray(np.logical_or.reduce(marked, axis=0))
 
 
 def _columns_and_rows(pixels: Indices, width: int) -> PixelIndex:
@@ -248,8 +280,8 @@ def _columns_and_rows(pixels: Indices, width: int) -> PixelIndex:
     return pixels - rows * width, rows
 
 
-def _scattered(where: Mask, pixels: Indices, values: Mask) -> Mask:
-    """Return values (N,) of pixels, given by their flat numbers, as a mask of the shape of another."""
-    mask = np.zeros(where.shape, dtype=np.bool_)
+def _scattered(shape: tuple[int, ...], pixels: Indices, values: Mask) -> Mask:
+    """Return values (N,) of pixels, given by their flat numbers, as a mask of some shape."""
+    mask = np.zeros(shape, dtype=np.bool_)
     mask.reshape(-1)[pixels] = values
     return mask

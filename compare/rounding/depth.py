@@ -7,11 +7,8 @@ from typing import Literal, assert_never
 
 import numpy as np
 
-from xfrustum.compare.rounding.cameras import Precision
-from xfrustum.compare.rounding.edges import PixelTriangles, film_points, film_vertices
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
-from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.planes import cross_products
+from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
@@ -36,27 +33,28 @@ class Depths:
     Attributes
     ----------
     depth
-        (N,) stored value 0..1 before rounding, NaN where there is no triangle.
+        (...) stored value 0..1 before rounding, NaN where there is no triangle.
     tolerance
-        (N,) how far the stored value may lie from `depth`.
+        (...) how far the stored value may lie from `depth`.
     clear
-        (N,) value of the buffer before anything is drawn, NaN where there is no triangle.
+        (...) value of the buffer before anything is drawn, NaN where there is no triangle.
     """
 
     depth: Floats
     tolerance: Floats
     clear: Floats
 
-    def at(self, places: Indices, count: int) -> Depths:
-        """Return the same depths at some places of a longer list; everywhere else there is no triangle."""
-        depth, tolerance, clear = np.full(count, np.nan), np.zeros(count), np.full(count, np.nan)
-        depth[places], tolerance[places], clear[places] = self.depth, self.tolerance, self.clear
-        return Depths(depth=depth, tolerance=tolerance, clear=clear)
+    def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
+        """Return these depths at their slots of an array (cameras, images, N), for each image.
 
-    def split(self, count: int) -> list[Depths]:
-        """Return some lists of the same length that these depths were joined from."""
-        parts = (np.split(values, count) for values in (self.depth, self.tolerance, self.clear))
-        return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*parts, strict=True)]
+        Everywhere else there is no triangle.
+        """
+        found = []
+        for values, nothing in ((self.depth, np.nan), (self.tolerance, 0.0), (self.clear, np.nan)):
+            whole = np.full(shape, nothing)
+            whole.reshape(-1)[slots] = values
+            found.append(whole.swapaxes(0, 1))
+        return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*found, strict=True)]
 
     def indistinguishable_from(self, other: Depths) -> Mask:
         """Return where a buffer may order two triangles either way."""
@@ -67,29 +65,27 @@ class Depths:
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 
 
-def depths(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Depths:
-    """Return the depth of one triangle at each pixel, as a camera's buffer stores it.
+def depths(shown: PixelTriangles) -> Depths:
+    """Return the depth of one triangle at each pixel, as its camera's buffer stores it.
 
     With w the distance along the axis, 1 / w is linear on the film. A shift by half a subpixel step
     along each axis changes depth by its slope; 1 / w, or the depth that is linear in it, is known
     within the float32 roundings of its plane equation, which starts at a corner of the image.
     """
-    n, f = sorted(abs(s) for s in pencil.s_range)
-    orthoscopic = pencil.s_range[0] > 0
-    vertices, _ = film_vertices(shown.corners, pencil)
-    w = vertices[:, :, 2] if orthoscopic else -vertices[:, :, 2]
-    plane = sum(cross_products(vertices[:, i], vertices[:, (i + 1) % 3]) for i in range(3))
-    volume = np.einsum("ij,ij->i", vertices[:, 0], cross_products(vertices[:, 1], vertices[:, 2]))
-    resolution = np.asarray(pencil.resolution, dtype=np.float64)
+    film, precision = shown.film, shown.film.precision
+    n, f = film.planes
+    side = np.where(film.orthoscopic, 1.0, -1.0)
+    w = film.vertices[:, :, 2] * side[:, None]
+    resolution = np.asarray(film.resolution, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        over_w = (1.0 if orthoscopic else -1.0) * plane / volume[:, None]
-        inverse = shown.linear_at(over_w, film_points(pencil, shown.pixels))
+        over_w = side[:, None] * film.plane / film.volume[:, None]
+        inverse = shown.linear_at(over_w[None], shown.points)[0]
         slope_px = np.abs(over_w[:, :2]) * (2 / resolution)
         shift = shown.each(slope_px.sum(axis=1) * 2.0 ** -(precision.subpixel_bits + 1))
-        ends = 1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f)
+        ends = shown.each(1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f))
         extent = shown.each(slope_px @ resolution)
         depth, per_inverse, rounding = _mapped(
-            precision.mapping, inverse, ends.take(shown.which, axis=1), extent, n, f
+            precision.mapping, inverse, ends, extent, shown.each(n), shown.each(f)
         )
         # A corner that the far plane cuts off is made anew from one with errors relative to its own w.
         beyond = shown.each(np.maximum(w.max(axis=1, initial=0.0) / f, 1.0))
@@ -97,11 +93,11 @@ def depths(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Depth
     tolerance += STEP[precision.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
     undefined = ~np.isfinite(depth)
     # C starts from its far value, C* from its near value.
-    starts_at_one = orthoscopic == _one_at_far(precision.mapping)
+    starts_at_one = film.orthoscopic == _one_at_far(precision.mapping)
     return Depths(
         depth=np.where(undefined, np.nan, depth),
         tolerance=np.where(undefined, 0.0, tolerance),
-        clear=np.full(len(depth), 1.0 if starts_at_one else 0.0),
+        clear=shown.each(np.where(starts_at_one, 1.0, 0.0)),
     )
 
 
@@ -117,7 +113,7 @@ def _one_at_far(mapping: DepthMapping) -> bool:
 
 
 def _mapped(
-    mapping: DepthMapping, inverse: Floats, ends: Floats, extent: Floats, n: float, f: float
+    mapping: DepthMapping, inverse: Floats, ends: Floats, extent: Floats, n: Floats, f: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return depth, its derivative by 1 / w, and the bound of its float32 roundings.
 
@@ -129,6 +125,8 @@ def _mapped(
         (2, N) 1 / w at the nearest and farthest corner, or where near plane and reach cut.
     extent
         (N,) by how much 1 / w changes over the image.
+    n, f
+        (N,) distances of the near and far plane.
     """
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
@@ -144,15 +142,15 @@ def _mapped(
         # Clip depth -1..1 is halved and moved by a half: its roundings are relative to one.
         largest = np.maximum(largest, 1.0)
     rounding = DEPTH_ROUNDINGS * FLOAT32_ROUNDING * largest
-    return a + b * inverse, np.full_like(inverse, abs(b)), rounding
+    return a + b * inverse, np.abs(b), rounding
 
 
 def _written(
     mapping: Literal[DepthMapping.LINEAR, DepthMapping.LOGARITHMIC],
     inverse: Floats,
     largest: Floats,
-    n: float,
-    f: float,
+    n: Floats,
+    f: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """Return the same as `_mapped` where fragments write depth; `largest` (N,) bounds the terms of 1 / w."""
     # The fragment takes w from the interpolated 1 / w.

@@ -208,7 +208,7 @@ def _row(frame: JudgedFrame) -> Measurement:
         settings=frame.settings,
         comparison=frame.comparison.numbers,
         causes=() if budget is None else budget.causes,
-        unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
+        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
         shear=None if budget is None else budget.start.shear,
         predicted=frame.prediction,
         times_s=frame.times,

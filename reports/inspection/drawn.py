@@ -90,5 +90,5 @@ def _causes(budget: Budget, shape: tuple[int, int]) -> tuple[Channel, ...]:
     links = {name: budget.surface_charge == number for number, name in enumerate(budget.links)}
     return (
         classes(LINK, shape, links, "none"),
-        classes(ROUNDING, shape, vars(budget.explanation), "none"),
+        classes(ROUNDING, shape, budget.explanation.masks, "none"),
     )

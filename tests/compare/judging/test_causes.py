@@ -51,7 +51,7 @@ def causes(
 ) -> dict[str, int]:
     """Return how many wrong pixels have which cause."""
     cameras = foreign_cameras(scene, model, CENTER)
-    return find_causes(scene.triangles, cameras, exact, lost, wrong).counts()
+    return find_causes(scene.triangles, cameras, exact, lost, np.flatnonzero(wrong)).counts()
 
 
 @pytest.fixture(scope="module")

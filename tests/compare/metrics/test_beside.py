@@ -124,7 +124,8 @@ def test_a_wrong_surface_is_charged_to_the_link_from_which_on_it_is_wrong(drawn:
 def test_causes_of_a_pixel_do_not_depend_on_which_others_are_asked_about(drawn: Drawn) -> None:
     def causes(pixels: Mask | None = None) -> dict[str, Mask]:
         bits = drawn.chain.subpixel_bits
-        return vars(explain(drawn.scene, drawn.exact, drawn.starved, bits, pixels))
+        asked = None if pixels is None else np.flatnonzero(pixels)
+        return explain(drawn.scene, drawn.exact, drawn.starved, bits, asked).masks
 
     whole = causes()
     checkers = np.indices(drawn.truth.triangle.shape).sum(axis=0) % 2 == 0

@@ -19,7 +19,14 @@ from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
-from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kind, contours, smoothed
+from xfrustum.compare.prediction.contours import (
+    CONTOUR_SIGMA_PX,
+    Contours,
+    Kind,
+    Mode,
+    contours,
+    smoothed_where_reached,
+)
 from xfrustum.compare.prediction.displacement import displacement_field
 from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
 from xfrustum.raster import Rasterizer
@@ -389,7 +396,13 @@ def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
 
 @pytest.mark.parametrize("shape", [(64, 64), (5, 7), (40, 61), (1, 1)])
 @pytest.mark.parametrize("mode", ["reflect", "constant"])
-def test_rows_that_lie_apart_are_smoothed_as_all_images_are(shape: tuple[int, int], mode: str) -> None:
-    image = np.random.default_rng(1).random(shape)
-    expected = gaussian_filter(image, CONTOUR_SIGMA_PX, mode=mode)
-    np.testing.assert_array_equal(smoothed(image, mode), expected)
+@pytest.mark.parametrize("share", [0.0, 0.002, 0.02, 1.0])
+def test_smoothing_is_that_of_scipy_wherever_it_reaches(
+    shape: tuple[int, int], mode: Mode, share: float
+) -> None:
+    random = np.random.default_rng(1)
+    image = np.where(random.random(shape) < share, random.normal(size=shape), 0.0)
+    pixels, values = smoothed_where_reached(image, mode)
+    found = np.zeros(shape)
+    found.reshape(-1)[pixels] = values
+    np.testing.assert_array_equal(found, gaussian_filter(image, CONTOUR_SIGMA_PX, mode=mode))

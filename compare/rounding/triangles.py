@@ -1,0 +1,189 @@
+"""Triangles on the films of the cameras that may have drawn them, and the pixels that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
+from xfrustum.reference.lines.planes import cross_products
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+PixelIndex = tuple[Indices, Indices]
+"""Columns and rows of some pixels, (N,) each."""
+
+NEXT, AFTER_NEXT = (1, 2, 0), (2, 0, 1)
+"""Number of the corner or coordinate after each of three, and of the one after that."""
+
+CLIPPED_VERTEX_ROUNDINGS = 16
+"""Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.
+
+One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
+three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilmTriangles:
+    """Triangles on the films of cameras that draw equally exactly.
+
+    The triangles of all cameras lie side by side in one array: small arrays cost calls alone.
+
+    Attributes
+    ----------
+    precision
+        How exactly the cameras draw.
+    resolution
+        W, H of their films in pixels.
+    ends
+        (2, T) ends of `s_range` of each triangle's camera, its near and far plane; negative for C*.
+    vertices, bound
+        (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their float32 error bounds.
+        u = x / s and v = y / s on the film; s is the distance from the center along the axis, negative
+        for C*.
+    """
+
+    precision: Precision
+    resolution: tuple[int, int]
+    ends: Floats
+    vertices: Floats
+    bound: Floats
+
+    @classmethod
+    def of(cls, corners: Floats, cameras: Sequence[RoundingCamera], drawn_by: Indices) -> FilmTriangles:
+        """Project corners (T, 3, 3), given the place (T,) of each triangle's camera among some."""
+        pencils = [camera.pencil for camera in cameras]
+        assert len({(camera.precision, camera.pencil.resolution) for camera in cameras}) == 1
+
+        def of_each(values: Sequence[Sequence[float]]) -> Floats:
+            return np.array(values).take(drawn_by, axis=0)[:, None, :]
+
+        center = of_each([pencil.center for pencil in pencils])
+        shear, half = (
+            of_each([getattr(pencil, name) for pencil in pencils]) for name in ("shear", "half_extent")
+        )
+        relative = corners - center
+        s = -relative[..., 2:]
+        lateral = (relative[..., :2] - shear * s) / half
+        # The terms that the transform adds up, before they cancel.
+        terms = np.abs(corners[..., :2]) + np.abs(center[..., :2]) + np.abs(shear * s)
+        bound = np.concatenate((terms / half, np.abs(corners[..., 2:]) + np.abs(center[..., 2:])), axis=-1)
+        return cls(
+            precision=cameras[0].precision,
+            resolution=pencils[0].resolution,
+            ends=np.array([pencil.s_range for pencil in pencils]).T.take(drawn_by, axis=1),
+            vertices=np.concatenate((lateral, s), axis=-1),
+            bound=CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * bound,
+        )
+
+    @cached_property
+    def orthoscopic(self) -> Mask:
+        """(T,) triangles of C, not of C*."""
+        return np.asarray(self.ends[0] > 0)
+
+    @cached_property
+    def planes(self) -> tuple[Floats, Floats]:
+        """(T,) distances of the near and far plane from each triangle's camera."""
+        near, far = np.sort(np.abs(self.ends), axis=0)
+        return near, far
+
+    @cached_property
+    def lines(self) -> Floats:
+        """(3, T, 3) edges as linear functions of (u, v, 1), from each corner to the next one."""
+        following = self.vertices.take(NEXT, axis=1)
+        found = cross_products(self.vertices.reshape(-1, 3), following.reshape(-1, 3)).reshape(-1, 3, 3)
+        return np.ascontiguousarray(found.transpose(1, 0, 2))
+
+    @cached_property
+    def plane(self) -> Floats:
+        """(T, 3) sums of the edges; on the triangle, 1 / s = plane . (u, v, 1) / volume."""
+        first, second, third = self.lines
+        return np.asarray(first + second + third)
+
+    @cached_property
+    def volume(self) -> Floats:
+        """(T,) determinants of the vertices."""
+        return np.asarray(np.einsum("ij,ij->i", self.vertices[:, 0], self.lines[1]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelTriangles:
+    """One triangle at each of some pixels.
+
+    Most triangles are shown at many pixels, and what depends on a triangle alone is found once for each.
+
+    Attributes
+    ----------
+    film
+        The triangles, each once for each camera.
+    which
+        (N,) place of each pixel's triangle among these.
+    points
+        (N, 3) centers of the pixels, (u, v, 1).
+    slots
+        (N,) places that the pixels have where those of all cameras lie side by side.
+    """
+
+    film: FilmTriangles
+    which: Indices
+    points: Floats
+    slots: Indices
+
+    @classmethod
+    def of(
+        cls,
+        triangles: Floats,
+        cameras: Sequence[RoundingCamera],
+        number: Indices,
+        pixels: PixelIndex,
+        slots: Indices,
+    ) -> PixelTriangles:
+        """Take the triangles that each of some cameras may have drawn out of those of a scene (F, 3, 3).
+
+        Parameters
+        ----------
+        number, pixels
+            (P,) triangles, all of which exist where they are asked for, and the pixels that show them.
+        slots
+            (N,) places that are asked for: k P + p is that of pixel p drawn by camera k.
+        """
+        camera, place = np.divmod(slots, max(len(number), 1))
+        drawn = camera * len(triangles) + number.take(place)
+        # Neighbors mostly show the same triangle: runs of one number are fewer to sort than pixels.
+        starts = np.flatnonzero(np.diff(drawn, prepend=NOTHING) != 0)
+        distinct, run = np.unique(drawn[starts], return_inverse=True)
+        drawn_by, chosen = np.divmod(distinct, len(triangles))
+        return cls(
+            film=FilmTriangles.of(triangles[chosen], cameras, drawn_by),
+            which=np.repeat(run, np.diff(starts, append=len(drawn))),
+            points=film_points(cameras[0].pencil.resolution, pixels).take(place, axis=0),
+            slots=slots,
+        )
+
+    def some(self, kept: Indices) -> PixelTriangles:
+        """Return some of the pixels, given by their places (M,)."""
+        return replace(
+            self, which=self.which[kept], points=self.points.take(kept, axis=0), slots=self.slots[kept]
+        )
+
+    def each(self, values: Floats) -> Floats:
+        """Return for each pixel the value (..., N) that its triangle has in (..., T)."""
+        return values.take(self.which, axis=-1)
+
+    def linear_at(self, functions: Floats, points: Floats) -> Floats:
+        """Return the triangles' linear functions (K, T, 3) of (u, v, 1) at the pixels' points, (K, N)."""
+        taken = (one.take(self.which, axis=0) for one in functions)
+        return np.stack([np.einsum("ij,ij->i", one, points) for one in taken])
+
+
+def film_points(resolution: tuple[int, int], pixels: PixelIndex) -> Floats:
+    """Return (u, v, 1) of pixel centers, (N, 3)."""
+    width, height = resolution
+    columns, rows = pixels
+    u, v = (2 * columns + 1) / width - 1, 1 - (2 * rows + 1) / height
+    return np.stack((u, v, np.ones(len(u))), axis=-1)
