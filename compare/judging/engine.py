@@ -12,8 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import cached_property, partial
-from itertools import chain
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
@@ -21,7 +20,7 @@ from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging, chain_start
 from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frame, warm_up
 from xfrustum.compare.judging.groups import ComparedGroups
-from xfrustum.compare.judging.in_order import behind, images_under_way, in_order, workers
+from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
@@ -48,9 +47,9 @@ MAX_UNDISTURBED_PIXELS = 1 << 24
 """Largest number of pixels of the frames that are drawn in one undisturbed turn, 0.5 GB; all threads wait
 for it."""
 
-PARTS_AHEAD = 1
-"""Number of parts by which each of the two steps that charging to causes waits for is begun before the next,
-unless images are so large that these parts would be more than may be under way."""
+TASKS_PER_THREAD = 3
+"""Number of frames under way for each thread, beside those that are drawn together: frames with exact
+depth are drawn before the threads come to them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,12 +175,7 @@ class _Charged:
 
     predictor: Future[Predictor]
     start: Future[ChainStart]
-    prepare: Callable[[], tuple[Future[None], ...]]
-
-    @cached_property
-    def prepared(self) -> tuple[Future[None], ...]:
-        """The tasks that prepare charging, begun when they are first asked for."""
-        return self.prepare()
+    prepared: tuple[Future[None], ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -265,24 +259,20 @@ class Engine(Generic[Found]):
         if len(settings) > 1 and self._batch_size > 1:
             # Threads go on with some frames while the next ones are drawn.
             longest = max(len(part.settings) for part in parts)
-            most = max(most, longest + 2 * (worker_count() + PARTS_AHEAD))
+            most = max(most, longest + TASKS_PER_THREAD * worker_count())
         one_thread = kernels_on_one_thread(self._pixels)
         with one_thread, workers("judging") as pool, workers("tracing", 1) as thread:
             # The time of a whole truth is measured with its color.
             colored = (self._wanted.color and self._wanted.colored_truths) or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[Any]] = deque()
-            begun = (
-                part
+            tasks = (
+                task
                 for hogel in _traced(tracing, apertures, truths)
-                for part in self._begun(hogel, turns, pool, drawn)
+                for task in self._tasks(hogel, turns, pool, drawn)
             )
-            # What a task waits for is begun some parts before, so that threads hardly ever wait for it.
-            ahead = PARTS_AHEAD if self._wanted.causes and most > 2 * PARTS_AHEAD + worker_count() else 0
-            prepared = map(_prepared, behind(begun, ahead))
-            tasks = chain.from_iterable(behind(prepared, ahead))
             try:
-                yield from in_order(pool, self._judged, tasks, most - 2 * ahead)
+                yield from in_order(pool, self._judged, tasks, most)
             finally:
                 for one in drawn:
                     one.cancel()
@@ -303,14 +293,14 @@ class Engine(Generic[Found]):
             drawn += more
         return turns
 
-    def _begun(
+    def _tasks(
         self,
         hogel: _Hogel,
         turns: Sequence[Sequence[Part]],
         pool: Executor,
         drawn: deque[Future[Any]],
-    ) -> Iterator[list[_Task]]:
-        """Have the frames of a hogel drawn, turn by turn, and yield the tasks of each part."""
+    ) -> Iterator[_Task]:
+        """Have the frames of a hogel drawn, turn by turn, and yield the task of each."""
         charging = self._charging(hogel) if self._wanted.causes else None
         predictor = charging and pool.submit(charging.predictor, turns[0][0].settings[0])
         if self._wanted.apart and hogel.number == 0:
@@ -335,12 +325,12 @@ class Engine(Generic[Found]):
                     exact = self._drawing.submit(partial(exact_frame, stage, hogel.aperture, batch))
                     drawn.append(exact)
                     start = pool.submit(chain_start, charging, exact, batch, compared)
-                    prepare = partial(charging.prepare, pool, start)
-                    charged = _Charged(predictor=predictor, start=start, prepare=prepare)
+                    prepared = charging.prepare(pool, start)
+                    charged = _Charged(predictor=predictor, start=start, prepared=prepared)
                 elif part.first and not part.only:
                     beside = pool.submit(self._first, hogel, batch)
-                yield [
-                    _Task(
+                for place in range(len(part.settings)):
+                    yield _Task(
                         hogel=hogel,
                         batch=batch,
                         place=place,
@@ -348,8 +338,6 @@ class Engine(Generic[Found]):
                         compared=compared,
                         charged=charged,
                     )
-                    for place in range(len(part.settings))
-                ]
 
     def _make_ready(self, hogel: _Hogel, settings: Sequence[DoubleFrustum]) -> None:
         """Make the reference ready to judge frames, and draw once, before the first frame is timed.
@@ -455,11 +443,3 @@ def _traced(
         else:
             truth = tracing.submit(aperture, lap)
         yield _Hogel(number=number, aperture=aperture, truth=truth, lap=lap)
-
-
-def _prepared(tasks: list[_Task]) -> list[_Task]:
-    """Return the tasks of a part, and have what is charged prepared."""
-    for task in tasks:
-        if task.charged:
-            task.charged.prepared  # noqa: B018 - begun when first asked for, here in the thread of the caller
-    return tasks

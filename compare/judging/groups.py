@@ -19,8 +19,8 @@ class ComparedGroups:
     """The comparisons of one turn's frames that are alone with their cameras.
 
     A group is begun when the frames of the one before it are asked for. Kernels run one at a time, so several
-    threads that compare wait for each other. At first two groups are begun, when there is nothing else to do;
-    others stand in the queue of the threads behind frames that can be charged and shown meanwhile.
+    threads that compare wait for each other: groups stand in the queue of the threads behind frames that can
+    be charged and shown meanwhile. The first group is one frame, which then can be so the sooner.
 
     Parameters
     ----------
@@ -36,7 +36,9 @@ class ComparedGroups:
         self, compare: Compare, pool: Executor, turn: Future[list[Frames]], numbers: Sequence[int]
     ) -> None:
         self._compare, self._pool, self._turn = compare, pool, turn
-        self._waiting = [numbers[at : at + GROUP_FRAMES] for at in range(0, len(numbers), GROUP_FRAMES)]
+        first, others = numbers[:1], numbers[1:]
+        groups = [others[at : at + GROUP_FRAMES] for at in range(0, len(others), GROUP_FRAMES)]
+        self._waiting = [first, *groups] if first else []
         self._begun: dict[int, Batched[Comparison]] = {}
         self._last: set[int] = set()
         self._begin()

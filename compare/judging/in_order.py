@@ -86,13 +86,3 @@ def in_order(
     finally:
         for one in waiting:
             one.cancel()
-
-
-def behind(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """Yield items, each when `count` more have been taken, and the last ones when there are no more."""
-    waiting: deque[Item] = deque()
-    for item in items:
-        waiting.append(item)
-        if len(waiting) > count:
-            yield waiting.popleft()
-    yield from waiting

@@ -51,7 +51,7 @@ def _errors(as_found: Figures, corrected: Figures) -> tuple[Channel, ...]:
     if corrected is not as_found:
         found.append(_state(CORRECTED, corrected))
     if corrected.cause_masks is not None:
-        found.append(classes(ROUNDING, corrected.error.shape, vars(corrected.cause_masks), "none"))
+        found.append(classes(ROUNDING, corrected.error.shape, corrected.cause_masks.masks, "none"))
     return (*found, *_moved(as_found.image, as_found.answer))
 
 

@@ -50,10 +50,12 @@ def test_each_part_has_its_own_comparison(count: int) -> None:
 
 
 def test_a_group_is_begun_when_the_one_before_it_is_asked_for() -> None:
-    groups, pool = comparisons(list(range(3 * GROUP_FRAMES)))
-    assert len(pool.groups) == 1
-    for number in range(GROUP_FRAMES):
+    groups, pool = comparisons(list(range(1 + 3 * GROUP_FRAMES)))
+    assert pool.groups == [[0]]
+    groups.of(0)
+    assert len(pool.groups) == 2
+    for number in range(1, 1 + GROUP_FRAMES):
         groups.of(number)
-        assert len(pool.groups) == 2
-    groups.of(GROUP_FRAMES)
-    assert len(pool.groups) == 3
+        assert len(pool.groups) == 3
+    groups.of(1 + GROUP_FRAMES)
+    assert len(pool.groups) == 4

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 
 import pytest
 
-from xfrustum.compare.judging.in_order import behind, in_order, workers
+from xfrustum.compare.judging.in_order import in_order, workers
 
 LONGEST_WAIT_S = 60.0
 """Time after which a command that has not ended counts as waiting for ever."""
@@ -57,17 +56,3 @@ def test_results_come_in_order_and_errors_in_their_places() -> None:
         assert [next(results), next(results)] == [3, 4]
         with pytest.raises(ZeroDivisionError):
             next(results)
-
-
-@pytest.mark.parametrize("count", [0, 1, 3, 9])
-def test_items_come_when_so_many_more_are_taken(count: int) -> None:
-    taken: list[int] = []
-
-    def items() -> Iterator[int]:
-        for item in range(5):
-            taken.append(item)
-            yield item
-
-    came = [(item, len(taken)) for item in behind(items(), count)]
-    assert [item for item, _ in came] == list(range(5))
-    assert [seen for _, seen in came] == [min(item + 1 + count, 5) for item in range(5)]
