@@ -8,6 +8,14 @@ from typing import Any, Self
 
 import moderngl
 from OpenGL import GL, platform
+from OpenGL.arrays import (  # noqa: F401 - PyOpenGL imports them anyway, while the first frame is drawn
+    ctypesarrays,
+    ctypesparameters,
+    ctypespointers,
+    lists,
+    nones,
+    numpymodule,
+)
 from OpenGL.platform.egl import EGLPlatform
 
 from xfrustum.scenes.errors import InputError

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from xfrustum.compare import ErrorMaps
     from xfrustum.scenes.model.scene import Scene
 
+Image.preinit()  # the plugins that every file asks for, too
+
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
 """Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
 LARGEST_HEIGHT_ERROR = 1e-2

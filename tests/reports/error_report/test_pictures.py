@@ -22,5 +22,4 @@ def test_the_first_picture_does_not_import_the_plugins_of_all_formats(tmp_path: 
     told = subprocess.run(
         [sys.executable, "-c", PROGRAM, f"{tmp_path}/picture"], capture_output=True, text=True, check=True
     )
-    assert "PIL.TiffImagePlugin" not in told.stdout.split()
-    assert "PIL.PdfImagePlugin" not in told.stdout.split()
+    assert not [name for name in told.stdout.split() if name.endswith("ImagePlugin")]
