@@ -27,8 +27,7 @@ class Spread:
     def of(cls, values: Floats, count: int | None = None) -> Spread | None:
         """Return the spread of some values of any shape, None where there are no values.
 
-        Of values that are not negative, `count` of them may be meant: the others are zeros that stand for
-        nothing.
+        `count` is the number of values that are meant, as for `percentiles`.
         """
         count = values.size if count is None else count
         if count == 0:

@@ -157,6 +157,9 @@ def test_infinite_values_have_the_percentiles_of_numpy() -> None:
     with np.errstate(invalid="ignore"):
         np.testing.assert_array_equal(percentiles(values, PERCENTS), np.percentile(values, PERCENTS))
         spread = Spread.of(values)
+        # Two zeros more stand for nothing.
+        beside = percentiles(np.array([0.0, 1.0, 0.0, math.inf, 0.0]), PERCENTS, count=3)
+        np.testing.assert_array_equal(beside, np.percentile(values, PERCENTS))
     assert spread is not None and spread.max == math.inf
 
 
