@@ -9,7 +9,8 @@ from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
 from xfrustum.compare.attribution.steps import shifts
-from xfrustum.compare.judging.frames import Batched, Frames
+from xfrustum.compare.judging.frames import Frames
+from xfrustum.compare.judging.groups import Batched
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.metrics.error_maps import JudgedImage
@@ -126,7 +127,7 @@ class Charging:
 def chain_start(
     charging: Charging,
     exact: Future[HogelImage],
-    batch: Batched[Frames],
+    frames: Future[Frames],
     compared: Batched[Comparison] | None,
 ) -> ChainStart:
     """Return the chain of a frame's cameras as soon as their frame with exact depth is drawn; see `Charging`.
@@ -137,13 +138,13 @@ def chain_start(
         Charging of the hogel.
     exact
         The frame with exact depth.
-    batch, compared
+    frames, compared
         Frames of these cameras, and the comparison of the first, if it is the only one.
     """
     image = exact.result()
     if compared is None:
         return charging.start(image, None)
-    return charging.start(image, _Beside(batch.result()[0].image, compared))
+    return charging.start(image, _Beside(frames.result()[0].image, compared))
 
 
 class _Beside:

@@ -18,8 +18,8 @@ from typing import Any, Generic, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging, chain_start
-from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frame, warm_up
-from xfrustum.compare.judging.groups import ComparedGroups
+from xfrustum.compare.judging.frames import Frame, Frames, draw_turn, exact_frame, warm_up
+from xfrustum.compare.judging.groups import Batched, ComparedGroups
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
@@ -184,7 +184,7 @@ class _Task:
 
     Attributes
     ----------
-    hogel, batch, place
+    hogel, frames, place
         Hogel that the frame shows, the frames that are drawn together, and its place among these.
     beside
         Frame of the same cameras that is judged first; None where there is no other, or causes are wanted.
@@ -196,7 +196,7 @@ class _Task:
     """
 
     hogel: _Hogel
-    batch: Batched[Frames]
+    frames: Future[Frames]
     place: int
     beside: Future[JudgedImage] | None
     compared: Batched[Comparison] | None
@@ -306,33 +306,37 @@ class Engine(Generic[Found]):
         if self._wanted.apart and hogel.number == 0:
             self._make_ready(hogel, [one for parts in turns for part in parts for one in part.settings])
         stage = self.machine, self.watch
-        draw = partial(drawn_frames, self.machine, hogel.aperture, color=self._wanted.color)
+        draw = partial(draw_turn, self.machine, hogel.aperture, color=self._wanted.color)
         beside: Future[JudgedImage] | None = None
         compared: Batched[Comparison] | None = None
         charged: _Charged | None = None
         for parts in turns:
-            while drawn and drawn[0].done():
-                drawn.popleft()
-            turn = self._drawing.submit(partial(draw, parts=parts))
-            drawn.append(turn)
-            lone = [number for number, part in enumerate(parts) if part.only]
-            alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
+            waiting: deque[Future[Frames]] = deque(Future() for _ in parts)
+            drawn.append(self._drawing.submit(partial(draw, parts=parts, drawn=tuple(waiting))))
+            drawn.extend(waiting)
+            compare = partial(self._compared_each, hogel)
+            # No name here stands for all frames of the turn: each is freed when it is judged.
+            alone = ComparedGroups(
+                compare, pool, {k: waiting[k] for k, part in enumerate(parts) if part.only}
+            )
             for number, part in enumerate(parts):
-                batch = Batched(turn=turn, place=number)
+                while drawn and drawn[0].done():
+                    drawn.popleft()
+                frames = waiting.popleft()
                 if part.first:
                     beside, compared, charged = None, alone.of(number), None
                 if part.first and charging and predictor:
-                    exact = self._drawing.submit(partial(exact_frame, stage, hogel.aperture, batch))
+                    exact = self._drawing.submit(partial(exact_frame, stage, hogel.aperture, frames))
                     drawn.append(exact)
-                    start = pool.submit(chain_start, charging, exact, batch, compared)
+                    start = pool.submit(chain_start, charging, exact, frames, compared)
                     prepared = charging.prepare(pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepared=prepared)
                 elif part.first and not part.only:
-                    beside = pool.submit(self._first, hogel, batch)
+                    beside = pool.submit(self._first, hogel, frames)
                 for place in range(len(part.settings)):
                     yield _Task(
                         hogel=hogel,
-                        batch=batch,
+                        frames=frames,
                         place=place,
                         beside=beside,
                         compared=compared,
@@ -351,9 +355,9 @@ class Engine(Generic[Found]):
         warm = partial(warm_up, stage, hogel.aperture, settings, color=self._wanted.color)
         self._drawing.submit(warm).result()
 
-    def _compared_each(self, hogel: _Hogel, batches: Sequence[Batched[Frames]]) -> list[Comparison]:
+    def _compared_each(self, hogel: _Hogel, waiting: Sequence[Future[Frames]]) -> list[Comparison]:
         """Compare the only frames of their cameras with the truth, each in an equal share of the time."""
-        truth, frames = hogel.truth.result(), [batch.result()[0] for batch in batches]
+        truth, frames = hogel.truth.result(), [one.result()[0] for one in waiting]
         lap = Stopwatch()
         with self.machine.stage(lap, "compare"):
             compared = compare_each(
@@ -371,17 +375,15 @@ class Engine(Generic[Found]):
         bits = int(self._drawing.device["subpixel_bits"])
         return Charging(self._reference, hogel.truth, bits, self.machine, self.watch)
 
-    def _first(self, hogel: _Hogel, batch: Batched[Frames]) -> JudgedImage:
+    def _first(self, hogel: _Hogel, frames: Future[Frames]) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""
-        truth, frame = hogel.truth.result(), batch.result()[0]
+        truth, frame = hogel.truth.result(), frames.result()[0]
         with self.machine.stage(frame.lap, "compare"):
             return JudgedImage.of(truth, frame.image, self._reference)
 
-    def _compared(
-        self, hogel: _Hogel, batch: Batched[Frames], place: int, beside: JudgedImage | None
-    ) -> Comparison:
+    def _compared(self, hogel: _Hogel, frame: Frame, beside: JudgedImage | None) -> Comparison:
         """Compare a frame with the truth."""
-        truth, frame = hogel.truth.result(), batch.result()[place]
+        truth = hogel.truth.result()
         with self.machine.stage(frame.lap, "compare"):
             return compare_images(
                 truth,
@@ -394,7 +396,7 @@ class Engine(Generic[Found]):
 
     def _judged(self, task: _Task) -> Judged[Found]:
         """Predict the errors of a frame, compare it with the truth, and charge what is wrong to causes."""
-        hogel, frame = task.hogel.traced, task.batch.result()[task.place]
+        hogel, frame = task.hogel.traced, task.frames.result()[task.place]
         settings = frame.settings
         stage = partial(self.machine.stage, frame.lap)
         beside = task.beside.result() if task.beside else None
@@ -408,10 +410,7 @@ class Engine(Generic[Found]):
             task.charged.prepared[0].result()
             start = task.charged.start.result()
             beside = None if task.compared else start.exact
-        if task.compared:
-            comparison = task.compared.result()
-        else:
-            comparison = self._compared(task.hogel, task.batch, task.place, beside)
+        comparison = task.compared.result() if task.compared else self._compared(task.hogel, frame, beside)
         if task.charged:
             task.charged.prepared[1].result()
             with stage("causes"), kernels_on_one_thread(self._pixels):

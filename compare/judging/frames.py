@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 from xfrustum.compare.judging.parts import Part
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
@@ -14,8 +13,6 @@ from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,18 +44,6 @@ Frames = tuple[Frame, ...]
 """Frames of the same cameras that are drawn together."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Batched(Generic[Made]):
-    """What is drawn of a part, in one turn with that of other parts."""
-
-    turn: Future[list[Made]]
-    place: int
-
-    def result(self) -> Made:
-        """Return it as soon as it is drawn."""
-        return self.turn.result()[self.place]
-
-
 def warm_up(
     stage: tuple[Machine, Stopwatch],
     aperture: Aperture,
@@ -86,19 +71,48 @@ def warm_up(
             rasterizer.warm_up(aperture, one, color=color)
 
 
-def drawn_frames(
-    machine: Machine, aperture: Aperture, rasterizer: Rasterizer, *, parts: Sequence[Part], color: bool
-) -> list[Frames]:
-    """Draw the frames of one turn, undisturbed."""
-    with machine.undisturbed():
-        return [
-            tuple(_frame(machine, aperture, one, rasterizer, color=color) for one in part.settings)
-            for part in parts
-        ]
+def draw_turn(
+    machine: Machine,
+    aperture: Aperture,
+    rasterizer: Rasterizer,
+    *,
+    parts: Sequence[Part],
+    drawn: Sequence[Future[Frames]],
+    color: bool,
+) -> None:
+    """Draw the frames of one turn, undisturbed, and hand them over when all are drawn.
+
+    Frames are large. Those of each part have a future of their own, so that they are kept only as long as
+    somebody waits for that part or judges it.
+
+    Parameters
+    ----------
+    machine, aperture, rasterizer
+        Machine whose time is shared, the frames' aperture, and the rasterizer that draws them.
+    parts, drawn
+        Parts of the turn, and the future of each part's frames. After an error all of them have this error.
+    color
+        Whether frames are drawn in color.
+    """
+    wanted = [
+        (part, one) for part, one in zip(parts, drawn, strict=True) if one.set_running_or_notify_cancel()
+    ]
+    try:
+        with machine.undisturbed():
+            found = [
+                tuple(_frame(machine, aperture, one, rasterizer, color=color) for one in part.settings)
+                for part, _ in wanted
+            ]
+    except BaseException as error:
+        for _, one in wanted:
+            one.set_exception(error)
+        raise
+    for frames, (_, one) in zip(found, wanted, strict=True):
+        one.set_result(frames)
 
 
 def exact_frame(
-    stage: tuple[Machine, Stopwatch], aperture: Aperture, batch: Batched[Frames], rasterizer: Rasterizer
+    stage: tuple[Machine, Stopwatch], aperture: Aperture, drawn: Future[Frames], rasterizer: Rasterizer
 ) -> HogelImage:
     """Return the frame with exact depth among frames of the same cameras, or draw it.
 
@@ -108,13 +122,13 @@ def exact_frame(
     ----------
     stage
         Machine whose time is shared, and stopwatch of what the hogel's drawings have in common.
-    aperture, batch
+    aperture, drawn
         Aperture and frames, which the rasterizer has drawn before.
     rasterizer
         The rasterizer.
     """
     machine, watch = stage
-    frames = batch.result()
+    frames = drawn.result()
     exact = with_exact_depth(frames[0].settings)
     found = [frame.image for frame in frames if frame.settings == exact]
     if found:

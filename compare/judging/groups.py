@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
-from xfrustum.compare.judging.frames import Batched, Frames
+from xfrustum.compare.judging.frames import Frames
 from xfrustum.compare.metrics.comparison import Comparison
 
 GROUP_FRAMES = 4
 """Number of frames that are compared together: one search finds what hides the points of all of them."""
 
-Compare = Callable[[Sequence[Batched[Frames]]], list[Comparison]]
+Made = TypeVar("Made")
+
+Compare = Callable[[Sequence[Future[Frames]]], list[Comparison]]
 """Function that compares the only frames of several cameras with the truth."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Batched(Generic[Made]):
+    """What a task makes of one part, together with what it makes of others."""
+
+    task: Future[list[Made]]
+    place: int
+
+    def result(self) -> Made:
+        """Return it as soon as it is made."""
+        return self.task.result()[self.place]
 
 
 class ComparedGroups:
@@ -26,17 +42,13 @@ class ComparedGroups:
     ----------
     compare, pool
         Function that compares frames, and the threads in which it does.
-    turn
-        Frames of the turn.
-    numbers
-        Numbers of the turn's parts that have one frame each, ascending.
+    frames
+        The frames of the turn's parts that have one frame each, by the numbers of these parts, ascending.
     """
 
-    def __init__(
-        self, compare: Compare, pool: Executor, turn: Future[list[Frames]], numbers: Sequence[int]
-    ) -> None:
-        self._compare, self._pool, self._turn = compare, pool, turn
-        first, others = numbers[:1], numbers[1:]
+    def __init__(self, compare: Compare, pool: Executor, frames: Mapping[int, Future[Frames]]) -> None:
+        self._compare, self._pool = compare, pool
+        first, others = list(frames.items())[:1], list(frames.items())[1:]
         groups = [others[at : at + GROUP_FRAMES] for at in range(0, len(others), GROUP_FRAMES)]
         self._waiting = [first, *groups] if first else []
         self._begun: dict[int, Batched[Comparison]] = {}
@@ -55,9 +67,8 @@ class ComparedGroups:
         self._last = set()
         if not self._waiting:
             return
-        numbers = self._waiting.pop(0)
-        task = self._pool.submit(
-            self._compare, [Batched(turn=self._turn, place=number) for number in numbers]
-        )
-        self._begun |= {number: Batched(turn=task, place=place) for place, number in enumerate(numbers)}
-        self._last = set(numbers)
+        # Frames are kept only by those who compare them.
+        group = self._waiting.pop(0)
+        task = self._pool.submit(self._compare, [frames for _, frames in group])
+        self._begun |= {number: Batched(task=task, place=place) for place, (number, _) in enumerate(group)}
+        self._last = {number for number, _ in group}

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from xfrustum.compare.judging.frames import Batched, Frames
+from xfrustum.compare.judging.frames import Frames
 from xfrustum.compare.judging.groups import GROUP_FRAMES, ComparedGroups
 from xfrustum.compare.metrics.comparison import Comparison
 
@@ -18,21 +18,24 @@ class Begun:
     def __init__(self) -> None:
         self.groups: list[list[int]] = []
 
-    def submit(self, compare: Any, batches: list[Batched[Frames]]) -> Future[Any]:
-        self.groups.append([batch.place for batch in batches])
+    def submit(self, compare: Any, frames: list[Future[Any]]) -> Future[Any]:
+        self.groups.append([one.result() for one in frames])
         done: Future[Any] = Future()
-        done.set_result(compare(batches))
+        done.set_result(compare(frames))
         return done
 
 
 def comparisons(numbers: list[int]) -> tuple[ComparedGroups, Begun]:
+    """Return groups of frames that are drawn already; the number of a part stands for its frames."""
     pool = Begun()
-    turn: Future[list[Frames]] = Future()
+    drawn: dict[int, Future[Frames]] = {number: Future() for number in numbers}
+    for number, frames in drawn.items():
+        frames.set_result(cast(Frames, number))
 
-    def compare(batches: Any) -> list[Comparison]:
-        return [cast(Comparison, f"comparison of {batch.place}") for batch in batches]
+    def compare(frames: Any) -> list[Comparison]:
+        return [cast(Comparison, f"comparison of {one.result()}") for one in frames]
 
-    return ComparedGroups(compare, cast(Executor, pool), turn, numbers), pool
+    return ComparedGroups(compare, cast(Executor, pool), drawn), pool
 
 
 @pytest.mark.parametrize("count", [0, 1, GROUP_FRAMES, GROUP_FRAMES + 1, 3 * GROUP_FRAMES - 1])

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from xfrustum.compare.judging.charging import Charging, chain_start
-from xfrustum.compare.judging.frames import Batched
+from xfrustum.compare.judging.groups import Batched
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.judging.threads import TracingThread
 from xfrustum.compare.metrics.error_maps import JudgedImage
@@ -41,9 +41,9 @@ def test_all_that_is_traced_after_an_error_ends_with_this_error() -> None:
 
 
 def test_what_is_found_of_the_image_beside_another_is_found_once() -> None:
-    turn: Future[Any] = Future()
-    turn.set_result([SimpleNamespace(errors=None)])
-    compared: Batched[Any] = Batched(turn=turn, place=0)
+    task: Future[Any] = Future()
+    task.set_result([SimpleNamespace(errors=None)])
+    compared: Batched[Any] = Batched(task=task, place=0)
 
     def start(image: object, beside: Callable[[], JudgedImage]) -> Callable[[], JudgedImage]:
         return beside
