@@ -14,6 +14,7 @@ from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.mesh import Mesh
 from xfrustum.raster.device.programs import assign, picture_defines, program, reflection_defines, set_camera
 from xfrustum.raster.device.targets import Target
+from xfrustum.raster.device.triangles import draw_triangles
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment
 from xfrustum.scenes.model.effects import Effect
@@ -22,9 +23,6 @@ from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 NUMBERS_ALONE = {"NUMBERED": "1"}
 """Names that hogel.vert and hogel.frag ask for where a picture has no color."""
-
-ALL_VERTICES = -1
-"""Number of vertices with which moderngl draws all of a mesh."""
 
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
 """Fragment shader of a program, and the names that are defined in it."""
@@ -93,10 +91,10 @@ class Drawing:
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)
-        vertices = 3 if one_triangle else ALL_VERTICES
+        corners = 3 if one_triangle else None
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
-            self._picture(target, number, camera, mapping, effects if color else None, vertices)
+            self._picture(target, number, camera, mapping, effects if color else None, corners)
         if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
             for number, camera in enumerate(passes):
@@ -109,7 +107,7 @@ class Drawing:
         camera: Pass,
         mapping: DepthMapping,
         effects: frozenset[Effect] | None,
-        vertices: int,
+        corners: int | None,
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
@@ -125,7 +123,7 @@ class Drawing:
         self._look(target, number, camera, shaders)
         if shading is not None:
             shading.bind(shaders)
-        mesh.render(vertices=vertices)
+        draw_triangles(mesh, count=corners)
 
     def _reflect(self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]) -> None:
         shading = self._shading(effects)
@@ -141,7 +139,7 @@ class Drawing:
         for first, count in self._environment.reflecting:
             assign(shaders, first_triangle=first)
             assert mesh is not None, "it has the triangles that reflect"
-            mesh.render(vertices=3 * count, first=3 * first)
+            draw_triangles(mesh, first=3 * first, count=3 * count)
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
         """Set what pictures and reflections alike must know of a camera."""
