@@ -279,9 +279,14 @@ def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
 
 def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
     """Encode palette indices; 0 is transparent, i is the i-th color."""
-    palette = np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)])
     encoded = Image.fromarray(index.astype(np.uint8))
-    encoded.putpalette(palette.astype(np.uint8).tobytes())
+    encoded.putpalette(_palette(tuple(colors)))
     buffer = io.BytesIO()
     encoded.save(buffer, "PNG", transparency=0, compress_level=6)
     return buffer.getvalue()
+
+
+@cache
+def _palette(colors: tuple[str, ...]) -> bytes:
+    """Return the palette of some colors; to read them takes as long as to draw with them."""
+    return np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)]).astype(np.uint8).tobytes()
