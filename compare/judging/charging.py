@@ -23,12 +23,13 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 PREPARED_STAGES = (
-    {"exact_wrong": "exact", "surface_charge": "causes"},
     {"step_sizes": "causes", "rounding": "causes"},
+    {"exact_wrong": "exact", "surface_charge": "causes"},
 )
 """Stages of the properties of a `ChainStart` that are found side by side before the first frame is charged.
-Comparing the frame with exact depth has one of its own: where there are several depth buffers, it is compared
-first, and their frames beside it in little time."""
+Those of the second group may have to wait for a frame that is compared. Comparing the frame with exact depth
+has a stage of its own: where there are several depth buffers, it is compared first, and their frames beside
+it in little time."""
 
 
 class Charging:
@@ -71,24 +72,36 @@ class Charging:
             predictor.predict(settings)
         return predictor
 
-    def start(self, exact: HogelImage, beside: Callable[[], JudgedImage] | None) -> ChainStart:
-        """Return the chain of a frame's cameras up to that frame, whose depth is exact.
+    def start(
+        self,
+        settings: DoubleFrustum,
+        exact: Future[HogelImage],
+        beside: Callable[[], JudgedImage] | None,
+    ) -> ChainStart:
+        """Return the chain of some cameras up to their frame with exact depth.
 
-        `beside` returns a frame of these cameras that is compared, beside which the exact one is; where there
-        are several of the same cameras these are compared beside the exact one, and it is None.
+        Parameters
+        ----------
+        settings
+            Settings with these cameras.
+        exact
+            The frame, which may be drawn while the models are traced.
+        beside
+            Function that returns a frame of these cameras that is compared, beside which the exact one is;
+            where there are several of the same cameras these are compared beside the exact one, and it is
+            None.
         """
         truth = self._truth.result()
-        settings = exact.camera.settings
-        assert settings is not None, "the rasterizer says with which settings it drew"
         with self._machine.stage(self._watch, "causes"), self._kernels(truth):
             models = self._traced(truth, settings)
-            return ChainStart(
-                reference=self._reference,
-                images=(truth, *models, exact),
-                subpixel_bits=self._bits,
-                truth_shifts=self._truth_shifts(truth),
-                beside=beside,
-            )
+            moved = self._truth_shifts(truth)
+        return ChainStart(
+            reference=self._reference,
+            images=(truth, *models, exact.result()),
+            subpixel_bits=self._bits,
+            truth_shifts=moved,
+            beside=beside,
+        )
 
     def prepare(self, pool: Executor, start: Future[ChainStart]) -> tuple[Future[None], ...]:
         """Have the properties in `PREPARED_STAGES` found side by side."""
@@ -130,7 +143,7 @@ def chain_start(
     frames: Future[Frames],
     compared: Batched[Comparison] | None,
 ) -> ChainStart:
-    """Return the chain of a frame's cameras as soon as their frame with exact depth is drawn; see `Charging`.
+    """Return the chain of some cameras as soon as their frames are drawn; see `Charging`.
 
     Parameters
     ----------
@@ -141,10 +154,9 @@ def chain_start(
     frames, compared
         Frames of these cameras, and the comparison of the first, if it is the only one.
     """
-    image = exact.result()
-    if compared is None:
-        return charging.start(image, None)
-    return charging.start(image, _Beside(frames.result()[0].image, compared))
+    first = frames.result()[0]
+    beside = None if compared is None else _Beside(first.image, compared)
+    return charging.start(first.settings, exact, beside)
 
 
 class _Beside:

@@ -329,10 +329,13 @@ class Engine(Generic[Found]):
                     exact = self._drawing.submit(partial(exact_frame, stage, hogel.aperture, frames))
                     drawn.append(exact)
                     start = pool.submit(chain_start, charging, exact, frames, compared)
+                    # Threads that would wait for the chain compare meanwhile.
+                    alone.begin_behind(number)
                     prepared = charging.prepare(pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepared=prepared)
                 elif part.first and not part.only:
                     beside = pool.submit(self._first, hogel, frames)
+                alone.begin_behind(number)
                 for place in range(len(part.settings)):
                     yield _Task(
                         hogel=hogel,
@@ -407,12 +410,14 @@ class Engine(Generic[Found]):
                 prediction = predictor.predict(settings)
             with stage("causes"):
                 links = predictor.links(settings)
-            task.charged.prepared[0].result()
+            _, exact_wrong = task.charged.prepared
+            exact_wrong.result()
             start = task.charged.start.result()
             beside = None if task.compared else start.exact
         comparison = task.compared.result() if task.compared else self._compared(task.hogel, frame, beside)
         if task.charged:
-            task.charged.prepared[1].result()
+            for found in task.charged.prepared:
+                found.result()
             with stage("causes"), kernels_on_one_thread(self._pixels):
                 budget = charged(start, frame.image, links, comparison.errors)
                 budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage

@@ -34,9 +34,10 @@ class Batched(Generic[Made]):
 class ComparedGroups:
     """The comparisons of one turn's frames that are alone with their cameras.
 
-    A group is begun when the frames of the one before it are asked for. Kernels run one at a time, so several
-    threads that compare wait for each other: groups stand in the queue of the threads behind frames that can
-    be charged and shown meanwhile. The first group is one frame, which then can be so the sooner.
+    Kernels run one at a time, so several threads that compare wait for each other: groups stand in the queue
+    of the threads behind frames that can be charged and shown meanwhile. The first group is one frame, which
+    then can be so the sooner. Each has twice as many frames as the one before it, up to `GROUP_FRAMES`, lest
+    threads wait long for the first ones.
 
     Parameters
     ----------
@@ -48,27 +49,35 @@ class ComparedGroups:
 
     def __init__(self, compare: Compare, pool: Executor, frames: Mapping[int, Future[Frames]]) -> None:
         self._compare, self._pool = compare, pool
-        first, others = list(frames.items())[:1], list(frames.items())[1:]
-        groups = [others[at : at + GROUP_FRAMES] for at in range(0, len(others), GROUP_FRAMES)]
-        self._waiting = [first, *groups] if first else []
+        left, size = list(frames.items()), 1
+        self._waiting: list[list[tuple[int, Future[Frames]]]] = []
+        while left:
+            self._waiting.append(left[:size])
+            left, size = left[size:], min(2 * size, GROUP_FRAMES)
         self._begun: dict[int, Batched[Comparison]] = {}
-        self._last: set[int] = set()
+        self._first: int | None = None
         self._begin()
 
     def of(self, number: int) -> Batched[Comparison] | None:
         """Return the comparison of a part; None where it has several frames. Parts are asked for in order."""
-        if number in self._last:
-            self._begin()
         # It is kept only by those who have asked for it.
         return self._begun.pop(number, None)
 
+    def begin_behind(self, number: int) -> None:
+        """Begin with the next group where a part is the first of its group.
+
+        Call it for each part that has been asked for, when tasks that nobody shall wait for are submitted.
+        """
+        if number == self._first:
+            self._begin()
+
     def _begin(self) -> None:
         """Begin with the next group, if there is one."""
-        self._last = set()
+        self._first = None
         if not self._waiting:
             return
         # Frames are kept only by those who compare them.
         group = self._waiting.pop(0)
         task = self._pool.submit(self._compare, [frames for _, frames in group])
         self._begun |= {number: Batched(task=task, place=place) for place, (number, _) in enumerate(group)}
-        self._last = {number for number, _ in group}
+        self._first = group[0][0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
+from itertools import pairwise
 from typing import Any, cast
 
 import pytest
@@ -44,6 +45,7 @@ def test_each_part_has_its_own_comparison(count: int) -> None:
     groups, pool = comparisons(numbers)
     for number in range(2 * count):
         found = groups.of(number)
+        groups.begin_behind(number)
         if number in numbers:
             assert found is not None and str(found.result()) == f"comparison of {number}"
         else:
@@ -52,13 +54,28 @@ def test_each_part_has_its_own_comparison(count: int) -> None:
     assert all(len(group) <= GROUP_FRAMES for group in pool.groups)
 
 
-def test_a_group_is_begun_when_the_one_before_it_is_asked_for() -> None:
-    groups, pool = comparisons(list(range(1 + 3 * GROUP_FRAMES)))
-    assert pool.groups == [[0]]
-    groups.of(0)
+def test_groups_grow_up_to_the_largest_size() -> None:
+    groups, pool = comparisons(list(range(3 * GROUP_FRAMES)))
+    for number in range(3 * GROUP_FRAMES):
+        groups.begin_behind(number)
+    sizes = [len(group) for group in pool.groups]
+    assert sizes[0] == 1
+    assert all(larger == min(2 * size, GROUP_FRAMES) for size, larger in pairwise(sizes[:-1]))
+    assert sizes[-2] == GROUP_FRAMES
+
+
+def test_a_group_is_begun_behind_the_first_frame_of_the_one_before_it() -> None:
+    groups, pool = comparisons([10 + number for number in range(8)])
+    assert pool.groups == [[10]]
+    groups.begin_behind(9)
+    assert len(pool.groups) == 1
+    groups.begin_behind(10)
+    assert pool.groups[1:] == [[11, 12]]
+    groups.begin_behind(10)
     assert len(pool.groups) == 2
-    for number in range(1, 1 + GROUP_FRAMES):
-        groups.of(number)
-        assert len(pool.groups) == 3
-    groups.of(1 + GROUP_FRAMES)
-    assert len(pool.groups) == 4
+    groups.begin_behind(11)
+    assert pool.groups[2:] == [[13, 14, 15, 16]]
+    groups.begin_behind(12)
+    assert len(pool.groups) == 3
+    groups.begin_behind(13)
+    assert pool.groups[3:] == [[17]]
