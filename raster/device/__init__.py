@@ -12,4 +12,5 @@ targets        Framebuffers with the depth formats that moderngl does not offer,
                through PyOpenGL
 textures       Textures of any number and size in one block of storage, decoded and filtered by the shader
 timer          Timer queries of the GPU beside wall time, stage by stage
+triangles      Draw calls during which other threads run Python
 """
