@@ -29,7 +29,7 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.room import with_room
+from xfrustum.scenes.room import vectors_with_room, with_room
 
 POSITION_BYTES = 24
 """Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
@@ -248,7 +248,8 @@ class Rasterizer(ContextOwner):
                         color=None,
                         rendering=None,
                     )
-                triangle, position = _triangle_of(identity), with_room(drawn.image.position.shape, np.float32)
+                triangle = _triangle_of(identity)
+                position = vectors_with_room(triangle.shape, np.float32)
                 position[:] = drawn.image.position
                 # Where other pictures show something there are cameras, hence triangles to find points on.
                 assert self._positions is not None

@@ -14,7 +14,7 @@ from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import read_only
-from xfrustum.scenes.room import with_room
+from xfrustum.scenes.room import picked, with_room
 
 Vectors = NDArray[np.complex128]
 """Vectors on a film, columns plus i times rows: NumPy is several times slower along rows of two numbers."""
@@ -97,7 +97,7 @@ def some_film_steps(
         return list(steps(positions, pencil, pixels))
     centers = _centers(pencil.resolution).take(pixels)
     shifts = [
-        _numpy_shifts(position.reshape(-1, 3).take(pixels, axis=0), pencil, centers) for position in positions
+        _numpy_shifts(picked(position.reshape(-1, 3), pixels), pencil, centers) for position in positions
     ]
     return [np.abs(after - before) for before, after in pairwise(shifts)]
 

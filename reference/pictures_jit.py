@@ -19,6 +19,7 @@ from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.room import vectors_with_room
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,8 +71,7 @@ class JitPictures:
         rows
             Rows of the image.
         """
-        shape = layers[0][1].triangle.shape
-        size = layers[0][1].triangle.size
+        shape = len(rows), layers[0][0].resolution[0]
         with strict_arithmetic():
             number, position = Int32(NOTHING), [Float64(np.nan)] * 3
             directions: dict[object, list[Any]] = {}
@@ -91,13 +91,11 @@ class JitPictures:
                 ]
             (of_triangle,) = self._objects(dr.maximum(number, 0))
             objects = dr.select(number != NOTHING, of_triangle, NOTHING)
-            points = interleaved(position, size)
-            dr.eval(number, objects, points)
-            return (
-                number.numpy().reshape(shape),
-                objects.numpy().reshape(shape),
-                read_interleaved(points, (*shape, 3)),
-            )
+            dr.eval(number, objects, *position)
+            points = vectors_with_room(shape, np.float64)
+            for axis, values in enumerate(position):
+                points[..., axis] = values.numpy().reshape(shape)
+            return number.numpy().reshape(shape), objects.numpy().reshape(shape), points
 
     def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
         """Return what decided rows show.

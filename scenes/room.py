@@ -37,6 +37,31 @@ def with_room(shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
     return values[:count].reshape(shape)
 
 
+def vectors_with_room(shape: tuple[int, int], kind: DTypeLike) -> NDArray[Any]:
+    """Return vectors (H, W, 3), not initialized, coordinate by coordinate, each with room behind its end.
+
+    Formulas ask for one coordinate of all pixels at a time. Where these lie side by side, kernels and NumPy
+    read them in whole packets; from every third place they have to be gathered.
+    """
+    count = math.prod(shape)
+    coordinates = with_room((3, values_with_room(count)), kind)
+    coordinates[:, count:] = 0
+    return np.moveaxis(coordinates[:, :count].reshape(3, *shape), 0, -1)
+
+
+def lie_by_coordinate(rows: NDArray[Any]) -> bool:
+    """Return whether the vectors (N, C) lie in memory coordinate by coordinate, not one after the other."""
+    return rows.ndim == 2 and rows.shape[1] > 1 and rows.strides[0] == rows.itemsize
+
+
+def picked(rows: NDArray[Any], places: NDArray[np.integer[Any]]) -> NDArray[Any]:
+    """Return the rows (N,) or (N, C) at some places (M,), which lie in memory as all of them do."""
+    if lie_by_coordinate(rows):
+        # NumPy's `take` would copy all rows first.
+        return np.stack([coordinate.take(places) for coordinate in rows.T]).T
+    return rows.take(places, axis=0)
+
+
 def has_room(values: NDArray[Any]) -> bool:
     """Return whether an array is contiguous, aligned, and has room behind its end.
 

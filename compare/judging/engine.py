@@ -28,7 +28,7 @@ from xfrustum.compare.metrics.comparison import Comparison, compare_each, compar
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.processors import kernels_on_all_threads, kernels_on_one_thread
+from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -347,16 +347,16 @@ class Engine(Generic[Found]):
                     )
 
     def _make_ready(self, hogel: _Hogel, settings: Sequence[DoubleFrustum]) -> None:
-        """Make the reference ready to judge frames, and draw once, before the first frame is timed.
+        """Draw once, and make the reference ready to judge frames, before the first frame is timed.
 
         Threads that judge the first frames would otherwise wait for the one that makes the reference ready.
-        Now all of them may run its kernels.
+        The predictor, which is made meanwhile, needs kernels at first: so OpenGL is warmed up before.
         """
         truth, stage = hogel.truth.result(), (self.machine, self.watch)
-        with self.machine.stage(self.watch, "prepare"), kernels_on_all_threads():
-            self._reference.make_ready(truth, len(settings))
         warm = partial(warm_up, stage, hogel.aperture, settings, color=self._wanted.color)
         self._drawing.submit(warm).result()
+        with self.machine.stage(self.watch, "prepare"):
+            self._reference.make_ready(truth, len(settings))
 
     def _compared_each(self, hogel: _Hogel, waiting: Sequence[Future[Frames]]) -> list[Comparison]:
         """Compare the only frames of their cameras with the truth, each in an equal share of the time."""

@@ -256,9 +256,9 @@ def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
     positions = one.position, other.position
     exactly = np.result_type(*positions)
     bits = np.dtype(f"u{exactly.itemsize}")
-    mine, its = (np.ascontiguousarray(values, dtype=exactly).view(bits).ravel() for values in positions)
-    moved = np.flatnonzero(mine != its)
-    differs.reshape(-1)[moved // 3] = True
+    mine, its = (values.astype(exactly, copy=False).view(bits) for values in positions)
+    for axis in range(3):
+        differs |= mine[..., axis] != its[..., axis]
     return np.flatnonzero(differs)
 
 

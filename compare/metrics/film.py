@@ -13,6 +13,7 @@ from xfrustum.reference.lines.lines import Pencil, pixel_places, places_off_cent
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.room import picked
 
 
 def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
@@ -78,11 +79,9 @@ class DrawnPoints:
     @classmethod
     def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
         """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
-        # Rows of three are taken first and turned afterward: faster than to take each coordinate.
-        rows = image.position.reshape(-1, 3).take(pixels, axis=0)
         return cls(
             pixels=pixels,
-            coordinates=np.ascontiguousarray(rows.T, dtype=np.float64),
+            coordinates=np.ascontiguousarray(picked(image.position.reshape(-1, 3), pixels).T, np.float64),
             triangle=image.triangle.reshape(-1).take(pixels),
         )
 

@@ -15,7 +15,7 @@ from OpenGL import GL
 from xfrustum.raster.device.programs import Defines, defined, shader
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.room import with_room
+from xfrustum.scenes.room import vectors_with_room
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
@@ -97,19 +97,22 @@ class Positions:
         if one_row:
             height = 1
         rows = max(1, min(height, self._points_at_once(target) // width))
-        found = with_room((height, width, 3), np.float32)
+        found = vectors_with_room((height, width), np.float32)
+        coordinates = np.moveaxis(found, -1, 0)
         with self._bound(target, drawn) as points:
             for start in range(0, height, rows):
-                band = found[start : start + rows]
+                band = coordinates[:, start : start + rows]
+                high = band.shape[1]
                 program = self._of_rows
-                program["first_row"], program["last_row"] = start, start + len(band) - 1
-                program.run(-(-width // GROUP), -(-len(band) // GROUP), 1)
+                program["first_row"], program["last_row"] = start, start + high - 1
+                program["count"] = high * width
+                program.run(-(-width // GROUP), -(-high // GROUP), 1)
                 _read_into(band, points)
         return found
 
     def read_some(self, target: Identified, drawn: Sequence[DrawnBy], pixels: Indices) -> Singles:
         """Return the surface points (N, 3) of some pixels, given by row * W + column; see `read`."""
-        found = np.empty((len(pixels), 3), dtype=np.float32)
+        found = np.empty((3, len(pixels)), dtype=np.float32)
         size = min(self._points_at_once(target), MAX_GROUPS * LISTED_GROUP)
         with self._bound(target, drawn) as points:
             for start in range(0, len(pixels), size):
@@ -118,9 +121,9 @@ class Positions:
                 listed.bind_to_storage_buffer(PIXELS_BINDING)
                 self._of_pixels["count"] = len(some)
                 self._of_pixels.run(-(-len(some) // LISTED_GROUP), 1, 1)
-                _read_into(found[start : start + size], points)
+                _read_into(found[:, start : start + size], points)
                 listed.release()
-        return found
+        return found.T
 
     def _points_at_once(self, target: Identified) -> int:
         width, height = target.size
@@ -146,6 +149,6 @@ class Positions:
 
 
 def _read_into(found: Singles, points: moderngl.Buffer) -> None:
-    """Wait for the points of a program's run, and read them."""
+    """Wait for the points of a program's run, and read them, coordinate by coordinate (3, ..)."""
     GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
     found[:] = np.frombuffer(points.read(size=found.nbytes), dtype=np.float32).reshape(found.shape)

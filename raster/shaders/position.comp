@@ -23,9 +23,9 @@ layout(std430, binding = 4) readonly buffer Cameras { dmat4 clip_from_scene[]; }
 layout(std430, binding = 5) readonly buffer Cuts { dvec2 heights[]; };  // lowest and highest z of each
 
 uniform float nothing;  // NaN
+uniform int count;      // of points: all x, then all y, then all z are written
 #ifdef LISTED
 layout(std430, binding = 6) readonly buffer Pixels { uint pixels[]; };  // row from the top * width + column
-uniform int count;
 #else
 uniform int first_row;  // of the band, from the top
 uniform int last_row;
@@ -72,8 +72,7 @@ void main() {
         vec2 cuts = vec2(heights[identity.g]);
         point.z = clamp(point.z, cuts.x, cuts.y);
     }
-    int at = 3 * place;
-    points[at] = point.x;
-    points[at + 1] = point.y;
-    points[at + 2] = point.z;
+    points[place] = point.x;
+    points[place + count] = point.y;
+    points[place + 2 * count] = point.z;
 }

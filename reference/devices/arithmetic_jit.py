@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 from xfrustum.reference.devices.packets import in_packets
+from xfrustum.scenes.room import lie_by_coordinate
 
 __all__ = [
     "JIT",
@@ -70,6 +71,9 @@ def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
 
 
 def _table(rows: NDArray[Any]) -> Table:
+    if lie_by_coordinate(rows):
+        columns = [on_device(column) for column in rows.T]
+        return lambda index: [dr.gather(type(column), column, index) for column in columns]
     flat, count = on_device(rows), _columns(rows)
     if count % 4 == 0 and isinstance(flat, Float64):
         # Four numbers at a time, one beside the other, are read at once.
@@ -98,8 +102,8 @@ def doubles_of(rows: NDArray[np.floating]) -> Table:
     """Return the table of rows (N, C) of either precision, whose columns are doubles."""
     if rows.dtype != np.float32:
         return _table(rows)
-    bits, count = UInt32(in_packets(rows.view(np.uint32))), _columns(rows)
-    return lambda index: [_doubled(dr.gather(UInt32, bits, index * count + k)) for k in range(count)]
+    bits = _table(rows.view(np.uint32))
+    return lambda index: [_doubled(one) for one in bits(index)]
 
 
 def _doubled(bits: Any) -> Any:
