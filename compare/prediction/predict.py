@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from itertools import pairwise
 from threading import Lock
 
@@ -14,7 +14,7 @@ import numpy as np
 from xfrustum.compare.metrics.culled import turned_away
 from xfrustum.compare.metrics.displacement import Spread, lengths, root_mean_square
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
+from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth, with_named_fit
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.compare.prediction.outside import Border
@@ -176,7 +176,7 @@ class Predictor:
     def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
         """Return the errors to be expected of all links but depth."""
         traced = traced_settings(cameras, self._frustum)
-        moved = self._moved_by(traced)
+        moved = self._moved_by(cameras, traced)
         from_outside = [share * self._stacks.judged for share in self._border.charged_fractions(traced)]
         wrong = [
             sum(both) for both in zip(self._silhouettes.charged_pixels(traced), from_outside, strict=True)
@@ -192,18 +192,29 @@ class Predictor:
             for rms, pixels in zip([*moved, None], [*wrong, snapped], strict=True)
         )
 
-    def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
-        """Return the root mean square of the displacement that each link of a chain adds."""
-        # Links that change no setting are one entry here.
-        fields = {link: displacements(self._points, self._frustum, link) for link in dict.fromkeys(chain)}
-        found = [_rms_of_known(fields[chain[0]])]
+    def _moved_by(self, cameras: DoubleFrustum, chain: Sequence[DoubleFrustum]) -> list[float | None]:
+        """Return the root mean square of the displacement that each link of the cameras' chain adds."""
+        field = cache(partial(displacements, self._points, self._frustum))
+        found = [self._moved_by_offset(cameras, chain[0])]
         for before, after in pairwise(chain):
             if before != after:
-                found.append(_rms_of_known(fields[after] - fields[before]))
-            else:
+                found.append(_rms_of_known(lengths(field(after) - field(before))))
+            elif after == chain[0]:
                 # Nothing moves, where anything is known.
-                found.append(0.0 if _any_known(fields[after]) else None)
+                found.append(None if found[0] is None else 0.0)
+            else:
+                found.append(0.0 if _any_known(field(after)) else None)
         return found
+
+    def _moved_by_offset(self, cameras: DoubleFrustum, offset: DoubleFrustum) -> float | None:
+        """Return the root mean square of the displacement by a chain's first link, the offset of its cameras.
+
+        Without pivot, fit and slabs that is all displacement, which may have been predicted already.
+        """
+        known = self._without_depth.get(cameras)
+        if known is not None and with_named_fit(cameras, self._frustum) == offset:
+            return known.displacement_px.rms if known.displacement_px else None
+        return _rms_of_known(displacement_lengths(self._points, self._frustum, offset))
 
     def separations(self, settings: DoubleFrustum) -> Separations:
         """Return the smallest separation that is ordered at the farthest visible surface of each side."""
@@ -228,9 +239,8 @@ def _any_known(field: Floats) -> bool:
     return bool(np.isfinite(field[:1]).all(axis=-1).any() or np.isfinite(lengths(field)).any())
 
 
-def _rms_of_known(step: Floats) -> float | None:
-    """Return the root mean square length of those vectors (N, 2) that are known; None where none is."""
-    moved = lengths(step)
+def _rms_of_known(moved: Floats) -> float | None:
+    """Return the root mean square of those lengths (N,) that are known; None where none is."""
     known = np.isfinite(moved)
     if not known.all():
         moved = moved[known]
