@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -286,14 +286,15 @@ class Scene(Shown):
     @cached_property
     def height_ranges(self) -> Floats:
         """(2, F) lowest and highest z of each triangle."""
-        z = self.vertices[:, 2][self.faces]
-        return read_only(np.stack((z.min(axis=1, initial=np.inf), z.max(axis=1, initial=-np.inf))))
+        # Corner by corner: NumPy is several times slower along rows of three numbers. So it is below.
+        z = self.vertices[:, 2][self.faces.T]
+        return read_only(np.stack((reduce(np.minimum, z), reduce(np.maximum, z))))
 
     @cached_property
     def largest_coordinates(self) -> Floats:
         """(F,) largest absolute coordinate of each triangle, to which its roundings are relative."""
-        of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)
-        return read_only(of_vertex[self.faces].max(axis=1, initial=0.0))
+        of_vertex = reduce(np.maximum, np.abs(self.vertices.T))
+        return read_only(reduce(np.maximum, of_vertex[self.faces.T]))
 
     @cached_property
     def normals(self) -> Floats:
@@ -305,12 +306,14 @@ class Scene(Shown):
         normals = np.zeros((len(self.faces), 3))
         for start in range(0, len(normals), TRIANGLES_AT_ONCE):
             corners = self.triangles[start : start + TRIANGLES_AT_ONCE]
-            edges = corners[:, 1:] - corners[:, :1]
-            scale = np.abs(edges).max(axis=(1, 2), initial=0.0)
-            edges = edges / np.where(scale > 0, scale, 1.0)[:, None, None]
-            cross = np.cross(edges[:, 0], edges[:, 1])
-            length = np.linalg.norm(cross, axis=1, keepdims=True)
-            np.divide(cross, length, out=normals[start : start + len(cross)], where=length > 0)
+            edges = np.ascontiguousarray((corners[:, 1:] - corners[:, :1]).reshape(-1, 6).T)
+            scale = reduce(np.maximum, np.abs(edges))
+            edges /= np.where(scale > 0, scale, 1.0)
+            ax, ay, az, bx, by, bz = edges
+            cross = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            length = np.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2)
+            for axis, along in enumerate(cross):
+                np.divide(along, length, out=normals[start : start + len(corners), axis], where=length > 0)
         return read_only(normals)
 
     @cached_property

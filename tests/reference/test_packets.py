@@ -21,7 +21,15 @@ from xfrustum import reference
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.devices.packets import in_packets
-from xfrustum.scenes.room import ALIGNMENT_BYTES, MAX_PACKET_LANES, has_room, with_room
+from xfrustum.scenes.room import (
+    ALIGNMENT_BYTES,
+    MAX_PACKET_LANES,
+    has_room,
+    lie_by_coordinate,
+    picked,
+    vectors_with_room,
+    with_room,
+)
 
 EMBREE_BYTES = 16
 """Bytes that Embree reads where the last corner of a mesh begins."""
@@ -66,6 +74,32 @@ def test_an_array_with_room_is_not_copied(rows: int, kind: type) -> None:
     assert np.array_equal(in_packets(values), values.ravel())
 
 
+@given(st.integers(1, 9), st.integers(1, 40), st.sampled_from([np.float64, np.float32]))
+def test_vectors_lie_coordinate_by_coordinate_and_are_read_in_place(
+    height: int, width: int, kind: type
+) -> None:
+    vectors = vectors_with_room((height, width), kind)
+    vectors[:] = np.arange(3 * height * width).reshape(height, width, 3)
+    rows = vectors.reshape(-1, 3)
+    assert np.shares_memory(rows, vectors)
+    assert rows.tolist() == np.arange(3 * height * width).reshape(-1, 3).tolist()
+    for coordinate in rows.T:
+        assert has_room(coordinate)
+        assert in_packets(coordinate).ctypes.data == coordinate.ctypes.data
+
+
+@given(st.integers(2, 300), st.lists(st.integers(0, 299), max_size=20))
+def test_rows_are_picked_as_they_lie(count: int, places: list[int]) -> None:
+    wanted = np.array([place for place in places if place < count], dtype=np.int64)
+    rows = np.random.default_rng(count).normal(size=(count, 3))
+    apart = vectors_with_room((1, count), np.float64).reshape(-1, 3)
+    apart[:] = rows
+    assert not lie_by_coordinate(rows) and lie_by_coordinate(apart)
+    np.testing.assert_array_equal(picked(rows, wanted), rows[wanted])
+    np.testing.assert_array_equal(picked(apart, wanted), rows[wanted])
+    np.testing.assert_array_equal(picked(rows[:, 0], wanted), rows[wanted, 0])
+
+
 def test_memory_of_others_is_no_room() -> None:
     whole = with_room((4 * MAX_PACKET_LANES,), np.float64)
     assert has_room(whole[: 2 * MAX_PACKET_LANES])
@@ -88,11 +122,13 @@ def test_numbers_of_single_precision_are_doubles_on_all_threads(count: int) -> N
     digits = np.random.default_rng(1).integers(0, 2**32, count, dtype=np.uint32)
     digits[:6] = 0, 1 << 31, 1, (1 << 31) + 1, 0x007FFFFF, 0x00800000
     rows = digits.view(np.float32)[:, None]
+    apart = vectors_with_room((1, count), np.float32).reshape(-1, 3)
+    apart[:] = rows
     with np.errstate(invalid="ignore"):
         expected = rows[:, 0].astype(np.float64)
     lanes = jit.UInt32(in_packets(np.arange(count, dtype=np.uint32)))
     with threads(2):
-        for table in (jit.doubles_of(rows), jit.JIT.own(rows)):
+        for table in (jit.doubles_of(rows), jit.doubles_of(apart), jit.JIT.own(rows), jit.JIT.own(apart)):
             found = table(lanes)[0].numpy()
             np.testing.assert_array_equal(found, expected)
             assert np.array_equal(np.signbit(found), np.signbit(expected))
