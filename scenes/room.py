@@ -1,7 +1,8 @@
 """Arrays with room behind their end: the ray tracers' kernels read them in whole packets, without a copy.
 
 A kernel works on packets of lanes, and loads a whole packet where the last lanes have no values any more. See
-`xfrustum.reference.devices.packets`, which copies arrays that have no such room.
+`xfrustum.reference.devices.packets`, which copies arrays that have no such room. Vectors lie coordinate by
+coordinate where kernels read them. In whatever order they lie, `picked` takes some without a copy of all.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from xfrustum.compare.judging.frames import Frames
 from xfrustum.compare.metrics.comparison import Comparison
 
-GROUP_FRAMES = 4
+GROUP_FRAMES = 8
 """Number of frames that are compared together: one search finds what hides the points of all of them."""
 
 Made = TypeVar("Made")

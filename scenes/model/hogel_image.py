@@ -90,7 +90,8 @@ class HogelImage(ShownImage):
         int32 numbers, `NOTHING` where there is no surface.
     position
         Visible surface point in scene units, NaN where there is none: float64 from a
-        reference, float32 from a rasterizer.
+        reference, float32 from a rasterizer. Points of our own rasterizers and models lie coordinate by
+        coordinate in memory; see `scenes.room.vectors_with_room`.
     normal
         Unit normal of the triangle by the mesh's winding, NaN where there is no surface.
     color
