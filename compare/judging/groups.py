@@ -11,7 +11,10 @@ from xfrustum.compare.judging.frames import Frames
 from xfrustum.compare.metrics.comparison import Comparison
 
 GROUP_FRAMES = 8
-"""Number of frames that are compared together: one search finds what hides the points of all of them."""
+"""Number of frames that are compared together: one search finds what hides the points of all of them.
+
+A search takes some 3 ms however few points are asked about, and a frame 8 ms besides (512 x 512): with eight
+frames its share is a twentieth. Larger groups would save less than that, and hold their frames longer."""
 
 Made = TypeVar("Made")
 

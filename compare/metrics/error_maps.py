@@ -250,8 +250,7 @@ def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
     """Return the flat numbers of the pixels at which two images show different things."""
     if all(getattr(one, name) is getattr(other, name) for name in ("triangle", "object", "position")):
         return np.zeros(0, dtype=np.int64)
-    # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
-    differs = np.ascontiguousarray((one.triangle != other.triangle) | (one.object != other.object))
+    differs = (one.triangle != other.triangle) | (one.object != other.object)
     # Bits are compared, because a position that is not a number equals no other.
     positions = one.position, other.position
     exactly = np.result_type(*positions)

@@ -199,11 +199,9 @@ class Predictor:
         for before, after in pairwise(chain):
             if before != after:
                 found.append(_rms_of_known(lengths(field(after) - field(before))))
-            elif after == chain[0]:
-                # Nothing moves, where anything is known.
-                found.append(None if found[0] is None else 0.0)
             else:
-                found.append(0.0 if _any_known(field(after)) else None)
+                # Nothing moves, where anything is known: what is drawn at all is the same for all links.
+                found.append(None if found[0] is None else 0.0)
         return found
 
     def _moved_by_offset(self, cameras: DoubleFrustum, offset: DoubleFrustum) -> float | None:
@@ -232,11 +230,6 @@ class Predictor:
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
     return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
-
-
-def _any_known(field: Floats) -> bool:
-    """Return whether any of some vectors (N, 2) is known; mostly the first one is."""
-    return bool(np.isfinite(field[:1]).all(axis=-1).any() or np.isfinite(lengths(field)).any())
 
 
 def _rms_of_known(moved: Floats) -> float | None:

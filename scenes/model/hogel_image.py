@@ -91,7 +91,7 @@ class HogelImage(ShownImage):
     position
         Visible surface point in scene units, NaN where there is none: float64 from a
         reference, float32 from a rasterizer. Points of our own rasterizers and models lie coordinate by
-        coordinate in memory; see `scenes.room.vectors_with_room`.
+        coordinate in memory.
     normal
         Unit normal of the triangle by the mesh's winding, NaN where there is no surface.
     color

@@ -17,10 +17,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.support.processes import threads
+from tests.support.views import view
 from xfrustum import reference
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.devices.packets import in_packets
+from xfrustum.scenes import DoubleFrustum
 from xfrustum.scenes.room import (
     ALIGNMENT_BYTES,
     MAX_PACKET_LANES,
@@ -255,3 +257,11 @@ def test_kernels_read_no_memory_behind_arrays() -> None:
     """Arrays lie at the very end of their memory: to read behind them ends the process."""
     done = subprocess.run([sys.executable, "-c", GUARDED], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "1601\n"), done.stderr
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM")
+def test_kernels_read_points_of_models_in_place() -> None:
+    scene = view("crossing", (37, 23))
+    settings = DoubleFrustum(near=1e-2 * scene.frustum.longest_reach)
+    model = reference.Reference(scene).trace_model(scene.plate.middle, settings, shaded=False)
+    assert all(has_room(coordinate) for coordinate in model.position.reshape(-1, 3).T)

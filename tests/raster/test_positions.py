@@ -1,0 +1,40 @@
+"""Surface points are the same in however many parts they are read, and lie where kernels read them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.device.positions import Identified, Positions
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.room import has_room
+
+
+def images(resolution: tuple[int, int]) -> tuple[HogelImage, HogelImage]:
+    """Return an image with a coarse depth buffer, and one with exact depth, whose points differ."""
+    scene = view("crossing", resolution)
+    aperture, near = scene.plate.middle, 1e-7 * scene.frustum.longest_reach
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.draw(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16), normals=False)
+        exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        return drawn.image, rasterizer.draw_beside(aperture, exact, drawn)
+
+
+def test_points_do_not_depend_on_the_number_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = images((37, 23))
+    assert np.count_nonzero(whole[0].triangle != whole[1].triangle) > 2 * 37
+
+    def two_rows(_: Positions, target: Identified) -> int:
+        return 2 * target.size[0]
+
+    monkeypatch.setattr(Positions, "_points_at_once", two_rows)
+    for expected, found in zip(whole, images((37, 23)), strict=True):
+        np.testing.assert_array_equal(found.position, expected.position)
+
+
+def test_kernels_read_points_in_place() -> None:
+    for image in images((37, 23)):
+        assert all(has_room(coordinate) for coordinate in image.position.reshape(-1, 3).T)
