@@ -88,6 +88,16 @@ def test_pixels_that_differ_are_found_in_images_stored_by_columns(drawn: Drawn) 
     assert judged.differing(by_columns(drawn.exact, moved)).tolist() == [3 * width + 5]
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_pixel_differs_if_one_coordinate_does(drawn: Drawn, axis: int) -> None:
+    moved = np.array(drawn.exact.position)
+    row, column = np.argwhere(drawn.exact.triangle >= 0)[0]
+    moved[row, column, axis] += 1
+    judged = replace(drawn.judged(), image=drawn.exact)
+    found = judged.differing(replace(drawn.exact, position=moved))
+    assert found.tolist() == [row * moved.shape[1] + column]
+
+
 def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:
     alone = make_budget(drawn.reference, drawn.chain)
     errors = compare_images(drawn.truth, drawn.starved, drawn.reference, judged=drawn.judged()).errors

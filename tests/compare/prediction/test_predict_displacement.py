@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.support.views import view
+from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.metrics.film import pixel_centers
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
@@ -15,6 +17,7 @@ from xfrustum.compare.prediction.displacement import (
     displacement_lengths,
     displacements,
 )
+from xfrustum.compare.prediction.predict import Predictor
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, Frustum, HogelImage
@@ -119,3 +122,25 @@ def test_lengths_are_those_of_the_vectors(name: str, options: dict[str, Any]) ->
         found = displacement_lengths(points, scene.frustum, settings)
         np.testing.assert_allclose(found, np.hypot(vectors[..., 0], vectors[..., 1]), rtol=1e-12, atol=1e-12)
     assert np.isnan(displacement_lengths(every, scene.frustum, settings)[~truth.off_plate]).all()
+
+
+RMS_ROUNDING = 1e-12
+"""Relative rounding of a root mean square of some thousand lengths: 2^-53 for each of some thousand sums."""
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_links_do_not_depend_on_what_was_predicted_before(options: dict[str, Any]) -> None:
+    scene = view("asymmetric-recentered", (48, 32))
+    aperture, settings = scene.plate.aperture(0, 0), DoubleFrustum(near=2.0, **options)
+    reference = Reference(scene)
+    truth, gaps = reference.trace(aperture), reference.gaps(aperture)
+    alone, after = (Predictor(truth, gaps, scene.frustum, 8) for _ in range(2))
+    after.predict(settings)
+    links = alone.links(settings)
+    assert after.links(settings) == links
+
+    plain = replace(settings, pivot=Pivot.APERTURE, fit=Fit.ANGLE, slabs=())
+    moved = lengths(displacements(TruePoints.of(truth).shown(), scene.frustum, plain))
+    known = moved[np.isfinite(moved)]
+    expected = pytest.approx(np.sqrt(np.mean(known**2)), rel=RMS_ROUNDING) if known.size else None
+    assert links[0].displacement_rms_px == expected
