@@ -4,155 +4,219 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.reports.benchmarks.judge_contestants import (
-    COMPARING,
-    DECIDING,
-    DRAWN,
-    LOOP,
-    MEANINGS,
-    MITSUBA,
-    PLAIN,
-    POINTS,
-    RADIANCE,
-    READ,
-    RENDER,
-    STAGES,
-    STREAM,
-    Run,
-    judge_contestants,
-    judging_stages,
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
+from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
+from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reports.benchmarks.common import (
+    Record,
+    columns,
+    exhaust,
+    machine_record,
+    number,
+    positive,
+    rate_of,
+    ratios_of,
+    scene_record,
     settings_of,
     sized,
-    spread_over,
+    spread,
 )
-from xfrustum.reports.benchmarks.judge_stream import StreamRecord, lines_of
-from xfrustum.reports.benchmarks.records import BenchmarkedScene
-from xfrustum.reports.benchmarks.truth_contestants import versions
-from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.common.timing import Timing, race
-from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.errors import InputError
+from xfrustum.reports.common.timing import race
+from xfrustum.scenes.library.globes import globes
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 RESOLUTIONS = (128, 256, 512, 1024)
 REPEAT = 5
 HOGELS = 6
 """Hogels that each run judges: enough that a stream overlaps, and few enough for a million pixels each."""
 
+STREAM, LOOP, PLAIN = "stream", "loop", "plain"
+RENDER, MITSUBA = "render", "mitsuba"
+MEANINGS = {
+    STREAM: "Judge.stream, which overlaps drawing, tracing and comparing: numbers alone",
+    LOOP: "trace, render and compare_images, one hogel after the other: the same numbers",
+    PLAIN: "render, trimesh's intersects_first and NumPy: other objects, and displacement, nothing proven",
+    RENDER: "the frame alone, without normals and color, read back",
+    MITSUBA: "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the device",
+}
+"""All contestants, in the order in which they are listed."""
+
 RATIOS = ((STREAM, LOOP), (STREAM, PLAIN), (STREAM, RENDER), (STREAM, MITSUBA))
 """Pairs of contestants; the rate of the first is divided by that of the second."""
 
-TRUTH = (DECIDING, POINTS)
-"""Stages of a truth. The second opinion is none of them: it is asked for when somebody reads it."""
+DECIDING, SECOND_OPINION, POINTS = "deciding", "second opinion", "points and colors"
+DRAWN, READ, COMPARING, RADIANCE = "drawing", "read-back", "comparing", "comparing radiance"
+STAGES = {
+    DECIDING: "the certified decision alone",
+    SECOND_OPINION: "the tracer's first hits along the same lines, which is no part of a truth",
+    POINTS: "the rest of a truth: points, normals, objects, colors",
+    DRAWN: "the double frustum, until the device has finished",
+    READ: "the rest of a frame: triangle numbers, surface points, normals and colors, read back",
+    COMPARING: "compare_images, without colors",
+    RADIANCE: "what comparing colors takes besides",
+}
+"""All stages of one judged hogel, in the order in which they are listed."""
 
-FRAME = (DRAWN, READ)
+GLOBES_PLATE = (9, 9)
+"""Columns and rows of the plate that globes are seen through, which otherwise has a single aperture."""
+
+Run = Callable[[], object]
+"""Answers for all apertures, and returns when that is done."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class JudgeRace:
-    """The contestants at one resolution of one scene.
+def default_scenes() -> tuple[str, ...]:
+    """Return the built-in car and, where the folder of test data is beside the checkout, its car body."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
+    return ("car", str(beside)) if beside.exists() else ("car",)
 
-    Attributes
-    ----------
-    resolution
-        W and H in pixels.
-    hogels_per_second
-        Rates by contestant, see `MEANINGS`; None of one that does not run here.
-    ratios
-        Quotients of median rates as "one/other"; None where the other does not run here.
-    cpu_s
-        CPU seconds of each stage of one judged hogel, of the process with all its threads; see `STAGES`.
-    judging_over_drawing
-        CPU seconds of truth and comparing over those of a frame, without colors and with them.
+
+def globes_through_a_plate(triangles: int) -> Scene:
+    """Return globes of so many triangles, and a plate of several hogels; see `globes`."""
+    scene = globes(triangles, (1, 1))
+    return replace(scene, plate=replace(scene.plate, hogels=GLOBES_PLATE))
+
+
+def spread_over(scene: Scene, count: int) -> list[Aperture]:
+    """Return so many apertures, evenly spread over the plate row by row; some twice where it has fewer."""
+    across, rows = scene.plate.hogels
+    numbers = np.linspace(0, across * rows - 1, positive(count)).astype(int)
+    return [scene.plate.aperture(int(n) % across, int(n) // across) for n in numbers]
+
+
+def judged_in_loop(
+    reference: Reference, rasterizer: Rasterizer, apertures: Sequence[Aperture]
+) -> list[ComparisonNumbers]:
+    """Judge hogels one after the other."""
+    settings, found = settings_of(reference.scene), []
+    for aperture in apertures:
+        truth = reference.trace(aperture)
+        drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+        found.append(compare_images(truth, drawn, reference, radiance=False).numbers)
+    return found
+
+
+def judged_in_stream(judge: Judge, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
+    """Judge the same hogels with truths and frames made side by side."""
+    stream = judge.stream(apertures, [settings_of(judge.scene)], radiance=False)
+    return [hogel.drawings[0].comparison for hogel in stream]
+
+
+class PlainLoop:
+    """The loop that a user would write with trimesh and NumPy; nothing that it finds is proven."""
+
+    def __init__(self, scene: Scene, rasterizer: Rasterizer) -> None:
+        self._scene, self._rasterizer = scene, rasterizer
+        self._mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
+
+    def judge(self, apertures: Sequence[Aperture]) -> list[tuple[float, float]]:
+        """Return the share of pixels with another object and the p99 of displacement, px, of each hogel."""
+        return [self._judged(one) for one in apertures]
+
+    def _judged(self, aperture: Aperture) -> tuple[float, float]:
+        settings = settings_of(self._scene)
+        drawn = self._rasterizer.render(aperture, settings, normals=False, color=False)
+        pencil = crossed_frustum(self._scene.frustum, aperture)
+        first = self._mesh.intersects_first(*_rays(self._scene, pencil))
+        wrong = self._object_of_number[first] != drawn.object.ravel()
+        return float(wrong.mean()), _displacement_p99(drawn, pencil)
+
+
+def _rays(scene: Scene, pencil: Pencil) -> tuple[Any, Any]:
+    """Return origins and directions of a pencil's lines, (N, 3) each."""
+    directions = pencil.directions().reshape(-1, 3)
+    return ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0]), directions
+
+
+def _displacement_p99(drawn: HogelImage, pencil: Pencil) -> float:
+    """Return the 99th percentile of the distance between where points are drawn and where they belong, px."""
+    width, height = pencil.resolution
+    point = drawn.position.reshape(-1, 3).astype(np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        place = pixel_places(point, pencil)
+    row, column = np.divmod(np.arange(width * height), width)
+    moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
+    moved = moved[np.isfinite(moved)]
+    return float(np.percentile(moved, 99)) if moved.size else 0.0
+
+
+@contextmanager
+def judge_contestants(scene: Scene, apertures: Sequence[Aperture]) -> Iterator[dict[str, Run]]:
+    """Open the contestants that there are here, by the names in `MEANINGS`; leaving frees them."""
+    with Judge(scene) as judge, Rasterizer(scene) as rasterizer:
+        plain, settings = PlainLoop(scene, rasterizer), settings_of(scene)
+        found: dict[str, Run] = {
+            STREAM: lambda: judged_in_stream(judge, apertures),
+            LOOP: lambda: judged_in_loop(judge.reference, rasterizer, apertures),
+            PLAIN: lambda: plain.judge(apertures),
+            RENDER: lambda: exhaust(
+                rasterizer.render(one, settings, normals=False, color=False) for one in apertures
+            ),
+        }
+        if not backend().scalar:
+            rays = _rays(scene, crossed_frustum(scene.frustum, scene.plate.middle))
+            bare = bare_intersection(scene, *rays)
+            found[MITSUBA] = lambda: exhaust(bare() for _ in apertures)
+        yield found
+
+
+@contextmanager
+def judging_stages(scene: Scene, aperture: Aperture) -> Iterator[dict[str, Run]]:
+    """Open parts of judging one hogel whose differences are the times of `STAGES`; leaving frees them.
+
+    The parts are named by the stages that they end with: `POINTS` is a whole truth, `READ` a whole frame and
+    `RADIANCE` a comparison with colors.
     """
+    with Rasterizer(scene) as rasterizer:
+        reference, settings = Reference(scene), settings_of(scene)
+        truth = reference.trace(aperture)
+        frame = rasterizer.render(aperture, settings, normals=False)
+        yield {
+            DECIDING: lambda: exhaust(reference.decide(aperture)),
+            SECOND_OPINION: lambda: reference.trace(aperture).overruled,
+            POINTS: lambda: reference.trace(aperture),
+            DRAWN: lambda: rasterizer.draw_only(aperture, settings),
+            READ: lambda: rasterizer.render(aperture, settings),
+            COMPARING: lambda: compare_images(truth, frame, reference, radiance=False),
+            RADIANCE: lambda: compare_images(truth, frame, reference),
+        }
 
-    resolution: tuple[int, int]
-    hogels_per_second: dict[str, Timing | None]
-    ratios: dict[str, float | None]
-    cpu_s: dict[str, float]
-    judging_over_drawing: dict[str, float]
 
-    @classmethod
-    def of(cls, resolution: int, rates: Mapping[str, Timing], cpu_s: dict[str, float]) -> JudgeRace:
-        """Return a race with its ratios."""
-        return cls(
-            resolution=(resolution, resolution),
-            hogels_per_second={name: rates.get(name) for name in MEANINGS},
-            ratios={
-                f"{one}/{other}": rates[one].median / rates[other].median if other in rates else None
-                for one, other in RATIOS
-            },
-            cpu_s=cpu_s,
-            judging_over_drawing=judging_over_drawing(cpu_s),
-        )
+def stages_of(parts: Mapping[str, float]) -> dict[str, float]:
+    """Return the seconds of each stage, given those of `judging_stages`; a difference is never negative."""
+    within = {SECOND_OPINION: POINTS, POINTS: DECIDING, READ: DRAWN, RADIANCE: COMPARING}
+    return {
+        stage: max(0.0, parts[stage] - (parts[within[stage]] if stage in within else 0.0)) for stage in STAGES
+    }
 
 
 def judging_over_drawing(cpu_s: Mapping[str, float]) -> dict[str, float]:
-    """Return truth and comparing over a frame, in CPU seconds, without colors and with them."""
-    drawing = sum(cpu_s[stage] for stage in FRAME)
-    without = sum(cpu_s[stage] for stage in (*TRUTH, COMPARING))
-    return {"without radiance": without / drawing, "with radiance": (without + cpu_s[RADIANCE]) / drawing}
+    """Return truth and comparing over a frame, in CPU seconds, without colors and with them.
 
-
-@dataclass(frozen=True, kw_only=True)
-class JudgedScene:
-    """A scene, the settings that it was drawn with, and its races."""
-
-    scene: BenchmarkedScene
-    settings: DoubleFrustum
-    races: tuple[JudgeRace, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class JudgeRecord:
-    """JSON object of a `JudgeBenchmark`."""
-
-    hogels: int
-    repeat: int
-    meanings: dict[str, str]
-    stages: dict[str, str]
-    scenes: tuple[JudgedScene, ...]
-    stream: StreamRecord | None
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class JudgeBenchmark(Summarized[JudgeRecord]):
-    """The contestants on some scenes, and what they were measured on.
-
-    Attributes
-    ----------
-    hogels, repeat
-        Hogels of each run; and measured runs of each contestant, after one that warms up.
-    scenes
-        The races of each scene.
-    stream
-        Many judged hogels in processes of their own; None where these were not asked for.
-    machine, versions
-        Names and values, for whoever repeats it.
+    A second opinion is no part of a truth: it is asked for when somebody reads it.
     """
-
-    hogels: int
-    repeat: int
-    scenes: tuple[JudgedScene, ...]
-    stream: StreamRecord | None
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-    @property
-    def record(self) -> JudgeRecord:
-        """Everything measured."""
-        return JudgeRecord(meanings=MEANINGS, stages=STAGES, **vars(self))
+    drawing = cpu_s[DRAWN] + cpu_s[READ]
+    without = cpu_s[DECIDING] + cpu_s[POINTS] + cpu_s[COMPARING]
+    return {"without radiance": without / drawing, "with radiance": (without + cpu_s[RADIANCE]) / drawing}
 
 
 def benchmark_judge(
@@ -162,129 +226,85 @@ def benchmark_judge(
     repeat: int = REPEAT,
     *,
     progress: bool = False,
-) -> JudgeBenchmark:
+) -> Record:
     """Measure how fast hogels of some scenes are judged, beside loops and bare renderers.
 
-    Parameters
-    ----------
-    scenes
-        Scenes to be judged; their own resolution and sampling do not matter.
-    resolutions
-        W = H in pixels of each race.
-    hogels
-        Hogels of each run, spread over the plate.
-    repeat
-        Number of runs of each contestant and of each stage, in turns, after it has warmed up.
-    progress
-        Whether to draw a bar on standard error.
+    Each run judges so many hogels, spread over the plate, W = H of each race; the scenes' own resolution and
+    sampling do not matter. Contestants, and then stages, take `repeat` turns after a warm-up.
 
     Raises
     ------
     InputError
         A scene has no triangles, a number is not positive, or there is no usable OpenGL.
     """
-    for scene in scenes:
-        if not len(scene.faces):
-            raise InputError(f"scene {scene.name}: has no triangles to judge; choose one that has")
-    if not resolutions or min(*resolutions, hogels, repeat) < 1:
-        raise InputError("bench: resolutions, hogels and repetitions must be positive; give such as 256,512")
-    turns = len(scenes) * len(resolutions) * (repeat + 1) * (len(MEANINGS) + len(STAGES))
+    films = [[sized(scene, side) for side in resolutions] for scene in scenes]
+    turns = len(scenes) * len(resolutions) * (positive(repeat) + 1) * (len(MEANINGS) + len(STAGES))
     with progress_bar(turns, "bench", "run", shown=progress) as bar:
-        judged = tuple(_judged(scene, resolutions, hogels, repeat, bar) for scene in scenes)
-    return JudgeBenchmark(
-        hogels=hogels,
-        repeat=repeat,
-        scenes=judged,
-        stream=None,
-        machine=provenance.machine(),
-        versions={**provenance.versions(), **versions()},
-    )
+        judged = [
+            {
+                "scene": scene_record(scene),
+                "settings": settings_of(scene),
+                "races": [_race(film, positive(hogels), repeat, bar) for film in sizes],
+            }
+            for scene, sizes in zip(scenes, films, strict=True)
+        ]
+    return {
+        "hogels": hogels,
+        "repeat": repeat,
+        "meanings": MEANINGS,
+        "stages": STAGES,
+        "scenes": judged,
+        **machine_record(tracers=True),
+    }
 
 
-def _judged(
-    scene: Scene, resolutions: Sequence[int], hogels: int, repeat: int, bar: tqdm[Any]
-) -> JudgedScene:
-    plain = replace(scene, sampling=Sampling())
-    return JudgedScene(
-        scene=BenchmarkedScene.of(scene),
-        settings=settings_of(plain),
-        races=tuple(_race(sized(plain, side), side, hogels, repeat, bar) for side in resolutions),
-    )
-
-
-def _race(scene: Scene, resolution: int, hogels: int, repeat: int, bar: tqdm[Any]) -> JudgeRace:
+def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     with judge_contestants(scene, spread_over(scene, hogels)) as runs:
-        seconds = race(runs, repeat, bar.update)
-    bar.update((repeat + 1) * (len(MEANINGS) - len(seconds)))
-    rates = {name: _rate(hogels, taken) for name, taken in seconds.items()}
+        rates = {name: rate_of(hogels, taken) for name, taken in race(runs, repeat, bar.update).items()}
+    taken: dict[str, list[float]] = {stage: [] for stage in STAGES}
     with judging_stages(scene, scene.plate.middle) as runs:
-        cpu_s = stages_of(_cpu_race(runs, repeat, bar))
-    return JudgeRace.of(resolution, rates, cpu_s)
+        for turn in range(repeat + 1):
+            for stage, run in runs.items():
+                begun = time.process_time()
+                run()
+                if turn:
+                    taken[stage].append(time.process_time() - begun)
+                bar.update()
+    cpu_s = stages_of({stage: statistics.median(values) for stage, values in taken.items()})
+    return {
+        "resolution": scene.frustum.resolution,
+        "hogels_per_second": {name: rates.get(name) for name in MEANINGS},
+        "ratios": ratios_of(rates, RATIOS),
+        "cpu_s": cpu_s,
+        "judging_over_drawing": judging_over_drawing(cpu_s),
+    }
 
 
-def _rate(hogels: int, taken: Timing) -> Timing:
-    """Return hogels per second, given the seconds of a run."""
-    fastest, slowest = hogels / taken.lowest, hogels / taken.highest
-    return replace(taken, median=hogels / taken.median, lowest=slowest, highest=fastest, low=None, high=None)
-
-
-def _cpu_race(runs: Mapping[str, Run], repeat: int, bar: tqdm[Any]) -> dict[str, float]:
-    """Return the median CPU seconds of each run, of all threads of the process; all take turns."""
-    taken: dict[str, list[float]] = {name: [] for name in runs}
-    for turn in range(repeat + 1):
-        for name, run in runs.items():
-            begun = time.process_time()
-            run()
-            if turn:
-                taken[name].append(time.process_time() - begun)
-            bar.update()
-    return {name: statistics.median(values) for name, values in taken.items()}
-
-
-def stages_of(parts: Mapping[str, float]) -> dict[str, float]:
-    """Return the seconds of each stage, given those of `judging_stages`; a difference is never negative."""
-    taken = dict(parts)
-    taken[POINTS] = max(0.0, parts[POINTS] - parts[DECIDING])
-    taken[READ] = max(0.0, parts[READ] - parts[DRAWN])
-    taken[RADIANCE] = max(0.0, parts[RADIANCE] - parts[COMPARING])
-    return {stage: taken[stage] for stage in STAGES}
-
-
-def table(benchmark: JudgeBenchmark) -> str:
+def table(found: Record) -> str:
     """Return rates, ratios and stages as text, one column for each resolution."""
-    machine = benchmark.machine
+    machine = found["machine"]
     lines = [
-        f"{benchmark.hogels} hogels a run; {machine['cores']} cores of {machine['processor']}",
-        f"median of {benchmark.repeat} after a warm-up (slowest to fastest), taking turns",
+        f"{found['hogels']} hogels a run; {machine['cores']} cores of {machine['processor']}",
+        f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
     ]
-    for judged in benchmark.scenes:
-        lines += ["", f"{judged.scene.name}, {judged.scene.triangles:,} triangles", *_lines(judged.races)]
-    if benchmark.stream is not None:
-        lines += ["", *lines_of(benchmark.stream)]
+    for judged in found["scenes"]:
+        scene = judged["scene"]
+        lines += ["", f"{scene['name']}, {scene['triangles']:,} triangles", *_lines(judged["races"])]
     legend = (f"{name}: {meaning}" for name, meaning in (MEANINGS | STAGES).items())
     return "\n".join((*lines, "", *legend))
 
 
-def _lines(races: Sequence[JudgeRace]) -> list[str]:
-    heads = [f"{side} x {side}" for side, _ in (race.resolution for race in races)]
-    rows = [("judged hogels per second", *heads)]
-    rows += [(name, *(_spread(race.hogels_per_second[name]) for race in races)) for name in MEANINGS]
-    rows += [(pair, *(_number(race.ratios[pair]) for race in races)) for pair in races[0].ratios]
-    rows += [("CPU ms of one hogel", *heads)]
-    rows += [(stage, *(f"{1e3 * race.cpu_s[stage]:.1f}" for race in races)) for stage in STAGES]
+def _lines(races: Sequence[Record]) -> list[str]:
+    heads = ["{} x {}".format(*one["resolution"]) for one in races]
+    rows = [["judged hogels per second", *heads]]
+    for name in MEANINGS:
+        rates = [one["hogels_per_second"][name] for one in races]
+        rows.append([name, *(spread(rate and (rate.lowest, rate.median, rate.highest)) for rate in rates)])
+    rows += [[pair, *(number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]]
+    rows += [["CPU ms of one hogel", *heads]]
+    rows += [[stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES]
     rows += [
-        (f"(truth + comparing)/drawing {how}", *(f"{race.judging_over_drawing[how]:.2f}" for race in races))
-        for how in races[0].judging_over_drawing
+        [f"(truth + comparing)/drawing {how}", *(number(one["judging_over_drawing"][how]) for one in races)]
+        for how in races[0]["judging_over_drawing"]
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(heads) + 1)]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
-
-
-def _spread(rate: Timing | None) -> str:
-    return "-" if rate is None else f"{rate.median:.2f} ({rate.lowest:.2f} to {rate.highest:.2f})"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+    return columns(rows)

@@ -2,35 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 
-from xfrustum.raster.device.timer import StageTime
-from xfrustum.reports.benchmarks.plate_contestants import (
-    BARE,
-    BARE_NUMBERED,
-    BATCHED,
-    COLOR,
-    DISCARDED,
-    MEANINGS,
-    PLAIN,
-    PLAIN_NUMBERED,
-    plate_contestants,
+from xfrustum.raster.plate.plain_loop import PlainLoop
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.benchmarks.common import (
+    Record,
+    exhaust,
+    machine_record,
+    positive,
+    rate_of,
+    ratios_of,
+    scene_record,
+    settings_of,
+    sized,
 )
-from xfrustum.reports.benchmarks.records import BenchmarkedScene
-from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.common.timing import Timing, race
-from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 RESOLUTION = 128
 REPEAT = 5
-RELATIVE_NEAR = 1e-3
-"""The step back from the plate, as a fraction of the reach."""
+
+PLAIN, PLAIN_NUMBERED, BATCHED = "plain", "plain-numbered", "batched"
+DISCARDED = "batched-discarded"
+BARE, BARE_NUMBERED, COLOR = "bare", "bare-numbered", "batched-color"
+MEANINGS = {
+    PLAIN: "one hogel after the other, every triangle twice, triangle numbers and float32 color read back",
+    PLAIN_NUMBERED: "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
+    BATCHED: "PlateRenderer, the same images read back",
+    DISCARDED: "the draws of batched with rasterization discarded, nothing read back",
+    BARE: "one hogel after the other, every triangle twice, 8-bit color only, nothing read back",
+    BARE_NUMBERED: "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
+    COLOR: "PlateRenderer, 8-bit color only, read back",
+}
+"""All contestants, in the order in which they are listed."""
 
 RATIOS = (
     (BATCHED, PLAIN),
@@ -41,151 +53,98 @@ RATIOS = (
 )
 """Pairs of contestants; the rate of the first is divided by that of the second."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class PlateRecord:
-    """JSON object of a `PlateBenchmark`."""
-
-    scene: BenchmarkedScene
-    resolution: tuple[int, int]
-    settings: DoubleFrustum
-    row: int
-    hogels: int
-    meanings: dict[str, str]
-    hogels_per_second: dict[str, Timing]
-    ratios: dict[str, float]
-    stages_s: dict[str, dict[str, Timing]]
-    device: str
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlateBenchmark(Summarized[PlateRecord]):
-    """The contestants on one row of one plate.
-
-    Attributes
-    ----------
-    scene
-        Scene with the resolution that was drawn.
-    settings
-        Settings of the double frustum.
-    row
-        Row of the plate; all its apertures were drawn.
-    seconds
-        Wall seconds for the whole row, by contestant.
-    stages
-        GPU and wall seconds of each stage of `BATCHED`, for the whole row.
-    device, machine, versions
-        Names and values, for whoever repeats it.
-    """
-
-    scene: Scene
-    settings: DoubleFrustum
-    row: int
-    seconds: dict[str, Timing]
-    stages: dict[str, dict[str, Timing]]
-    device: str
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-    def rate(self, contestant: str) -> Timing:
-        """Return hogels per second."""
-        hogels, taken = self.scene.plate.hogels[0], self.seconds[contestant]
-        return replace(
-            taken, median=hogels / taken.median, lowest=hogels / taken.highest, highest=hogels / taken.lowest
-        )
-
-    @property
-    def ratios(self) -> dict[str, float]:
-        """Quotients of median rates as "one/other"."""
-        return {f"{one}/{other}": self.rate(one).median / self.rate(other).median for one, other in RATIOS}
-
-    @property
-    def record(self) -> PlateRecord:
-        """Everything measured."""
-        return PlateRecord(
-            scene=BenchmarkedScene.of(self.scene),
-            resolution=self.scene.frustum.resolution,
-            settings=self.settings,
-            row=self.row,
-            hogels=self.scene.plate.hogels[0],
-            meanings=MEANINGS,
-            hogels_per_second={name: self.rate(name) for name in self.seconds},
-            ratios=self.ratios,
-            stages_s=self.stages,
-            device=self.device,
-            machine=self.machine,
-            versions=self.versions,
-        )
+EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
+COLOR_ONLY = PlateContent(color=ColorType.UINT8)
 
 
 def benchmark_plate(
     scene: Scene, resolution: int = RESOLUTION, repeat: int = REPEAT, *, progress: bool = False
-) -> PlateBenchmark:
-    """Race one row of a scene's plate, the middle one.
+) -> Record:
+    """Race the middle row of a scene's plate, W = H pixels a hogel.
 
-    Parameters
-    ----------
-    scene
-        Scene to be drawn; its own resolution and sampling do not matter, for plain loops take one sample.
-    resolution
-        W = H in pixels.
-    repeat
-        Number of runs of each contestant after it has warmed up.
-    progress
-        Whether to draw a bar on standard error.
+    The scene's own resolution and sampling do not matter, for plain loops take one sample. Contestants warm
+    up, and then take `repeat` turns.
 
     Raises
     ------
     InputError
         The scene has no triangles, or a number is not positive.
     """
-    if not len(scene.faces):
-        raise InputError(f"scene {scene.name}: has no triangles to draw; choose one that has")
-    if min(resolution, repeat) < 1:
-        raise InputError("bench: resolution and repetitions must be positive; give such as 128")
-    film = replace(scene.frustum, resolution=(resolution, resolution))
-    sized = replace(scene, frustum=film, sampling=Sampling())
-    settings = DoubleFrustum(near=RELATIVE_NEAR * scene.frustum.longest_reach)
-    columns, row = scene.plate.hogels[0], scene.plate.middle.row
-    apertures = [sized.plate.aperture(column, row) for column in range(columns)]
-    runs_of_all = (repeat + 1) * len(MEANINGS)
+    scene, repeat = sized(scene, resolution), positive(repeat)
+    settings, row = settings_of(scene), scene.plate.middle.row
+    apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]
     with (
-        plate_contestants(sized, settings, apertures) as contestants,
-        progress_bar(runs_of_all, "bench", "row", shown=progress) as bar,
+        ExitStack() as stack,
+        progress_bar((repeat + 1) * len(MEANINGS), "bench", "row", shown=progress) as bar,
     ):
-        return PlateBenchmark(
-            scene=sized,
-            settings=settings,
-            row=row,
-            seconds=race(contestants.runs, repeat, bar.update),
-            stages=_stages(contestants.measure, repeat),
-            device=contestants.device,
-            machine=provenance.machine(),
-            versions=provenance.versions(),
-        )
-
-
-def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Timing]]:
-    # Everything has warmed up by now.
-    runs = [measure() for _ in range(repeat)]
+        batched = stack.enter_context(_batched(scene, settings, EVERYTHING))
+        runs = {
+            BATCHED: lambda: exhaust(batched.hogels(apertures)),
+            DISCARDED: lambda: batched.draw_only(apertures, rasterize=False),
+            **_other_contestants(stack, scene, settings, apertures),
+        }
+        seconds = race({name: runs[name] for name in MEANINGS}, repeat, bar.update)
+        # Everything has warmed up by now.
+        measured = [batched.measure(apertures) for _ in range(repeat)]
+        device = batched.device["renderer"]
+    rates = {name: rate_of(len(apertures), taken) for name, taken in seconds.items()}
     return {
-        name: {clock: Timing.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
-        for name in runs[0]
+        "scene": scene_record(scene),
+        "resolution": scene.frustum.resolution,
+        "settings": settings,
+        "row": row,
+        "hogels": len(apertures),
+        "meanings": MEANINGS,
+        "hogels_per_second": rates,
+        "ratios": ratios_of(rates, RATIOS),
+        "stages_s": {
+            stage: {
+                clock: Timing.of([getattr(run[stage], clock) for run in measured])
+                for clock in ("gpu_s", "wall_s")
+            }
+            for stage in measured[0]
+        },
+        "device": device,
+        **machine_record(),
     }
 
 
-def table(benchmark: PlateBenchmark) -> str:
+def _batched(scene: Scene, settings: DoubleFrustum, content: PlateContent) -> PlateRenderer:
+    # Plain loops draw no reflections.
+    effects = needed(scene) - {Effect.REFLECTION}
+    return PlateRenderer(scene, settings, replace(content, effects=effects))
+
+
+def _other_contestants(
+    stack: ExitStack, scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]
+) -> dict[str, Callable[[], object]]:
+    """Open the plain loops and the plate of color only; leaving the stack frees them."""
+
+    def loop(content: PlateContent, *, numbered: bool) -> PlainLoop:
+        return stack.enter_context(PlainLoop(scene, settings, content, numbered=numbered))
+
+    plain, plain_numbered = loop(EVERYTHING, numbered=False), loop(EVERYTHING, numbered=True)
+    bare, bare_numbered = loop(COLOR_ONLY, numbered=False), loop(COLOR_ONLY, numbered=True)
+    color = stack.enter_context(_batched(scene, settings, COLOR_ONLY))
+    return {
+        PLAIN: lambda: exhaust(plain.hogels(apertures)),
+        PLAIN_NUMBERED: lambda: exhaust(plain_numbered.hogels(apertures)),
+        BARE: lambda: bare.draw_only(apertures),
+        BARE_NUMBERED: lambda: bare_numbered.draw_only(apertures),
+        COLOR: lambda: exhaust(color.hogels(apertures)),
+    }
+
+
+def table(found: Record) -> str:
     """Return rates, ratios and stages as text."""
-    machine, scene = benchmark.machine, benchmark.scene
-    width, height = scene.frustum.resolution
-    rates = {name: benchmark.rate(name) for name in benchmark.seconds}
+    machine, scene, hogels = found["machine"], found["scene"], found["hogels"]
+    width, height = found["resolution"]
+    rates: dict[str, Timing] = found["hogels_per_second"]
     return "\n".join(
         (
-            f"{scene.name}, {len(scene.faces):,} triangles, row {benchmark.row}: "
-            f"{scene.plate.hogels[0]} hogels of {width} x {height}",
-            f"{benchmark.device}; {machine['cores']} cores of {machine['processor']}",
+            f"{scene['name']}, {scene['triangles']:,} triangles, row {found['row']}: "
+            f"{hogels} hogels of {width} x {height}",
+            f"{found['device']}; {machine['cores']} cores of {machine['processor']}",
             f"median of {rates[PLAIN].repetitions} after a warm-up (slowest to fastest), taking turns",
             "",
             "hogels per second",
@@ -194,13 +153,12 @@ def table(benchmark: PlateBenchmark) -> str:
                 for name, rate in rates.items()
             ),
             "",
-            *(f"  {pair:<34}{ratio:6.2f}" for pair, ratio in benchmark.ratios.items()),
+            *(f"  {pair:<34}{ratio:6.2f}" for pair, ratio in found["ratios"].items()),
             "",
             f"stages of {BATCHED}, ms a hogel: the device's own, and wall time of giving the orders",
             *(
-                f"  {name:<18}"
-                + "".join(f"{1e3 * clock.median / scene.plate.hogels[0]:9.3f}" for clock in clocks.values())
-                for name, clocks in benchmark.stages.items()
+                f"  {name:<18}" + "".join(f"{1e3 * clock.median / hogels:9.3f}" for clock in clocks.values())
+                for name, clocks in found["stages_s"].items()
             ),
             "",
             *(f"{name}: {meaning}" for name, meaning in MEANINGS.items()),

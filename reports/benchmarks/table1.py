@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
+
+from tqdm import tqdm
 
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.rasterizer import SINGLE_SAMPLE
-from xfrustum.reports.benchmarks.plate_contestants import COLOR_ONLY, exhaust
-from xfrustum.reports.common import provenance
+from xfrustum.reports.benchmarks.common import Record, exhaust, machine_record, positive, settings_of
+from xfrustum.reports.benchmarks.plate import COLOR_ONLY
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 RESOLUTION = 512
@@ -27,8 +27,6 @@ COLUMNS = 12
 """Neighboring apertures about the middle of the plate: what a plate is drawn in."""
 ANTIALIASED_COLUMNS = 4
 """Number of these apertures that are drawn one by one, with antialiasing and without: each takes longer."""
-RELATIVE_NEAR = 1e-3
-"""The step back from the plate, as a fraction of the reach."""
 
 ANTIALIASED = Sampling(multisample=4)
 """Antialiasing as it is measured: the largest number of coverage samples that Mesa's software renderer has.
@@ -37,24 +35,13 @@ The paper does not say how many its hardware took."""
 PLATE, PLAIN, ON = "plate", "one by one", "antialiased"
 """The contestants: many hogels a submission; one hogel after the other, without and with antialiasing."""
 
-ANTIALIASED_MACHINE = "RealityEngine2"
-"""The machine of the paper whose antialiasing was on."""
-
-Timed = Callable[[Mapping[str, Callable[[], object]]], dict[str, Timing]]
-"""Runs something repeatedly, see `race`."""
+REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
+"""The machines of the paper; antialiasing was on in the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Machine:
-    """One machine's line of table 1.
-
-    Attributes
-    ----------
-    frames_per_second, polygons_per_second
-        Rates as the paper prints them.
-    antialiasing
-        Whether it was on.
-    """
+    """One machine's line of table 1: rates as the paper prints them, and whether antialiasing was on."""
 
     frames_per_second: float
     polygons_per_second: float
@@ -71,12 +58,13 @@ class Database:
 
 
 def _both(reality_engine: tuple[float, float], maximum_impact: tuple[float, float]) -> dict[str, Machine]:
+    (one_frames, one_polygons), (other_frames, other_polygons) = reality_engine, maximum_impact
     return {
-        "RealityEngine2": Machine(
-            frames_per_second=reality_engine[0], polygons_per_second=reality_engine[1], antialiasing=True
+        REALITY_ENGINE: Machine(
+            frames_per_second=one_frames, polygons_per_second=one_polygons, antialiasing=True
         ),
-        "Maximum Impact": Machine(
-            frames_per_second=maximum_impact[0], polygons_per_second=maximum_impact[1], antialiasing=False
+        MAXIMUM_IMPACT: Machine(
+            frames_per_second=other_frames, polygons_per_second=other_polygons, antialiasing=False
         ),
     }
 
@@ -88,215 +76,37 @@ PAPER = (
 """Paper, table 1."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class AntialiasedRecord:
-    """JSON object of an `Antialiased`; `factor` is over `ANTIALIASED_MACHINE`, which did the same."""
-
-    samples: int
-    frames_per_second: float
-    polygons_per_second: float
-    seconds_per_frame: Timing
-    seconds_per_frame_without: Timing
-    slowdown: float
-    factor: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Antialiased:
-    """One database drawn with antialiasing, hogel by hogel, and without it in the same loop.
-
-    Attributes
-    ----------
-    samples
-        Coverage samples of a pixel.
-    seconds, without
-        Wall seconds of one image by both cameras, reflections included, its color read back, with
-        antialiasing and without.
-    """
-
-    samples: int
-    seconds: Timing
-    without: Timing
-
-    @property
-    def frames_per_second(self) -> float:
-        """Images, each by both cameras."""
-        return 1 / self.seconds.median
-
-    @property
-    def slowdown(self) -> float:
-        """How many times as long antialiasing takes."""
-        return self.seconds.median / self.without.median
-
-
-@dataclass(frozen=True, kw_only=True)
-class RowRecord:
-    """JSON object of a `Table1Row`; polygons a second are the database's, as in the paper."""
-
-    polygons: int
-    reflective_share: float
-    frames_per_second: float
-    polygons_per_second: float
-    submitted_polygons_per_second: float
-    seconds_per_frame: Timing
-    paper: dict[str, Machine]
-    factors: dict[str, float]
-    antialiased: AntialiasedRecord
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table1Row:
-    """One database, measured.
-
-    Attributes
-    ----------
-    polygons, reflective_share
-        Size of the car as it was drawn, and its share of reflective polygons.
-    seconds
-        Wall seconds of one image by both cameras, reflections included, its color read back.
-    submitted
-        Polygons that an image submits on average: those in its frusta, the reflective ones twice.
-    paper
-        The line of table 1.
-    antialiased
-        The same with antialiasing.
-    """
-
-    polygons: int
-    reflective_share: float
-    seconds: Timing
-    submitted: float
-    paper: Database
-    antialiased: Antialiased
-
-    @property
-    def frames_per_second(self) -> float:
-        """Images, each by both cameras."""
-        return 1 / self.seconds.median
-
-    @property
-    def factors(self) -> dict[str, float]:
-        """How many times as fast as each machine of the paper."""
-        return {
-            name: self.frames_per_second / machine.frames_per_second
-            for name, machine in self.paper.machines.items()
-        }
-
-    @property
-    def antialiased_factor(self) -> float:
-        """How many times as fast as the paper's machine with antialiasing, with antialiasing."""
-        old = self.paper.machines[ANTIALIASED_MACHINE].frames_per_second
-        return self.antialiased.frames_per_second / old
-
-    @property
-    def record(self) -> RowRecord:
-        """The row, as it is written."""
-        return RowRecord(
-            polygons=self.polygons,
-            reflective_share=self.reflective_share,
-            frames_per_second=self.frames_per_second,
-            polygons_per_second=self.polygons * self.frames_per_second,
-            submitted_polygons_per_second=self.submitted * self.frames_per_second,
-            seconds_per_frame=self.seconds,
-            paper=self.paper.machines,
-            factors=self.factors,
-            antialiased=AntialiasedRecord(
-                samples=self.antialiased.samples,
-                frames_per_second=self.antialiased.frames_per_second,
-                polygons_per_second=self.polygons * self.antialiased.frames_per_second,
-                seconds_per_frame=self.antialiased.seconds,
-                seconds_per_frame_without=self.antialiased.without,
-                slowdown=self.antialiased.slowdown,
-                factor=self.antialiased_factor,
-            ),
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table1Record:
-    """JSON object of a `Table1`."""
-
-    rows: tuple[RowRecord, ...]
-    resolution: tuple[int, int]
-    antialiasing: bool
-    settings: DoubleFrustum
-    device: str
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table1(Summarized[Table1Record]):
-    """Both rows, and what they were measured on."""
-
-    rows: tuple[Table1Row, ...]
-    resolution: tuple[int, int]
-    settings: DoubleFrustum
-    device: str
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-    @property
-    def record(self) -> Table1Record:
-        """Everything measured."""
-        return Table1Record(
-            rows=tuple(row.record for row in self.rows),
-            resolution=self.resolution,
-            antialiasing=False,
-            settings=self.settings,
-            device=self.device,
-            machine=self.machine,
-            versions=self.versions,
-        )
-
-
 def benchmark_table1(
     resolution: int = RESOLUTION,
     repeat: int = REPEAT,
-    databases: tuple[Database, ...] = PAPER,
+    databases: Sequence[Database] = PAPER,
     *,
     progress: bool = False,
-) -> Table1:
-    """Measure table 1 on the project's own car.
-
-    Parameters
-    ----------
-    resolution
-        W = H in pixels.
-    repeat
-        Number of times that each database is drawn after it has warmed up.
-    databases
-        Their sizes and shares.
-    progress
-        Whether to draw a bar on standard error.
+) -> Record:
+    """Measure table 1 on the project's own car, W = H pixels, `repeat` times after a warm-up.
 
     Raises
     ------
     InputError
         There is no usable OpenGL, or a database is smaller than the car.
     """
-    settings = DoubleFrustum(near=RELATIVE_NEAR * builtin.build("car").frustum.longest_reach)
-    rows, device = [], ""
     with progress_bar(3 * len(databases) * (repeat + 1), "table 1", "run", shown=progress) as bar:
-        for database in databases:
-            row, device = _row(database, settings, resolution, partial(race, repeat=repeat, done=bar.update))
-            rows.append(row)
-    return Table1(
-        rows=tuple(rows),
-        resolution=(resolution, resolution),
-        settings=settings,
-        device=device,
-        machine=provenance.machine(),
-        versions=provenance.versions(),
-    )
+        rows, devices = zip(*(_row(one, positive(resolution), repeat, bar) for one in databases), strict=True)
+    return {
+        "rows": rows,
+        "resolution": (resolution, resolution),
+        "antialiasing": False,
+        "settings": settings_of(builtin.build("car")),
+        "device": devices[0],
+        **machine_record(),
+    }
 
 
-def _row(database: Database, settings: DoubleFrustum, resolution: int, timed: Timed) -> tuple[Table1Row, str]:
+def _row(database: Database, resolution: int, repeat: int, bar: tqdm[Any]) -> tuple[Record, str]:
     car = tessellated_car(database.polygons, database.reflective_share)
-    frustum = replace(car.scene.frustum, resolution=(resolution, resolution))
-    scene = replace(mirrored(car), frustum=frustum)
-    apertures = _neighbors(scene.plate, COLUMNS)
-    middle = _neighbors(scene.plate, ANTIALIASED_COLUMNS)
+    scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
+    settings = settings_of(builtin.build("car"))
+    apertures, middle = (_neighbors(scene.plate, count) for count in (COLUMNS, ANTIALIASED_COLUMNS))
     with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
 
         def one_by_one(sampling: Sampling) -> None:
@@ -309,16 +119,12 @@ def _row(database: Database, settings: DoubleFrustum, resolution: int, timed: Ti
             ON: lambda: one_by_one(ANTIALIASED),
         }
         drawn = {PLATE: len(apertures), PLAIN: len(middle), ON: len(middle)}
-        taken = {name: whole.divided_by(drawn[name]) for name, whole in timed(runs).items()}
-        row = Table1Row(
-            polygons=len(scene.faces),
-            reflective_share=float(car.reflective.mean()),
-            seconds=taken[PLATE],
-            submitted=renderer.drawn_triangles(apertures) / len(apertures),
-            paper=database,
-            antialiased=Antialiased(samples=ANTIALIASED.multisample, seconds=taken[ON], without=taken[PLAIN]),
-        )
-        return row, renderer.device["renderer"]
+        taken = race(runs, repeat, bar.update)
+        seconds = {name: whole.divided_by(drawn[name]) for name, whole in taken.items()}
+        submitted = renderer.drawn_triangles(apertures) / len(apertures)
+        device = renderer.device["renderer"]
+    row = _row_record(database, seconds, submitted)
+    return {**row, "reflective_share": float(car.reflective.mean())}, device
 
 
 def _neighbors(plate: Plate, count: int) -> list[Aperture]:
@@ -327,35 +133,74 @@ def _neighbors(plate: Plate, count: int) -> list[Aperture]:
     return [plate.aperture(column, row) for column in range(first, first + count)]
 
 
-def table(measured: Table1) -> str:
+def _row_record(database: Database, seconds: dict[str, Timing], submitted: float) -> Record:
+    """Return a row of the table: polygons a second are the database's, as in the paper.
+
+    Parameters
+    ----------
+    database
+        The line of table 1.
+    seconds
+        Wall seconds of one image by both cameras, reflections included, its color read back, by contestant.
+    submitted
+        Polygons that an image submits on average: those in its frusta, the reflective ones twice.
+    """
+    rate, antialiased_rate = 1 / seconds[PLATE].median, 1 / seconds[ON].median
+    return {
+        "polygons": database.polygons,
+        "reflective_share": database.reflective_share,
+        "frames_per_second": rate,
+        "polygons_per_second": database.polygons * rate,
+        "submitted_polygons_per_second": submitted * rate,
+        "seconds_per_frame": seconds[PLATE],
+        "paper": database.machines,
+        "factors": {name: rate / old.frames_per_second for name, old in database.machines.items()},
+        "antialiased": {
+            "samples": ANTIALIASED.multisample,
+            "frames_per_second": antialiased_rate,
+            "polygons_per_second": database.polygons * antialiased_rate,
+            "seconds_per_frame": seconds[ON],
+            "seconds_per_frame_without": seconds[PLAIN],
+            "slowdown": seconds[ON].median / seconds[PLAIN].median,
+            "factor": antialiased_rate / database.machines[REALITY_ENGINE].frames_per_second,
+        },
+    }
+
+
+def table(found: Record) -> str:
     """Return table 1 as text, one line for each machine."""
-    cores, processor = measured.machine["cores"], measured.machine["processor"]
+    machine, rows = found["machine"], found["rows"]
+    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
     lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
-    for row in measured.rows:
-        start = f"{row.polygons:>9,}{100 * row.reflective_share:>11.1f}%"
-        rate = row.frames_per_second
-        here = f"{measured.device}, {cores} cores of {processor}, antialiasing off"
-        lines.append(f"{start}{rate:>11.3g}{row.polygons * rate:>13,.0f}{'':>9}  {here}")
-        on = row.antialiased.frames_per_second
-        there_too = f"the same, hogel by hogel, antialiasing on ({row.antialiased.samples} samples)"
-        lines.append(f"{start}{on:>11.3g}{row.polygons * on:>13,.0f}{'':>9}  {there_too}")
-        for name, old in row.paper.machines.items():
-            there = f"{name} (1996), antialiasing {'on' if old.antialiasing else 'off'}"
-            speed = f"{old.frames_per_second:>11.3g}{old.polygons_per_second:>13,.0f}"
-            lines.append(f"{start}{speed}{row.factors[name]:>9,.1f}  {there}")
-    width, height = measured.resolution
-    factors = " and ".join(f"{row.antialiased_factor:.1f}" for row in measured.rows)
-    slower = " and ".join(f"{row.antialiased.slowdown:.2f}" for row in measured.rows)
-    submitted = ", ".join(f"{row.submitted / row.polygons:.2f}" for row in measured.rows)
+    for row in rows:
+        on = row["antialiased"]
+        there = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
+        lines += [_line(row, row, "", here), _line(row, on, "", there)]
+        for name, old in row["paper"].items():
+            drawn_by = f"{name} (1996), antialiasing {'on' if old.antialiasing else 'off'}"
+            lines.append(_line(row, vars(old), f"{row['factors'][name]:,.1f}", drawn_by))
+    width, height = found["resolution"]
+    factors = " and ".join(f"{row['antialiased']['factor']:.1f}" for row in rows)
+    slower = " and ".join(f"{row['antialiased']['slowdown']:.2f}" for row in rows)
+    shares = (row["submitted_polygons_per_second"] / row["polygons_per_second"] for row in rows)
     lines += [
         "",
         f"Images of {width} x {height} by both cameras with reflections, 8-bit color read back; the paper "
         "does not say its size.",
-        f"Polygons submitted for an image, reflective ones twice, over the database's: {submitted}.",
+        "Polygons submitted for an image, reflective ones twice, over the database's: "
+        + ", ".join(f"{share:.2f}" for share in shares)
+        + ".",
         f"With antialiasing one hogel is drawn after the other and read back in 32 bits: {slower} times as "
         "long as without in the same loop,",
-        f"and {factors} times as fast as the {ANTIALIASED_MACHINE}, whose antialiasing was on.",
-        f"Median of {measured.rows[0].seconds.repetitions} rows of {COLUMNS} hogels after a warm-up; "
+        f"and {factors} times as fast as the {REALITY_ENGINE}, whose antialiasing was on.",
+        f"Median of {rows[0]['seconds_per_frame'].repetitions} rows of {COLUMNS} hogels after a warm-up; "
         f"{ANTIALIASED_COLUMNS} where they are drawn one after the other.",
     ]
     return "\n".join(lines)
+
+
+def _line(row: Record, rates: Record, factor: str, drawn_by: str) -> str:
+    return (
+        f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%{rates['frames_per_second']:>11.3g}"
+        f"{rates['polygons_per_second']:>13,.0f}{factor:>9}  {drawn_by}"
+    )

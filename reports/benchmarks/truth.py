@@ -1,247 +1,151 @@
-"""How fast is the truth, next to tracers that prove nothing? Million pixels per second, and ratios."""
+"""How fast is the truth, next to tracers that prove nothing? Million pixels per second, and ratios.
+
+All contestants answer for the same pixels of one aperture. What they answer differs, and so does what it
+costs: a triangle number in float32, a point, or a number, a place along the line and a proof.
+"""
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.reports.benchmarks.records import BenchmarkedScene
-from xfrustum.reports.benchmarks.truth_contestants import (
-    CERTIFIED,
-    MEANINGS,
-    MITSUBA,
-    TRIMESH,
-    TRUTH,
-    Run,
-    truth_contestants,
-    versions,
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.truth import Reference
+from xfrustum.reports.benchmarks.common import (
+    Record,
+    columns,
+    machine_record,
+    number,
+    positive,
+    rate_of,
+    ratios_of,
+    scene_record,
+    sized,
+    spread,
 )
-from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.common.timing import Stopwatch
+from xfrustum.reports.common.timing import race
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 RESOLUTIONS = (512, 1024, 2048)
 REPEAT = 9
+
+MITSUBA, EMBREE, TRIMESH = "mitsuba", "embree", "trimesh"
+CERTIFIED, TRUTH = "certified", "truth"
+MEANINGS = {
+    MITSUBA: "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
+    EMBREE: "Embree through embreex, robust, rays from NumPy: triangle numbers",
+    TRIMESH: "trimesh's intersects_location, first hits only",
+    CERTIFIED: "certified triangle, place along the line and certainty, with all set-up",
+    TRUTH: "the whole true image: also points, normals and colors, without a second opinion",
+}
+"""All contestants, in the order in which they are listed."""
+
 RATIOS = ((CERTIFIED, MITSUBA), (CERTIFIED, TRIMESH), (TRUTH, MITSUBA), (TRUTH, TRIMESH))
 """Pairs of contestants; the rate of the first is divided by that of the second."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rate:
-    """Million pixels per second over the repetitions."""
+def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
+    """Return the contestants that there are here, by the names in `MEANINGS`.
 
-    median: float
-    slowest: float
-    fastest: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Race:
-    """The contestants at one resolution.
-
-    Attributes
-    ----------
-    resolution
-        W and H in pixels.
-    rates
-        Rates by contestant, see `MEANINGS`; one that does not run here has none.
+    Acceleration structures are built, and rays aimed, here or at the first call, which no clock should count.
+    The certified truth has no such thing: each call begins with the triangles. There is no `MITSUBA` where
+    it has only its scalar variant, one ray at a time.
     """
-
-    resolution: int
-    rates: dict[str, Rate]
-
-    @property
-    def ratios(self) -> dict[str, float | None]:
-        """Quotients of median rates as "one/other"; None where the other could not run here."""
-        return {
-            f"{one}/{other}": self.rates[one].median / self.rates[other].median
-            if other in self.rates
-            else None
-            for one, other in RATIOS
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class TruthScene(BenchmarkedScene):
-    """The scene that was traced, and from which aperture."""
-
-    aperture: tuple[int, int]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RaceRecord:
-    """JSON object of a `Race`; a contestant that does not run here has None."""
-
-    resolution: tuple[int, int]
-    mpixel_per_s: dict[str, Rate | None]
-    ratios: dict[str, float | None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TruthRecord:
-    """JSON object of a `TruthBenchmark`."""
-
-    scene: TruthScene
-    repeat: int
-    meanings: dict[str, str]
-    races: tuple[RaceRecord, ...]
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TruthBenchmark(Summarized[TruthRecord]):
-    """The contestants on one scene and machine.
-
-    Attributes
-    ----------
-    scene
-        Scene at any resolution.
-    repeat
-        Measured repetitions, after one that warms up.
-    races
-        One for each resolution.
-    machine, versions
-        Names and values, for whoever repeats it.
-    """
-
-    scene: Scene
-    repeat: int
-    races: tuple[Race, ...]
-    machine: dict[str, str]
-    versions: dict[str, str]
-
-    @property
-    def record(self) -> TruthRecord:
-        """Everything measured."""
-        races = (
-            RaceRecord(
-                resolution=(race.resolution, race.resolution),
-                mpixel_per_s={name: race.rates.get(name) for name in MEANINGS},
-                ratios=race.ratios,
-            )
-            for race in self.races
-        )
-        return TruthRecord(
-            scene=TruthScene(
-                name=self.scene.name,
-                hash=self.scene.content_hash,
-                triangles=len(self.scene.faces),
-                aperture=self.scene.plate.middle.index,
-            ),
-            repeat=self.repeat,
-            meanings=MEANINGS,
-            races=tuple(races),
-            machine=self.machine,
-            versions=self.versions,
-        )
+    pencil = crossed_frustum(scene.frustum, aperture)
+    directions = pencil.directions().reshape(-1, 3)
+    origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
+    embree, reference = EmbreeTracer(scene), Reference(scene)
+    mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+    found: dict[str, Callable[[], object]] = {
+        EMBREE: lambda: embree.first_hits(origins, directions),
+        TRIMESH: lambda: mesh.intersects_location(origins, directions, multiple_hits=False),
+        CERTIFIED: lambda: list(reference.decide(aperture)),
+        TRUTH: lambda: reference.trace(aperture),
+    }
+    if not backend().scalar:
+        found[MITSUBA] = bare_intersection(scene, origins, directions)
+    return {name: found[name] for name in MEANINGS if name in found}
 
 
 def benchmark_truth(
     scene: Scene, resolutions: Sequence[int] = RESOLUTIONS, repeat: int = REPEAT, *, progress: bool = False
-) -> TruthBenchmark:
+) -> Record:
     """Measure the certified truth of a scene's middle aperture beside bare tracers.
 
-    Parameters
-    ----------
-    scene
-        Scene to be traced; its own resolution does not matter.
-    resolutions
-        W = H in pixels of each race.
-    repeat
-        Number of runs of each contestant after it has warmed up.
-    progress
-        Whether to draw a bar on standard error.
+    W = H of each race; the scene's own resolution does not matter. Each contestant warms up, and then runs
+    `repeat` times.
 
     Raises
     ------
     InputError
         The scene has no triangles, or a resolution or the number of repetitions is not positive.
     """
-    if not len(scene.faces):
-        raise InputError(f"scene {scene.name}: has no triangles to trace; choose one that has")
-    if not resolutions or min(*resolutions, repeat) < 1:
-        raise InputError("bench: resolutions and repetitions must be positive; give such as 512,1024")
-    with progress_bar(len(resolutions) * len(MEANINGS), "bench", "contestant", shown=progress) as bar:
-        races = tuple(_race(scene, resolution, repeat, bar) for resolution in resolutions)
-    return TruthBenchmark(
-        scene=scene,
-        repeat=repeat,
-        races=races,
-        machine=provenance.machine(),
-        versions={**provenance.versions(), **versions()},
-    )
+    if not resolutions:
+        raise InputError("bench: there is no resolution; give such as 512,1024")
+    scenes, repeat = [sized(scene, resolution) for resolution in resolutions], positive(repeat)
+    with progress_bar(len(scenes) * len(MEANINGS), "bench", "contestant", shown=progress) as bar:
+        races = [_race(one, repeat, bar) for one in scenes]
+    return {
+        "scene": {**scene_record(scene), "aperture": scene.plate.middle.index},
+        "repeat": repeat,
+        "meanings": MEANINGS,
+        "races": races,
+        **machine_record(tracers=True),
+    }
 
 
-def table(benchmark: TruthBenchmark) -> str:
+def _race(scene: Scene, repeat: int, bar: tqdm[Any]) -> Record:
+    width, height = scene.frustum.resolution
+    rates = {}
+    # One at a time, so that none pays for what another leaves behind in caches and heap.
+    for name, run in truth_contestants(scene, scene.plate.middle).items():
+        rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
+        bar.update()
+    return {
+        "resolution": (width, height),
+        "mpixel_per_s": {
+            name: {
+                "median": rates[name].median,
+                "slowest": rates[name].lowest,
+                "fastest": rates[name].highest,
+            }
+            if name in rates
+            else None
+            for name in MEANINGS
+        },
+        "ratios": ratios_of(rates, RATIOS),
+    }
+
+
+def table(found: Record) -> str:
     """Return the rates and ratios as text, one column for each resolution."""
-    heads = [f"{race.resolution} x {race.resolution}" for race in benchmark.races]
-    lines = [
-        ("million pixels per second", *heads),
-        *((name, *(_spread(race.rates.get(name)) for race in benchmark.races)) for name in MEANINGS),
-        *(
-            (pair, *(_number(race.ratios[pair]) for race in benchmark.races))
-            for pair in benchmark.races[0].ratios
-        ),
-    ]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(heads) + 1)]
-    rows = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
-    machine, scene = benchmark.machine, benchmark.scene
-    legend = (f"{name}: {meaning}" for name, meaning in MEANINGS.items())
+    machine, scene, races = found["machine"], found["scene"], found["races"]
+    rows = [["million pixels per second", *("{} x {}".format(*one["resolution"]) for one in races)]]
+    for name in MEANINGS:
+        rates = [one["mpixel_per_s"][name] for one in races]
+        ends = [rate and (rate["slowest"], rate["median"], rate["fastest"]) for rate in rates]
+        rows.append([name, *map(spread, ends)])
+    rows += [[pair, *(number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]]
     return "\n".join(
         (
-            f"{scene.name}, {len(scene.faces):,} triangles, middle aperture; "
+            f"{scene['name']}, {scene['triangles']:,} triangles, middle aperture; "
             f"{machine['cores']} cores of {machine['processor']}",
-            f"median of {benchmark.repeat} after a warm-up (slowest to fastest)",
+            f"median of {found['repeat']} after a warm-up (slowest to fastest)",
             "",
-            *(row.rstrip() for row in rows),
+            *columns(rows),
             "",
-            *legend,
+            *(f"{name}: {meaning}" for name, meaning in MEANINGS.items()),
         )
     )
-
-
-def _race(scene: Scene, resolution: int, repeat: int, bar: tqdm[Any]) -> Race:
-    sized = replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
-    contestants = truth_contestants(sized, sized.plate.middle)
-    seconds: dict[str, list[float]] = {}
-    for name, run in contestants.items():
-        # One at a time, so that none pays for what another leaves behind in caches and heap.
-        taken = [_timed(run) for _ in range(repeat + 1)]
-        # The first builds structures and compiles kernels.
-        seconds[name] = taken[1:]
-        bar.update()
-    mpixels = resolution**2 / 1e6
-    return Race(
-        resolution=resolution,
-        rates={
-            name: Rate(
-                median=mpixels / statistics.median(taken),
-                slowest=mpixels / max(taken),
-                fastest=mpixels / min(taken),
-            )
-            for name, taken in seconds.items()
-        },
-    )
-
-
-def _timed(run: Run) -> float:
-    watch = Stopwatch()
-    with watch.stage("run"):
-        run()
-    return watch.seconds["run"]
-
-
-def _spread(rate: Rate | None) -> str:
-    return "-" if rate is None else f"{rate.median:.2f} ({rate.slowest:.2f} to {rate.fastest:.2f})"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"

@@ -18,7 +18,7 @@ from xfrustum.cli.main import cli, main
 CHEAP = ("scenes", "new", "check", "camera", "explain")
 """Examples that take about a second together; all others run with the slow tests."""
 
-NOT_RUN = ("study", "bench", "bench truth", "bench judge", "bench table1", "bench cluster", "bench scaling")
+NOT_RUN = ("study", "bench", "bench truth", "bench judge", "bench table1")
 """Examples that measure speed or whole maps, which the tests of these commands run at smaller sizes."""
 
 

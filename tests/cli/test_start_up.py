@@ -53,7 +53,6 @@ OF_A_SCENE = (
     ("view", "S", "--eye", "0,0,600"),
     ("camera", "S", "--for", "json", "--out", "cameras"),
     ("bench", "judge", "S"),
-    ("bench", "cluster", "S"),
 )
 
 STRANGE_VALUES = (

@@ -67,8 +67,6 @@ EXAMPLES: dict[str, str] = {
     "bench truth": "xfrustum bench truth asymmetric --resolution 128 --repeat 1",
     "bench judge": "xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1",
     "bench table1": "xfrustum bench table1 --resolution 128 --repeat 1",
-    "bench cluster": "xfrustum bench cluster asymmetric --resolution 32 --quick",
-    "bench scaling": "xfrustum bench scaling --quick",
     "selfcheck": "xfrustum selfcheck asymmetric --quick",
 }
 """One line for each command that a shell takes as it is; subcommands without one show that of their group.

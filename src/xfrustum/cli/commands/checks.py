@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -106,6 +106,13 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     return 0 if check.agrees else LIMIT_EXCEEDED
 
 
+def _tell_measured(as_json: bool, measured: dict[str, Any], table: Callable[[dict[str, Any]], str]) -> None:
+    """Print the record of a benchmark as JSON or as a table."""
+    from xfrustum.reports.common.json_ready import json_ready
+
+    options.tell(as_json, lambda: json_ready(measured), lambda: table(measured))
+
+
 @click.group(no_args_is_help=False)
 def bench() -> None:
     """Measure speed on this machine."""
@@ -126,7 +133,7 @@ def bench_truth(
 
     sizes = resolution or benchmarks.RESOLUTIONS
     measured = benchmarks.benchmark_truth(opened, sizes, repeat, progress=not quiet)
-    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
+    _tell_measured(as_json, measured, benchmarks.table)
 
 
 @bench.command("judge")
@@ -134,12 +141,6 @@ def bench_truth(
 @click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 128,256,512,1024]")
 @click.option("--triangles", type=click.IntRange(1), help="Also globes of so many triangles.")
 @click.option("--hogels", type=click.IntRange(1), default=6, show_default=True, help="Judged in each run.")
-@click.option(
-    "--stream",
-    "streamed",
-    type=click.IntRange(1),
-    help="Also so many hogels of 256 x 256 of the first SCENE, with the memory that they take.",
-)
 @_timed_option(5)
 @options.quiet_option
 @options.json_option
@@ -149,7 +150,6 @@ def bench_judge(
     resolution: tuple[int, ...] | None,
     triangles: int | None,
     hogels: int,
-    streamed: int | None,
     repeat: int,
     quiet: bool,
     as_json: bool,
@@ -160,22 +160,14 @@ def bench_judge(
     of a million triangles.
     """
     opened = [options.open_scene(name) for name in scenes]
-
-    from dataclasses import replace
-
     from xfrustum.reports.benchmarks import judge as benchmarks
-    from xfrustum.reports.benchmarks.judge_contestants import default_names, globes_through_a_plate
-    from xfrustum.reports.benchmarks.judge_stream import benchmark_stream
 
-    names = scenes or default_names()
     count = triangles or (None if scenes else 1_000_000)
-    opened = opened or [options.open_scene(name) for name in names]
-    opened += [] if count is None else [globes_through_a_plate(count)]
+    opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
+    opened += [] if count is None else [benchmarks.globes_through_a_plate(count)]
     sizes = resolution or benchmarks.RESOLUTIONS
     measured = benchmarks.benchmark_judge(opened, sizes, hogels, repeat, progress=not quiet)
-    if streamed is not None:
-        measured = replace(measured, stream=benchmark_stream(names[0], streamed))
-    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
+    _tell_measured(as_json, measured, benchmarks.table)
 
 
 @bench.command("plate")
@@ -190,7 +182,7 @@ def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_jso
     from xfrustum.reports.benchmarks import plate as benchmarks
 
     measured = benchmarks.benchmark_plate(opened, resolution, repeat, progress=not quiet)
-    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
+    _tell_measured(as_json, measured, benchmarks.table)
 
 
 @bench.command("table1")
@@ -203,43 +195,4 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
     from xfrustum.reports.benchmarks import table1 as benchmarks
 
     measured = benchmarks.benchmark_table1(resolution, repeat, progress=not quiet)
-    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
-
-
-@bench.command("cluster")
-@click.argument("scene", default="car")
-@_side_option(128)
-@click.option(
-    "--hogels", type=click.IntRange(8), default=64, show_default=True, help="Hogels that are timed."
-)
-@click.option("--quick", is_flag=True, help="Fewer blocks and workers, to see that everything runs.")
-@options.quiet_option
-@options.json_option
-def bench_cluster(
-    *, scene: str, resolution: int, hogels: int, quick: bool, quiet: bool, as_json: bool
-) -> None:
-    """Measure surveys with 1 and 2 workers, and the scheduler with 64 and 512 simulated ones."""
-    opened = options.open_scene(scene)
-
-    from xfrustum.reports.benchmarks.cluster import cluster as benchmarks
-
-    measured = benchmarks.benchmark_cluster(opened, resolution, hogels, quick=quick, progress=not quiet)
-    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
-
-
-@bench.command("scaling")
-@click.option("--quick", is_flag=True, help="Small sizes, measured once, to see that everything runs.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for a page of curves.")
-@options.quiet_option
-@options.json_option
-def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) -> None:
-    """Measure how time and memory grow with triangles, pixels and hogels, and where tracing overtakes."""
-    from xfrustum.reports.benchmarks.scaling import page as scaling_page
-    from xfrustum.reports.benchmarks.scaling import scaling as benchmarks
-    from xfrustum.reports.benchmarks.scaling import table as scaling_table
-    from xfrustum.reports.benchmarks.scaling.extent import FULL, QUICK
-
-    with scaling_page.staged(out) as write:
-        measured = benchmarks.benchmark_scaling(QUICK if quick else FULL, progress=not quiet)
-        write(measured)
-    options.tell(as_json, measured.summary, lambda: scaling_table.table(measured))
+    _tell_measured(as_json, measured, benchmarks.table)

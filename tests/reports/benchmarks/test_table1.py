@@ -1,4 +1,4 @@
-"""Benchmarks say what they measured; how fast anything is, is no test's business."""
+"""Table 1 of the paper is measured in its terms, on a car in its numbers of triangles."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster.light.reflection import reflecting
-from xfrustum.reports.benchmarks.plate import benchmark_plate, table
-from xfrustum.reports.benchmarks.plate_contestants import BATCHED, MEANINGS
 from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
-from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
@@ -37,42 +33,6 @@ def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:
     seconds = race(runs, 2, lambda: done.append(None))
     assert order == list("ababab") and len(done) == 6
     assert {name: spread.repetitions for name, spread in seconds.items()} == {"a": 2, "b": 2}
-
-
-def test_the_plates_json_carries_every_contestant_stage_and_ratio(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["bench", "plate", "crossing", "--resolution", "8", "--repeat", "2", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    rates = found["hogels_per_second"]
-    assert set(rates) == set(found["meanings"]) == set(MEANINGS)
-    assert all(0 < rate["lowest"] <= rate["median"] <= rate["highest"] for rate in rates.values())
-    assert found["hogels"] == 81 and found["resolution"] == [8, 8] and found["row"] == 30
-    for pair, ratio in found["ratios"].items():
-        one, other = pair.split("/")
-        assert ratio == pytest.approx(rates[one]["median"] / rates[other]["median"])
-    assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
-    assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
-    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
-
-
-@pytest.mark.slow
-def test_the_plates_table_names_every_contestant_and_stage() -> None:
-    lines = table(benchmark_plate(view("crossing"), 8, 1)).splitlines()
-    assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
-    assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
-
-
-def test_all_contestants_draw_one_picture_of_each_hogel() -> None:
-    """Also of a scene that asks for sub-apertures, over which plates are averaged and plain loops are not."""
-    scene = view("grating")
-    assert scene.sampling.aperture > 1
-    assert benchmark_plate(scene, 8, 1).scene.sampling == Sampling()
-
-
-def test_a_scene_without_triangles_is_refused() -> None:
-    with pytest.raises(InputError, match="empty"):
-        benchmark_plate(view("empty"), 8, 1)
 
 
 @pytest.mark.parametrize(
