@@ -1,0 +1,147 @@
+"""`python -m tests.golden compare|make`: hold this checkout against the golden corpus, or make one."""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.golden import answers, truths
+
+HERE = Path(__file__).resolve().parent
+PARTS = ("truths", "rasters", "answers", "wrong-renderers")
+
+SINGLE = float(np.finfo(np.float32).eps)
+"""Rounding of float32: reals of images are stored so, and two ways to add may differ by some of it."""
+REAL = 1e-9
+"""Relative difference of reals in answers: sums in double precision over 10^6 pixels have relative errors of 10^6 2^-53 = 1e-10."""
+
+
+@dataclass(kw_only=True)
+class Tally:
+    """Values that were compared, and those that differ."""
+
+    compared: int = 0
+    differ: list[str] = field(default_factory=list)
+    gone: list[str] = field(default_factory=list)
+    new: list[str] = field(default_factory=list)
+
+    def say(self, part: str) -> None:
+        print(
+            f"{part}: {self.compared:,} values compared, {len(self.differ)} lines differ, {len(self.gone)} gone, {len(self.new)} new"
+        )
+        for title, lines in (("differs", self.differ), ("gone", self.gone), ("new", self.new)):
+            for line in lines[:200]:
+                print(f"  {title}: {line}")
+
+
+def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Tally:
+    """Compare integers bit for bit, and reals to some roundings of float32 of the largest value."""
+    tally = Tally(gone=sorted(set(old) - set(new)), new=sorted(set(new) - set(old)))
+    for key in sorted(set(old) & set(new)):
+        a, b = np.asarray(old[key]), np.asarray(new[key])
+        tally.compared += a.size
+        if a.shape != b.shape:
+            tally.differ.append(f"{key}: shape {b.shape}, was {a.shape}")
+            continue
+        if a.dtype.kind == "f":
+            # Colors and points are sums of fewer than 8 rounded products of values up to the largest.
+            bound = 8 * SINGLE * max(float(np.nanmax(np.abs(a), initial=0)), 1e-30)
+            wrong = ~(np.isclose(a, b, rtol=0, atol=bound, equal_nan=True))
+        else:
+            wrong = a != b
+        if wrong.any():
+            tally.differ.append(f"{key}: {int(wrong.sum())} of {a.size} values")
+    return tally
+
+
+def alike(a: object, b: object) -> bool:
+    """Whether two leaves of an answer are the same, reals to rounding."""
+    if (
+        isinstance(a, int | float)
+        and isinstance(b, int | float)
+        and not (isinstance(a, bool) or isinstance(b, bool))
+    ):
+        return math.isclose(a, b, rel_tol=REAL, abs_tol=1e-12)
+    return a == b
+
+
+def compare_answers(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]) -> Tally:
+    """Compare leaf by leaf; keys are named where they have gone or come."""
+    tally = Tally(gone=sorted(set(old) - set(new)))
+    for name in sorted(set(old) & set(new)):
+        a, b = old[name], new[name]
+        tally.gone += [f"{name}{place}" for place in a if place not in b]
+        tally.new += [f"{name}{place}" for place in b if place not in a]
+        for place in a.keys() & b.keys():
+            tally.compared += 1
+            if not alike(a[place], b[place]):
+                tally.differ.append(f"{name}{place}: {b[place]!r}, was {a[place]!r}")
+    return tally
+
+
+def wrong_renderers() -> list[str]:
+    """Return the lines of the table of wrong renderers."""
+    words = [sys.executable, "-m", "tests.wrong_renderers"]
+    printed = subprocess.run(words, capture_output=True, text=True, check=True, cwd=HERE.parents[1]).stdout
+    return [line.rstrip() for line in printed.splitlines()]
+
+
+def make(folder: Path, parts: list[str]) -> None:
+    """Write the corpus of this checkout."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for part, arrays in (("truths", truths.truths), ("rasters", truths.rasters)):
+        if part in parts:
+            np.savez_compressed(folder / f"{part}.npz", **arrays())  # type: ignore[arg-type]
+    if "answers" in parts:
+        with tempfile.TemporaryDirectory() as out, gzip.open(folder / "answers.json.gz", "wt") as file:
+            json.dump(answers.answers(Path(out)), file)
+    if "wrong-renderers" in parts:
+        (folder / "wrong-renderers.txt").write_text("\n".join(wrong_renderers()) + "\n")
+
+
+def compare(parts: list[str]) -> bool:
+    """Print what differs from the corpus, part by part; return whether nothing does."""
+    tallies: dict[str, Tally] = {}
+    for part, arrays in (("truths", truths.truths), ("rasters", truths.rasters)):
+        if part in parts:
+            tallies[part] = compare_arrays(np.load(HERE / f"{part}.npz"), arrays())
+    if "answers" in parts:
+        with tempfile.TemporaryDirectory() as out, gzip.open(HERE / "answers.json.gz", "rt") as file:
+            tallies["answers"] = compare_answers(json.load(file), answers.answers(Path(out)))
+    if "wrong-renderers" in parts:
+        old, new = (HERE / "wrong-renderers.txt").read_text().splitlines(), wrong_renderers()
+        changed = [f"{b!r}, was {a!r}" for a, b in zip(old, new, strict=False) if a != b]
+        tallies["wrong-renderers"] = Tally(
+            compared=len(old), differ=changed, gone=old[len(new) :], new=new[len(old) :]
+        )
+    for part, tally in tallies.items():
+        tally.say(part)
+    return not any(tally.differ or tally.gone for tally in tallies.values())
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.golden", description=__doc__)
+    parser.add_argument("action", choices=("compare", "make"))
+    parser.add_argument("words", nargs="*", help="parts to compare, or the folder to write and parts")
+    arguments = parser.parse_args()
+    folder = arguments.words[:1] if arguments.action == "make" else []
+    parts = arguments.words[len(folder) :] or list(PARTS)
+    if arguments.action == "make":
+        make(Path(folder[0]), parts)
+        return 0
+    return 0 if compare(parts) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""The golden corpus: this checkout answers what version 0.2 answered, but where a difference is named as expected."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.golden import answers, truths
+from tests.golden.__main__ import HERE, Tally, compare_answers, compare_arrays
+from xfrustum import Rasterizer, open_scene
+
+
+def held_against(part: str) -> Tally:
+    with np.load(HERE / f"{part}.npz") as old:
+        new = getattr(truths, part)()
+        kept = {key: old[key] for key in old.files if truths.SHARED.is_dir() or not key.startswith("shared/")}
+        return compare_arrays(kept, new)
+
+
+def test_truths_are_those_of_the_corpus() -> None:
+    tally = held_against("truths")
+    assert tally.compared > 1_000_000
+    assert (tally.differ, tally.gone) == ([], [])
+
+
+def test_rasters_are_those_of_the_corpus() -> None:
+    """The corpus was drawn by llvmpipe: another device rounds otherwise."""
+    with Rasterizer(open_scene("empty")) as rasterizer:
+        if "llvmpipe" not in rasterizer.device["renderer"]:
+            pytest.skip("the corpus of rasters was drawn by llvmpipe, which is not the device at hand")
+    tally = held_against("rasters")
+    assert (tally.differ, tally.gone) == ([], [])
+
+
+def test_a_changed_pixel_is_found() -> None:
+    old = {"a|triangle": np.arange(12), "a|color": np.ones((2, 3), np.float32)}
+    new = {"a|triangle": np.arange(12), "a|color": np.ones((2, 3), np.float32)}
+    assert compare_arrays(old, new).differ == []
+    new["a|triangle"][3] = 0
+    new["a|color"][1, 1] += 1e-4
+    assert compare_arrays(old, new).differ == ["a|color: 1 of 6 values", "a|triangle: 1 of 12 values"]
+
+
+@pytest.mark.slow
+def test_answers_of_commands_are_those_of_the_corpus(tmp_path: Path) -> None:
+    with gzip.open(HERE / "answers.json.gz", "rt") as file:
+        tally = compare_answers(json.load(file), answers.answers(tmp_path))
+    assert [line for line in tally.differ if not answers.is_expected(line)] == []

@@ -1,0 +1,107 @@
+"""Images of the golden corpus: truths and rasters of every scene, in few pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from xfrustum import (
+    Aperture,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Rasterizer,
+    Reference,
+    Scene,
+    open_scene,
+)
+from xfrustum.scenes.library.hard import cases
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "scenes"
+RESOLUTION = (96, 72)
+BUILT_IN = (
+    "car", "car-recentered", "car-transfer", "asymmetric", "asymmetric-recentered", "sheets", "crossing",
+    "large-triangles", "car-studio", "mirror-sphere", "grating", "empty",
+)  # fmt: skip
+DEPTHS = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.REVERSED),
+    (DepthFormat.D24, DepthMapping.LOGARITHMIC),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+)
+NEARS = (1e-2, 1e-5)
+"""Near offsets as shares of the reach: one that bends pictures, and one that starves depth buffers."""
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def scenes() -> Iterator[tuple[str, Scene]]:
+    """Yield name and scene of all built-in scenes, hard cases but the giants, and scenes of the shared data."""
+    for name in (*BUILT_IN, *cases.names(giants=False)):
+        yield name, open_scene(name)
+    for path in sorted(SHARED.glob("*.toml")):
+        yield f"shared/{path.stem}", open_scene(str(path))
+
+
+def small(scene: Scene) -> Scene:
+    """Return the scene with few pixels; hard cases keep their own, at which lines hit exactly what they aim at."""
+    if scene.name.startswith("hard/"):
+        return scene
+    return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
+
+
+def apertures(scene: Scene) -> list[Aperture]:
+    """Return the middle aperture, the top left one, and one between them on an odd place."""
+    columns, rows = scene.plate.hogels
+    places = dict.fromkeys([(columns // 2, rows // 2), (0, 0), (columns // 5, (2 * rows) // 3)])
+    return [scene.plate.aperture(column, row) for column, row in places]
+
+
+def truths() -> Arrays:
+    """Return every truth: `scene|column,row|channel`. Reals are rounded to float32."""
+    found: Arrays = {}
+    for name, whole in tqdm(list(scenes()), desc="truths"):
+        scene = small(whole)
+        reference = Reference(scene)
+        for aperture in apertures(scene):
+            image = reference.trace(aperture)
+            key = f"{name}|{aperture.column},{aperture.row}"
+            found |= {
+                f"{key}|triangle": image.triangle,
+                f"{key}|object": image.object.astype(np.int16),
+                f"{key}|certainty": np.asarray(image.certainty),
+                f"{key}|position": np.asarray(image.position, dtype=np.float32)[..., 2],
+                f"{key}|normal": np.asarray(image.normal, dtype=np.float32),
+            }
+            if image.color is not None:
+                found[f"{key}|color"] = image.color
+    return found
+
+
+def rasters() -> Arrays:
+    """Return the triangle numbers of rasters: `scene|near/reach|depth|mapping|column,row`; D32F has colors too."""
+    found: Arrays = {}
+    for name, whole in tqdm(list(scenes()), desc="rasters"):
+        if name.startswith("hard/"):
+            continue
+        scene = small(whole)
+        with Rasterizer(scene) as rasterizer:
+            for share in NEARS:
+                for depth, mapping in DEPTHS:
+                    settings = DoubleFrustum(
+                        near=share * max(scene.frustum.reach), depth=depth, mapping=mapping
+                    )
+                    aperture = apertures(scene)[-1]
+                    image = rasterizer.render(aperture, settings)
+                    key = f"{name}|{share}|{depth.value}|{mapping.value}|{aperture.column},{aperture.row}"
+                    found[f"{key}|triangle"] = image.triangle
+                    if depth is DepthFormat.D32F and image.color is not None:
+                        found[f"{key}|color"] = image.color
+    return found
