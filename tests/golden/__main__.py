@@ -24,7 +24,7 @@ PARTS = ("truths", "rasters", "answers", "wrong-renderers")
 SINGLE = float(np.finfo(np.float32).eps)
 """Rounding of float32: reals of images are stored so, and two ways to add may differ by some of it."""
 REAL = 1e-9
-"""Relative difference of reals in answers: sums in double precision over 10^6 pixels have relative errors of 10^6 2^-53 = 1e-10."""
+"""Relative difference of reals in answers: a sum of 10^6 doubles is off by at most 10^6 2^-53 = 1e-10."""
 
 
 @dataclass(kw_only=True)
@@ -37,9 +37,8 @@ class Tally:
     new: list[str] = field(default_factory=list)
 
     def say(self, part: str) -> None:
-        print(
-            f"{part}: {self.compared:,} values compared, {len(self.differ)} lines differ, {len(self.gone)} gone, {len(self.new)} new"
-        )
+        counts = f"{len(self.differ)} lines differ, {len(self.gone)} gone, {len(self.new)} new"
+        print(f"{part}: {self.compared:,} values compared, {counts}")
         for title, lines in (("differs", self.differ), ("gone", self.gone), ("new", self.new)):
             for line in lines[:200]:
                 print(f"  {title}: {line}")
@@ -67,11 +66,7 @@ def compare_arrays(old: Mapping[str, Any], new: Mapping[str, Any]) -> Tally:
 
 def alike(a: object, b: object) -> bool:
     """Whether two leaves of an answer are the same, reals to rounding."""
-    if (
-        isinstance(a, int | float)
-        and isinstance(b, int | float)
-        and not (isinstance(a, bool) or isinstance(b, bool))
-    ):
+    if isinstance(a, int | float) and isinstance(b, int | float):
         return math.isclose(a, b, rel_tol=REAL, abs_tol=1e-12)
     return a == b
 
@@ -122,9 +117,8 @@ def compare(parts: list[str]) -> bool:
     if "wrong-renderers" in parts:
         old, new = (HERE / "wrong-renderers.txt").read_text().splitlines(), wrong_renderers()
         changed = [f"{b!r}, was {a!r}" for a, b in zip(old, new, strict=False) if a != b]
-        tallies["wrong-renderers"] = Tally(
-            compared=len(old), differ=changed, gone=old[len(new) :], new=new[len(old) :]
-        )
+        tally = Tally(compared=len(old), differ=changed, gone=old[len(new) :], new=new[len(old) :])
+        tallies["wrong-renderers"] = tally
     for part, tally in tallies.items():
         tally.say(part)
     return not any(tally.differ or tally.gone for tally in tallies.values())

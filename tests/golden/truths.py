@@ -43,7 +43,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:
-    """Yield name and scene of all built-in scenes, hard cases but the giants, and scenes of the shared data."""
+    """Yield name and scene of built-in scenes, hard cases but the giants, and scenes of the shared data."""
     for name in (*BUILT_IN, *cases.names(giants=False)):
         yield name, open_scene(name)
     for path in sorted(SHARED.glob("*.toml")):
@@ -51,7 +51,7 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 
 
 def small(scene: Scene) -> Scene:
-    """Return the scene with few pixels; hard cases keep their own, at which lines hit exactly what they aim at."""
+    """Return the scene with few pixels; hard cases keep theirs, at which lines hit just what they aim at."""
     if scene.name.startswith("hard/"):
         return scene
     return replace(scene, frustum=replace(scene.frustum, resolution=RESOLUTION))
@@ -86,7 +86,7 @@ def truths() -> Arrays:
 
 
 def rasters() -> Arrays:
-    """Return the triangle numbers of rasters: `scene|near/reach|depth|mapping|column,row`; D32F has colors too."""
+    """Return triangle numbers of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors too."""
     found: Arrays = {}
     for name, whole in tqdm(list(scenes()), desc="rasters"):
         if name.startswith("hard/"):
