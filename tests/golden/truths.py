@@ -86,7 +86,7 @@ def truths() -> Arrays:
 
 
 def rasters() -> Arrays:
-    """Return triangle numbers of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors too."""
+    """Return triangle numbers of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
     found: Arrays = {}
     for name, whole in tqdm(list(scenes()), desc="rasters"):
         if name.startswith("hard/"):
