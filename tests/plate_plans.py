@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import beta
 
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.hogels import HogelResult, hogel_results
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.run import Judge
 from xfrustum.reports.commands.planning import make_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene, open_scene
 from xfrustum.scenes.plate.plate import Aperture

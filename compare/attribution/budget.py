@@ -5,7 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import pairwise
@@ -21,7 +21,6 @@ from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import (
     JudgedImage,
     PixelErrors,
-    differing_pixels,
     judged_pixels,
 )
 from xfrustum.compare.metrics.surface import wrong_surface
@@ -29,7 +28,6 @@ from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
-from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook.shown import Brief, Shown
@@ -144,18 +142,11 @@ class ChainStart(Brief):
         T0 to R0 of one aperture (`Chain.images`).
     subpixel_bits
         Subpixel bits of the device that drew R0.
-    truth_shifts
-        Displacement of the truth itself, which is rounding, where it is known already.
-    beside
-        Function that returns an image of the same cameras that was compared with the truth, beside which R0
-        is; None where there is none.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
-    truth_shifts: Vectors | None = None
-    beside: Callable[[], JudgedImage] | None = None
 
     @property
     def truth(self) -> HogelImage:
@@ -207,18 +198,13 @@ class ChainStart(Brief):
     @cached_property
     def exact_wrong(self) -> Mask:
         """(H, W) judged pixels at which R0 shows the wrong surface."""
-        beside = self.beside and self.beside().surfaces_beside(self.truth, self.images[-1], self.reference)
-        wrong = beside[0] if beside else self.exact.errors.surface
+        wrong = self.exact.errors.surface
         assert wrong is not None, "the reference has the scene at hand"
         return wrong
 
     def changed_by(self, drawn: HogelImage) -> Indices:
         """Return the flat numbers of the pixels at which an image of these cameras shows other than R0."""
-        if self.beside is None:
-            return self.exact.differing(drawn)
-        judged = self.beside()
-        known = judged.image is drawn
-        return judged.differing(self.images[-1]) if known else differing_pixels(self.images[-1], drawn)
+        return self.exact.differing(drawn)
 
     @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
@@ -247,8 +233,7 @@ class ChainStart(Brief):
     @cached_property
     def steps(self) -> Steps:
         """What each link but the last adds to displacement, where all images show a surface off the plate."""
-        first = shifts(self.truth, self.truth.camera) if self.truth_shifts is None else self.truth_shifts
-        return Steps.between(self.images, first)
+        return Steps.between(self.images, shifts(self.truth, self.truth.camera))
 
     @cached_property
     def step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -264,6 +249,11 @@ class ChainStart(Brief):
     def shear(self) -> ShearNumbers | None:
         """What the pivot alone does to the points that T2 shows; None where the pivot does nothing."""
         return shear_numbers(self.images[PIVOT + 1], self.reference.scene.frustum)
+
+    def find_shared(self) -> None:
+        """Find what all budgets share, in the thread of the caller: other threads then only read it."""
+        for name in ("exact_wrong", "surface_charge", "step_sizes", "rounding", "shear"):
+            getattr(self, name)
 
     def causes_of(self, link: int, after: HogelImage, pixels: Indices) -> Causes:
         """Return the causes of what a link that rounds has changed between two images, at pixels (N,)."""

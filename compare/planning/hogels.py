@@ -9,10 +9,9 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
-from xfrustum.compare.judging.engine import NO_TRUTHS, JudgedFrame, Wanted
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.compare.run import NO_TRUTHS, Judge, JudgedFrame, Wanted
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -151,6 +150,8 @@ def _named(apertures: tuple[tuple[int, int], ...], count: int) -> str:
 class _Judged:
     """What a result is made of: one drawing, by any depth buffer or by an exact one."""
 
+    aperture: Aperture
+    settings: DoubleFrustum
     displacement_p99_px: float
     judged: int
     wrong: Mask
@@ -158,10 +159,16 @@ class _Judged:
     @classmethod
     def of(cls, frame: JudgedFrame) -> _Judged:
         found = frame.comparison
-        wrong = found.maps.surface
+        wrong = found.errors.surface
         assert wrong is not None, "the reference has the scene at hand"
         p99 = found.displacement_px.p99 if found.displacement_px else 0.0
-        return cls(displacement_p99_px=p99, judged=found.judged, wrong=wrong)
+        return cls(
+            aperture=frame.aperture,
+            settings=frame.settings,
+            displacement_p99_px=p99,
+            judged=found.judged,
+            wrong=wrong,
+        )
 
 
 def hogel_results(
@@ -186,13 +193,13 @@ def hogel_results(
     """
     exact = with_exact_depth(settings)
     both = tuple(dict.fromkeys((settings, exact)))
-    with closing(judge.engine(Wanted(), _Judged.of).frames(apertures, both, truths)) as frames:
+    with closing(judge.frames(apertures, both, Wanted(), _Judged.of, truths)) as frames:
         while some := list(islice(frames, len(both))):
-            found = {one.settings: one.found for one in some}
+            found = {one.settings: one for one in some}
             drawn, control = found[settings], found[exact]
             count = max(drawn.judged, 1)
             yield HogelResult(
-                aperture=some[0].hogel.aperture,
+                aperture=drawn.aperture,
                 displacement_p99_px=drawn.displacement_p99_px,
                 surface_fraction=float(drawn.wrong.sum() / count),
                 depth_wrong=float((drawn.wrong & ~control.wrong).sum() / count),

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.hogels import hogel_results
 from xfrustum.compare.planning.sheets import misordered
 from xfrustum.compare.planning.views import Quality, Requirement, View, Views
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.run import Judge
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture

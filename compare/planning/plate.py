@@ -16,8 +16,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
-from xfrustum.compare.judging.engine import NO_TRUTHS
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.displacement import displacement_bound
 from xfrustum.compare.planning.hogels import (
@@ -31,6 +29,7 @@ from xfrustum.compare.planning.plan import Plan, no_plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
+from xfrustum.compare.run import NO_TRUTHS, Judge
 from xfrustum.compare.scouting.sample import (
     CONFIDENCE,
     RandomSample,

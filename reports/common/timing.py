@@ -1,24 +1,13 @@
-"""Wall seconds per named stage, which `compare` takes, and what repetitions come to."""
+"""Wall seconds per named stage, and what repetitions come to."""
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import comb
-
-from xfrustum.compare.judging.stopwatch import SharedStopwatch, Stopwatch
-
-__all__ = [
-    "CONFIDENCE",
-    "FEWEST_DIFFERENCES",
-    "FEWEST_REPETITIONS",
-    "SharedStopwatch",
-    "Stopwatch",
-    "Timing",
-    "median_interval",
-    "race",
-]
 
 CONFIDENCE = 0.95
 """Least probability with which an interval of six or more repetitions holds the true median. With fewer,
@@ -31,6 +20,32 @@ FEWEST_REPETITIONS = 5
 """Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long
 times are separated once in 126 times with five repetitions of each, and more rarely with more: as often as
 so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
+
+
+class Stopwatch:
+    """Wall seconds per named stage; a stage entered again adds up.
+
+    Attributes
+    ----------
+    seconds
+        Seconds per stage, in the order in which the stages were first entered.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the wall time of the block to the stage, also when the block raises."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.record(name, time.perf_counter() - start)
+
+    def record(self, name: str, seconds: float) -> None:
+        """Add seconds that were measured elsewhere."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:

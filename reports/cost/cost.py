@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
+from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
+from xfrustum.reference.devices.threads import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED, json_object
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
-from xfrustum.reports.common.turns import take_turn, take_turns_until_settled
 from xfrustum.reports.cost.ways import Way, drawn, traced
 from xfrustum.reports.scouting.automatic import ChoiceRecord, choices
-from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers, unsettled
+from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers
 from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord, trade_off_record
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
@@ -134,8 +136,7 @@ def measure_cost(
         Tolerance of the 99th percentile of displacement; a fifth of it is answered for too.
     repeat
         Measured pictures of each configuration, after one that warms up. All configurations take turns,
-        so that a slow minute slows all of them down. Configurations that may be the fastest make more
-        pictures, until they are told apart or these have taken as long again.
+        so that a slow minute slows all of them down.
 
     Raises
     ------
@@ -186,9 +187,6 @@ def _race(
     """Make the picture of each way in turn; the first picture of each is judged, and not timed.
 
     Pictures of all apertures are judged, the worst one counts, and those of the first aperture are timed.
-
-    Ways that may be the fastest within a tolerance go on in turns until they are told apart, for at
-    most as long again.
     """
     timed = [TimedWay(one) for one in next(iter(ways.values()))]
     errors = [(0.0, 0.0) for _ in timed]
@@ -197,17 +195,10 @@ def _race(
             errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
             bar.update()
         for _ in range(asked.repeat):
-            take_turn(timed, [one.time_s for one in timed])
-            bar.update(len(timed))
-    spent = sum(sum(one.time_s) for one in timed)
-
-    def options() -> list[Option]:
-        return [one.option(*error) for one, error in zip(timed, errors, strict=True)]
-
-    take_turns_until_settled(
-        timed, [one.time_s for one in timed], lambda _: unsettled(options(), asked.tolerance_px), spent
-    )
-    return options()
+            for way in timed:
+                way()
+                bar.update()
+    return [one.option(*error) for one, error in zip(timed, errors, strict=True)]
 
 
 def _errors(
@@ -225,8 +216,8 @@ def _errors(
         return one.number, one.error(reference)
 
     most = images_under_way(math.prod(reference.scene.frustum.resolution))
-    with workers("judging") as pool:
-        yield from in_order(pool, error, pictures(), most)
+    with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
+        yield from in_order((pool.submit(error, one) for one in pictures()), most)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -264,13 +255,15 @@ class TimedWay:
         self._read_s: list[float] = []
 
     def __call__(self) -> None:
-        """Make a picture, and note what its stages took."""
+        """Make a picture, and note what it and its stages took."""
+        begun = time.perf_counter()
         if self._way.draw is None:
             self._way.picture()
         else:
             stages = self._way.draw().times
             self._gpu_s.append(stages["draw"].gpu_s)
             self._read_s.append(stages["read"].wall_s)
+        self.time_s.append(time.perf_counter() - begun)
 
     def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
         """Return the way with its error and the times of its pictures."""

@@ -7,8 +7,6 @@ figures          The curves of a report, as plotly figures: error against near, 
 geometries       Camera geometries of a report side by side: curves over near, and what the shear alone
                  does to points
 images           Pictures for people: encoded, small, with scales that stay the same over a whole report
-measuring        How settings are measured at an aperture: truth, frames, comparisons, predictions, and
-                 their times
 page             The page: one HTML file with its pictures, its plots and plotly.js inside
 report           `xfrustum report`: writes index.html, report.json and measurements.parquet, all or none
 report_records   Dataclasses of the objects in report.json and of the rows in measurements.parquet

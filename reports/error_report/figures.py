@@ -34,9 +34,9 @@ def curves(rows: Sequence[tuple[int, Measurement]], reach: float) -> dict[str, g
 
 
 def stage_times(sweep: Sweep) -> go.Figure:
-    """Return a bar per stage: wall seconds that add up to those of everything, parts drawn as parts."""
+    """Return a bar per stage: seconds added up over all frames, the device's part of `raster` apart."""
     stages = list(sweep.times_s)
-    parts = dict.fromkeys(stages, 0.0) | {"raster": sweep.parts_s.raster.gpu}
+    parts = dict.fromkeys(stages, 0.0) | {"raster": sweep.gpu_s}
     names = {stage: stage for stage in stages} | {"raster": "raster, of it gpu"}
     figure = go.Figure()
     for seconds, label, color in (
@@ -61,7 +61,7 @@ def stage_times(sweep: Sweep) -> go.Figure:
     figure.update_layout(
         barmode="stack", height=70 + 34 * len(stages), margin={"l": 90, "r": 70, "t": 10, "b": 50}
     )
-    figure.update_xaxes(title_text=f"wall seconds, {sweep.wall_s:.2f} in all", rangemode="tozero")
+    figure.update_xaxes(title_text="seconds, added up over all frames", rangemode="tozero")
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure
 

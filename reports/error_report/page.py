@@ -8,17 +8,16 @@ from dataclasses import dataclass, fields
 
 import plotly.graph_objects as go
 
-from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.compare.run import StageTimes
 from xfrustum.compare.scouting.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import causes, figures, geometries, images, shading_page
-from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
 from xfrustum.reports.error_report.tables import headline, recommended_command
 from xfrustum.reports.measurements import best
@@ -31,12 +30,9 @@ from xfrustum.reports.measurements.measurement import (
 )
 from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.scouting.map import map_figures
-from xfrustum.reports.trade_off import trade_off
-from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import TOLERANCE_PX
 
 SPARSE_FRACTION = 0.002
 """Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""
@@ -114,8 +110,8 @@ class PageData:
         Figures of each aperture and geometry by name; None where a figure shows no point.
     eye
         Figure of the bent eye vector, where there is one.
-    times, cost
-        Figures of the stages' times, and of error against time.
+    times
+        Figure of the stages' times.
     scout
         The maps of the plate, where apertures were chosen by a scout.
     """
@@ -132,15 +128,12 @@ class PageData:
     curves: tuple[tuple[dict[str, go.Figure | None], ...], ...]
     eye: go.Figure | None
     times: go.Figure
-    cost: go.Figure
     scout: tuple[go.Figure, ...]
 
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     """Return the report as one HTML document that needs nothing else, online or offline."""
     reach = sweep.scene.frustum.longest_reach
-    options = trade_off.options_of(sweep)
-    recommended = trade_off.recommended_of(sweep, options)
     values = {
         "scene": sweep.scene,
         "fit": scene_fit(sweep.scene),
@@ -154,7 +147,6 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "near_range": best.near_range,
         "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
         "confidence": CONFIDENCE,
-        "repeat_budget_s": REPEAT_BUDGET_S,
         "per_depth": best.best_per_depth(sweep.rows),
         "apertures": sweep.apertures,
         "auto": sweep.auto,
@@ -175,7 +167,7 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "surface_color": images.SURFACE_COLOR,
         "triangle_color": images.TRIANGLE_COLOR,
         "shading": shading_page.context(shading),
-        "trade_off": trade_off.answers(options, recommended=recommended),
+        "equally_good": best.equally_good_sentence(sweep.rows),
         "total_s": sweep.wall_s,
         "cost": sweep.cost_sentence,
         "geometries": geometries.context(sweep),
@@ -224,7 +216,6 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         ),
         eye=shading_page.eye_figure(shading),
         times=figures.stage_times(sweep),
-        cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
         scout=map_figures(sweep.auto) if sweep.auto else (),
     )
 

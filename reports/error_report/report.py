@@ -16,7 +16,6 @@ from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staged, Staging
-from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.report_records import ReportRecord
 from xfrustum.reports.error_report.shading import ShadingReport
@@ -24,6 +23,7 @@ from xfrustum.reports.error_report.shading_measure import measure_shading
 from xfrustum.reports.error_report.sweep import (
     DEFAULT_DEPTHS,
     DepthBuffer,
+    How,
     default_nears,
     settings_grid,
     sweep,
@@ -145,8 +145,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, chosen)
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
-        by, how = Decision(by=decided_by, tracer=tracer), {"causes": causes, "progress": progress}
-        swept = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
+        by = Decision(by=decided_by, tracer=tracer)
+        how = How(decision=by, effects=effects, causes=causes, progress=progress)
+        swept = sweep(scene, chosen, settings, how)
         measured, shading = _with_light(swept, apertures, settings, effects, progress)
         record = _put(staging, measured, shading)
     return _report_files(staging.out, measured, shading, record)
@@ -184,14 +185,13 @@ def _with_light(
     The sweep is told which apertures were given, too.
     """
     measured = replace(swept, auto=_auto(given))
-    watch, begun = Stopwatch(), time.process_time()
-    with watch.stage("light"):
-        shading = measure_shading(
-            measured.scene, measured.apertures, settings, effects=effects, progress=progress
-        )
+    begun = time.perf_counter()
+    shading = measure_shading(
+        measured.scene, measured.apertures, settings, effects=effects, progress=progress
+    )
     if shading is None:
         return measured, None
-    return measured.with_stage("light", watch.seconds["light"], time.process_time() - begun), shading
+    return measured.with_stage("light", time.perf_counter() - begun), shading
 
 
 def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -> tuple[Aperture, ...]:
@@ -238,9 +238,8 @@ def _put(staging: Staged, measured: Sweep, shading: ShadingReport | None) -> Rep
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
     """Write the files; return what report.json holds."""
-    begun = time.process_time()
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    record = report_record(measured.with_cpu("page", time.process_time() - begun), shading)
+    record = report_record(measured, shading)
     write_inspection(folder, _inspection(measured))
     write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers
 from xfrustum.compare.attribution.shear import ShearNumbers
-from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Separations
+from xfrustum.compare.run import StageTimes
 from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.records import named_columns
@@ -18,7 +18,6 @@ from xfrustum.reports.error_report.shading import ShadingRecord
 from xfrustum.reports.measurements.best import Window
 from xfrustum.reports.measurements.measurement import Ratios, StageParts, SweepCost
 from xfrustum.reports.scouting.automatic import ScoutRecord
-from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
@@ -150,9 +149,7 @@ class ReportRecord:
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]
-    parts_s: StageParts
     cost: SweepCost
-    trade_off: TradeOffRecord
     shading: ShadingRecord | None
     scout: ScoutRecord | None
     left_out: tuple[str, ...]

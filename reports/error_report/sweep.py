@@ -5,25 +5,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xfrustum.compare.judging.judge import Judge
-from xfrustum.reference.plain import CERTIFIED_DECISION, Decision, open_reference
+from xfrustum.compare.attribution.budget import Budget
+from xfrustum.compare.metrics.comparison import Comparison
+from xfrustum.compare.metrics.paired import PixelSet
+from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.run import Judge, JudgedFrame, Wanted
+from xfrustum.reference.alone import TracersAlone
+from xfrustum.reference.plain import CERTIFIED, CERTIFIED_DECISION, Decision, open_reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Stopwatch, Timing
-from xfrustum.reports.error_report.measuring import (
-    REPEAT_BUDGET_S,
-    MeasuredSetting,
-    SettingMeasurer,
-    TracedAperture,
-)
+from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.causes import CAUSE_COLORS
 from xfrustum.reports.inspection.drawn import inspected_drawings
 from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
-from xfrustum.reports.measurements.best import best_setting, keeping_tolerance
+from xfrustum.reports.measurements.best import best_setting
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -32,7 +35,9 @@ from xfrustum.reports.measurements.measurement import (
     Sweep,
     TracersAlonePictured,
 )
-from xfrustum.scenes.model.effects import Effect, chosen
+from xfrustum.scenes.model.effects import chosen
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
@@ -82,15 +87,30 @@ def settings_grid(
     )
 
 
-def sweep(  # noqa: PLR0913 - as `make_report`
-    scene: Scene,
-    apertures: Sequence[Aperture],
-    settings: Sequence[DoubleFrustum],
-    *,
-    decision: Decision = CERTIFIED_DECISION,
-    effects: str = "auto",
-    causes: bool = True,
-    progress: bool = False,
+@dataclass(frozen=True, kw_only=True)
+class How:
+    """How a sweep is made.
+
+    Attributes
+    ----------
+    decision
+        What decides the truths.
+    effects
+        Effects that are simulated, as `--effects` takes them.
+    causes
+        Whether wrong pixels are charged to causes, and errors predicted.
+    progress
+        Whether there is a progress bar on standard error.
+    """
+
+    decision: Decision = CERTIFIED_DECISION
+    effects: str = "auto"
+    causes: bool = True
+    progress: bool = False
+
+
+def sweep(
+    scene: Scene, apertures: Sequence[Aperture], settings: Sequence[DoubleFrustum], how: How | None = None
 ) -> Sweep:
     """Measure every setting at every aperture.
 
@@ -100,140 +120,165 @@ def sweep(  # noqa: PLR0913 - as `make_report`
     ----------
     apertures, settings
         At least one aperture and one setting.
-    decision
-        What decides the truths.
-    effects
-        Effects that are simulated, as `--effects` takes them.
-    causes
-        Whether wrong pixels are charged to causes, and errors predicted; else nothing of both is made.
-    progress
-        Show a progress bar on standard error.
+    how
+        How the sweep is made; as `How()` says where None.
 
     Raises
     ------
     InputError
         No usable OpenGL context, or an unknown tracer.
     """
-    watch, begun, cpu_begun = Stopwatch(), time.perf_counter(), time.process_time()
-    with _opened(scene, decision, effects, watch) as judge:
+    how, begun = how or How(), time.perf_counter()
+    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
+    effects = None if how.effects == "auto" else chosen(scene, how.effects)
+    with Judge(scene, reference=open_reference(scene, how.decision, effects), effects=effects) as judge:
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
-        measurer = SettingMeasurer(judge, reduction, causes=causes)
-        measured = _run(measurer, apertures, settings, watch, progress)
-        with watch.stage("repeat"):
-            frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
-        inspected, inspection_cpu_s = _inspected(judge, measured.rows, watch, causes=causes)
-    wall_s = time.perf_counter() - begun
+        measured = _Measured(seconds={"prepare": time.perf_counter() - begun})
+        with progress_bar(len(apertures) * (1 + len(settings)), "report", "image", shown=how.progress) as bar:
+            for done in _measure(judge, apertures, settings, reduction, how, measured):
+                bar.set_postfix_str(done, refresh=False)
+                bar.update()
+        rows = [measured.rows[aperture, setting] for aperture in apertures for setting in settings]
+        since = time.perf_counter()
+        inspected = _inspected(judge, [row for row, _ in rows], causes=how.causes)
+        measured.seconds["inspection"] = time.perf_counter() - since
+        opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
-        rows=tuple(measured.rows),
-        pictures=tuple(measured.pictures),
+        rows=tuple(row for row, _ in rows),
+        pictures=tuple(pictures for _, pictures in rows),
         truths=tuple(measured.truths),
         alone=tuple(measured.alone),
         decided_by=judge.reference.decided_by,
         reduction=reduction,
         versions={**provenance.versions(), **judge.reference.versions},
-        devices=_devices(judge),
-        times_s=watch.seconds | {"other": wall_s - sum(watch.seconds.values())},
-        parts_s=measured.parts_s,
-        wall_s=wall_s,
-        frames_s=frames,
-        cpu_s=_cpu_seconds(measurer, inspection_cpu_s, time.process_time() - cpu_begun),
-        charged=causes,
+        devices={**provenance.machine(), **opengl},
+        times_s=measured.seconds,
+        wall_s=time.perf_counter() - begun,
+        charged=how.causes,
         inspected=inspected,
     )
 
 
-def _inspected(
-    judge: Judge, rows: Sequence[Measurement], watch: Stopwatch, *, causes: bool
-) -> tuple[tuple[InspectedHogel, ...], float]:
-    """Return the hogels where the best setting is worst, drawn anew with it, and the CPU seconds of that."""
-    best = best_setting(rows).settings
-    drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
-    begun = time.process_time()
-    with watch.stage("inspection"):
-        apertures = [row.aperture for row in drawn[:MAX_HOGELS]]
-        found = tuple(inspected_drawings(judge, apertures, best, causes=causes))
-    return found, time.process_time() - begun
+@dataclass(frozen=True, kw_only=True)
+class _Measured:
+    """What a sweep keeps: rows with their pictures, pictures of truths, the tracers alone, and seconds."""
 
-
-def _opened(scene: Scene, decision: Decision, effects: str, watch: Stopwatch) -> Judge:
-    with watch.stage("prepare"):
-        simulated = _simulated(scene, effects)
-        return Judge(scene, reference=open_reference(scene, decision, simulated), effects=simulated)
-
-
-def _devices(judge: Judge) -> dict[str, str]:
-    opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
-    return {**provenance.machine(), **opengl}
-
-
-def _cpu_seconds(measurer: SettingMeasurer, inspection_s: float, everything_s: float) -> dict[str, float]:
-    """Return the CPU seconds of all stages whose share of the process is known, and of everything."""
-    wanted: tuple[str, ...] = ("raster", "trace", "pictures", "alone", "repeat")
-    known = {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
-    return {**known, "inspection": inspection_s, "all": everything_s}
-
-
-def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:
-    """Return the effects that are named; None for `auto`.
-
-    Renderers decide themselves what that is: with a tiny near, pictures show surfaces beyond the reach.
-    """
-    return None if effects == "auto" else chosen(scene, effects)
+    seconds: dict[str, float]
+    rows: dict[tuple[Aperture, DoubleFrustum], tuple[Measurement, SettingPictures]] = field(
+        default_factory=dict
+    )
+    truths: list[bytes] = field(default_factory=list)
+    alone: list[TracersAlonePictured] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Measured:
-    """Rows and pictures of all settings at all apertures, pictures of the truths, and the tracers alone."""
+class _Finished:
+    """What is kept of a judged frame: its row, its pictures with their seconds, and for a while its truth."""
 
-    rows: list[Measurement]
-    pictures: list[SettingPictures]
-    truths: list[bytes]
-    alone: list[TracersAlonePictured]
-
-    @property
-    def parts_s(self) -> StageParts:
-        """Seconds of the parts of stages, of all rows together."""
-        return StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in self.rows)))
+    row: Measurement
+    pictures: SettingPictures
+    pictures_s: float
+    truth: HogelImage
 
 
-def _repeated(
-    measurer: SettingMeasurer, rows: Sequence[Measurement], measured_s: float
-) -> dict[DoubleFrustum, Timing]:
-    """Time what keeps the tolerance again, at the first aperture, for no longer than it was measured."""
-    kept = keeping_tolerance(rows)
-    first = [row for row in rows if row.aperture == rows[0].aperture and row.settings in kept]
-    return measurer.repeat(first, min(REPEAT_BUDGET_S, measured_s))
-
-
-def _run(
-    measurer: SettingMeasurer,
+def _measure(
+    judge: Judge,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
-    watch: Stopwatch,
-    progress: bool,
-) -> _Measured:
-    """Trace every aperture, and draw and judge every setting at each of them."""
-    measured = _Measured(rows=[], pictures=[], truths=[], alone=[])
-    steps = len(apertures) * (1 + len(settings))
-    with progress_bar(steps, "report", "image", shown=progress) as bar:
-        found: dict[tuple[Aperture, DoubleFrustum], MeasuredSetting] = {}
-        for aperture, one in measurer.measure(apertures, settings):
-            at = f"aperture {aperture.column},{aperture.row}"
-            if isinstance(one, TracedAperture):
-                measured.truths.append(one.picture)
-                measured.alone.extend([one.alone] if one.alone else [])
-                bar.set_postfix_str(f"{at}: truth", refresh=False)
+    reduction: int,
+    how: How,
+    measured: _Measured,
+) -> Iterable[str]:
+    """Draw and judge every setting at every aperture, and yield what is done, in words, after each image."""
+    shaded = is_shaded(judge.scene)
+    # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
+    wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=how.causes)
+    finish = partial(_finish, judge.scene, reduction)
+    tracers = TracersAlone(judge.scene) if judge.reference.decided_by == CERTIFIED else None
+    seconds, left = measured.seconds, 0
+    with closing(judge.frames(apertures, settings, wanted, finish)) as frames:
+        for one in frames:
+            row, at = one.row, f"aperture {one.row.aperture.column},{one.row.aperture.row}"
+            measured.rows[row.aperture, row.settings] = row, one.pictures
+            stages = {**asdict(row.times_s), "pictures": one.pictures_s}
+            if left == 0:
+                left = len(set(settings))
+                begun = time.perf_counter()
+                measured.truths.append(images.picture(one.truth, reduction))
+                drawn = time.perf_counter()
+                if tracers is not None:
+                    measured.alone.append(_alone(tracers, one.truth, reduction))
+                stages["pictures"] += drawn - begun
+                stages["alone"] = time.perf_counter() - drawn
+                yield f"{at}: truth"
             else:
-                found[aperture, one.row.settings] = one
-                bar.set_postfix_str(f"{at}: near {one.row.settings.near:.3g}", refresh=False)
-            bar.update()
-    watch.add(measurer.seconds)
-    in_order = [found[aperture, setting] for aperture in apertures for setting in settings]
-    measured.rows.extend(one.row for one in in_order)
-    measured.pictures.extend(one.pictures for one in in_order)
-    return measured
+                stages["trace"] = 0.0
+            left -= 1
+            for stage, taken in stages.items():
+                seconds[stage] = seconds.get(stage, 0.0) + taken
+            yield f"{at}: near {row.settings.near:.3g}"
+
+
+def _alone(tracers: TracersAlone, truth: HogelImage, reduction: int) -> TracersAlonePictured:
+    found = tracers.find(truth)
+    return TracersAlonePictured(
+        numbers=found.numbers, pictures=images.alone_pictures(truth, found.wrong, reduction)
+    )
+
+
+def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> _Finished:
+    """Return the row of a frame and its pictures, encoded in the thread that has judged it."""
+    begun, reach, budget = time.perf_counter(), scene.frustum.longest_reach, frame.budget
+    pictures = images.setting_pictures(
+        frame.image,
+        frame.comparison.maps,
+        None if budget is None else _charges(budget),
+        (reach, images.height_range(scene, reach)),
+        reduction,
+    )
+    row = Measurement(
+        aperture=frame.aperture,
+        settings=frame.settings,
+        comparison=frame.comparison.numbers,
+        causes=() if budget is None else budget.causes,
+        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
+        shear=None if budget is None else budget.start.shear,
+        predicted=frame.prediction,
+        times_s=frame.times,
+        parts_s=StageParts(raster=RasterParts(gpu=frame.gpu_s)),
+        wrong=_wrong_pixels(frame.comparison),
+    )
+    return _Finished(row=row, pictures=pictures, pictures_s=time.perf_counter() - begun, truth=frame.truth)
+
+
+def _charges(budget: Budget) -> NDArray[np.int8]:
+    """Return the place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all."""
+    places = np.array([list(CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
+    wrong = budget.surface_charge >= 0
+    charge = budget.surface_charge.copy()
+    charge[wrong] = places[charge[wrong]]
+    charge[budget.explanation.unexplained & wrong] = len(CAUSE_COLORS)
+    return charge
+
+
+def _wrong_pixels(comparison: Comparison) -> dict[str, PixelSet]:
+    found = {}
+    if comparison.errors.surface is not None:
+        found["surface"] = PixelSet.of(comparison.errors.surface)
+    if comparison.colors is not None:
+        with np.errstate(invalid="ignore"):
+            found["radiance"] = PixelSet.of(np.abs(comparison.colors.error).max(axis=-1) > STEP)
+    return found
+
+
+def _inspected(judge: Judge, rows: Sequence[Measurement], *, causes: bool) -> tuple[InspectedHogel, ...]:
+    """Return the hogels where the best setting is worst, drawn anew with it."""
+    best = best_setting(rows).settings
+    drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
+    apertures = [row.aperture for row in drawn[:MAX_HOGELS]]
+    return tuple(inspected_drawings(judge, apertures, best, causes=causes))
 
 
 def _reduction(frustum: Frustum, count: int) -> int:

@@ -36,15 +36,12 @@ from xfrustum.reports.measurements.best import (
 )
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.reports.scouting.automatic import ScoutRecord
-from xfrustum.reports.trade_off import trade_off
-from xfrustum.reports.trade_off.trade_off_record import trade_off_record
 from xfrustum.scenes.model.scene import Scene
 
 
 def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportRecord:
     """Return the content of report.json."""
     reach = sweep.scene.frustum.longest_reach
-    options = trade_off.options_of(sweep)
     return ReportRecord(
         scene=_scene_record(sweep.scene),
         apertures=sweep.apertures,
@@ -69,9 +66,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         versions=sweep.versions,
         devices=sweep.devices,
         times_s=sweep.times_s,
-        parts_s=sweep.parts_s,
         cost=sweep.cost,
-        trade_off=trade_off_record(options, recommended=trade_off.recommended_of(sweep, options)),
         shading=shading.record if shading else None,
         scout=ScoutRecord.of(sweep.auto) if sweep.auto else None,
         left_out=sweep.left_out,

@@ -7,9 +7,8 @@ from contextlib import closing
 from functools import partial
 
 from xfrustum.compare.attribution.budget import Budget
-from xfrustum.compare.judging.engine import JudgedFrame, Wanted
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.error_maps import ErrorMaps
+from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.inspection.channels import (
     ERROR,
@@ -42,9 +41,8 @@ def inspected_drawings(
 ) -> Iterator[InspectedHogel]:
     """Yield the hogels of some apertures, drawn with a setting, and perhaps the causes of their errors."""
     finish, wanted = partial(inspected_frame, judge.scene), WANTED if causes else WANTED_WITHOUT_CAUSES
-    with closing(judge.engine(wanted, finish).frames(apertures, (setting,))) as frames:
-        for one in frames:
-            yield one.found
+    with closing(judge.frames(apertures, (setting,), wanted, finish)) as frames:
+        yield from frames
 
 
 def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
@@ -52,10 +50,10 @@ def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
     maps, settings = frame.comparison.maps, frame.settings
     drawing = f"rasterizer: near {digits(settings.near)}, {settings.depth_label}"
     return InspectedHogel.of(
-        frame.hogel.aperture,
+        frame.aperture,
         _badness(frame),
         [
-            image_layer(TRUTH, "truth", with_normals(frame.hogel.truth, scene)),
+            image_layer(TRUTH, "truth", with_normals(frame.truth, scene)),
             image_layer(IMAGE, drawing, with_normals(frame.image, scene)),
             Layer(name=ERROR, words="errors of the image", channels=_errors(maps, frame.budget)),
         ],

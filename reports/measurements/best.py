@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -354,3 +355,14 @@ def pixels(value: float) -> str:
     """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
     rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
     return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")
+
+
+def equally_good_sentence(rows: Sequence[Measurement]) -> str:
+    """Say how many settings of which depth buffers are equally good by error; empty where one is the best."""
+    good = equally_good(rows)
+    if len(good) < 2 or not can_be_judged(rows):
+        return ""
+    counts = Counter(row.settings.depth_label for row in rows if row.settings in good)
+    apertures = len({row.aperture for row in rows})
+    named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
+    return f"{len(good)} settings are equally good by error: {named}. xfrustum cost tells their times apart."

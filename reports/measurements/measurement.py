@@ -8,15 +8,14 @@ from functools import cached_property
 
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.attribution.shear import ShearNumbers
-from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.compare.run import StageTimes
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
-from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -167,83 +166,22 @@ class TracersAlonePictured:
     pictures: Mapping[str, bytes]
 
 
-BESIDES = ("pictures", "inspection", "alone", "repeat", "light")
-"""Stages that are not measuring: the pictures of the page; the hogels of the inspection page; the pixels that
-a tracer alone would have got wrong, which say nothing of a row; frames drawn again to rank them by time; and
-the section on light."""
-
-WITHIN_SWEEP = ("pictures", "inspection", "alone", "repeat")
-"""Those of `BESIDES` that a sweep itself does."""
-
-_NAMED_BESIDES = {
-    "inspection": "the inspection page",
-    "repeat": "frames drawn again for their time",
-    "light": "light",
-}
-"""Those of `BESIDES` that are named in words where they were done."""
-
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
 """Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
 what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class CpuCost:
-    """CPU seconds of all threads of the process.
-
-    Attributes
-    ----------
-    measuring_s
-        From the loaded scene to the measured rows: renderers made ready, kernels and programs compiled,
-        truths, frames, comparisons and, where they were wanted, causes and predictions.
-    frames_s, truths_s
-        Part of it in which frames were drawn and read back, and in which truths were traced. Both run while
-        nothing else does.
-    ratio
-        `measuring_s` over `frames_s` and `truths_s` together; None where these took no time.
-    besides_s
-        Stages that are not measuring, see `BESIDES`, and `page`, in which the page was put together.
-    """
-
-    measuring_s: float
-    frames_s: float
-    truths_s: float
-    ratio: float | None
-    besides_s: Mapping[str, float]
-
-
-@dataclass(frozen=True, kw_only=True)
 class SweepCost:
-    """What measuring took beside what it cannot do without: its frames with read-back and its truths.
+    """Wall seconds of everything, and those of its frames, its truths and the page's pictures added up.
 
-    The stages in `BESIDES` are timed separately: they are not measuring.
-
-    Attributes
-    ----------
-    wall_s
-        Wall seconds of measuring.
-    frames_s, truths_s
-        Seconds of all frames and of all truths.
-    pictures_s
-        Seconds of encoding the page's pictures.
-    ratio
-        `wall_s` over `frames_s` and `truths_s` together.
-    ratio_without_causes
-        `ratio` of a report without causes; None in a report that has them.
-    total_s
-        Seconds of everything.
-    cpu
-        The same in CPU seconds, which depend less on what else the machine does.
+    Stages run at the same time, so that sums may exceed what passed.
     """
 
     wall_s: float
     frames_s: float
     truths_s: float
     pictures_s: float
-    ratio: float
-    ratio_without_causes: float | None
-    total_s: float
-    cpu: CpuCost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,20 +205,11 @@ class Sweep:
     versions, devices
         Libraries and hardware that produced the numbers.
     times_s
-        Wall seconds per stage, which add up to `wall_s`. `exact` compares the frames with exact depth, beside
-        which those of all depth buffers are compared, `pictures` encodes those of the page,
-        `inspection` draws and packs the hogels of the inspection page, `repeat`
-        draws frames again to time them, `light` measures the light of a shaded scene, and `other` is the
-        rest.
-    parts_s
-        Seconds of the parts of stages.
+        Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
+        `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and
+        `light` for the light of a shaded scene. Stages run at the same time: the sum exceeds `wall_s`.
     wall_s
         Wall seconds of everything.
-    frames_s
-        By setting: times of repeated frames with read-back at the first aperture, where they were timed.
-    cpu_s
-        CPU seconds: of `raster` and `trace`, of the stages in `BESIDES` and of `page`, and as `all` those of
-        everything but `light` and `page`.
     charged
         Whether wrong pixels were charged to causes, and errors predicted.
     auto
@@ -300,22 +229,19 @@ class Sweep:
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]
-    parts_s: StageParts
     wall_s: float
-    frames_s: Mapping[DoubleFrustum, Timing]
-    cpu_s: Mapping[str, float]
     charged: bool = True
     auto: AutoApertures | None = None
     inspected: tuple[InspectedHogel, ...] = ()
 
-    def with_stage(self, name: str, seconds: float, cpu_s: float) -> Sweep:
-        """Return the sweep with one more stage, which was done after all others, and its CPU seconds."""
-        longer = self.with_cpu(name, cpu_s)
-        return replace(longer, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
+    def with_stage(self, name: str, seconds: float) -> Sweep:
+        """Return the sweep with one more stage, which was done after all others."""
+        return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
 
-    def with_cpu(self, name: str, seconds: float) -> Sweep:
-        """Return the sweep with the CPU seconds of one more stage."""
-        return replace(self, cpu_s={**self.cpu_s, name: seconds})
+    @property
+    def gpu_s(self) -> float:
+        """Seconds in which the device drew all frames, by its own clock."""
+        return sum(row.parts_s.raster.gpu for row in self.rows)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -359,59 +285,26 @@ class Sweep:
 
     @property
     def cost(self) -> SweepCost:
-        """The price of measuring, beside that of its frames and truths."""
-        needed = self.times_s["raster"] + self.times_s["trace"]
-        apart = sum(self.times_s.get(stage, 0.0) for stage in BESIDES)
-        measuring = self.wall_s - apart
-        ratio = measuring / needed
+        """What measuring took."""
         return SweepCost(
-            wall_s=measuring,
+            wall_s=self.wall_s,
             frames_s=self.times_s["raster"],
             truths_s=self.times_s["trace"],
             pictures_s=self.times_s["pictures"],
-            ratio=ratio,
-            ratio_without_causes=None if self.charged else ratio,
-            total_s=self.wall_s,
-            cpu=self._cpu_cost(),
-        )
-
-    def _cpu_cost(self) -> CpuCost:
-        """Return the price of measuring in CPU seconds."""
-        besides = {stage: self.cpu_s[stage] for stage in (*BESIDES, "page") if stage in self.cpu_s}
-        within = sum(self.cpu_s.get(stage, 0.0) for stage in WITHIN_SWEEP)
-        frames, truths = self.cpu_s.get("raster", 0.0), self.cpu_s.get("trace", 0.0)
-        measuring, needed = self.cpu_s["all"] - within, frames + truths
-        return CpuCost(
-            measuring_s=measuring,
-            frames_s=frames,
-            truths_s=truths,
-            ratio=measuring / needed if needed else None,
-            besides_s=besides,
         )
 
     @property
     def cost_sentence(self) -> str:
-        """The price of measuring in words."""
-        cost = self.cost
+        """What measuring took, in words."""
+        cost, count = self.cost, len(self.truths)
         frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
-        count = len(self.truths)
         if self.decided_by == CERTIFIED:
             truths = "the certified truth" if count == 1 else f"{count} certified truths"
         else:
             traced = "the picture" if count == 1 else f"{count} pictures"
             truths = f"{traced} by {self.decided_by} alone"
-        besides = [f"the page's pictures {cost.pictures_s:.2f} s"]
-        for stage, words in _NAMED_BESIDES.items():
-            if stage in self.times_s:
-                besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (
-            f"Measured in {cost.wall_s:.2f} s of wall time: {cost.ratio:.2f} times what {frames} "
-            f"with read-back ({cost.frames_s:.2f} s) and {truths} ({cost.truths_s:.2f} s) take"
-            f"{_in_cpu(cost.cpu)}. "
-            f"Besides: {', '.join(besides)}; {cost.total_s:.2f} s in all."
+            f"Measured in {cost.wall_s:.2f} s of wall time, in which stages ran side by side: {frames} with "
+            f"read-back {cost.frames_s:.2f} s, {truths} {cost.truths_s:.2f} s, the page's pictures "
+            f"{cost.pictures_s:.2f} s."
         )
-
-
-def _in_cpu(cost: CpuCost) -> str:
-    """Say what that is in CPU time; nothing where frames and truths took none."""
-    return "" if cost.ratio is None else f", and {cost.ratio:.2f} times as much CPU time as they take"

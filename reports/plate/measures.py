@@ -18,9 +18,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xfrustum.compare.judging.engine import JudgedFrame, Wanted
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.plate.one_by_one import plate_hogel
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
@@ -88,23 +87,21 @@ class JudgedSource:
         self.settings: DoubleFrustum | None = settings
         self._settings = settings
         self._judge = Judge(scene, effects=content.effects)
-        drawing = self._judge.drawing
-        effects = drawing.submit(lambda rasterizer: rasterizer.effects_for(settings)).result()
+        effects = self._judge.submit(lambda rasterizer: rasterizer.effects_for(settings)).result()
         self.simulated = visible_effects(effects, scene, settings)
-        self.renderer = drawing.device["renderer"]
+        self.renderer = self._judge.device["renderer"]
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Draw and judge hogels, and yield them in the order of their apertures."""
         colors = is_shaded(self.scene)
         # Pixels are stored with color; whether it is compared is another question.
         wanted = Wanted(color=True, colored_truths=colors, radiance=colors)
-        with closing(self._judge.engine(wanted, self._judged).frames(apertures, [self._settings])) as frames:
-            for one in frames:
-                yield one.found
+        with closing(self._judge.frames(apertures, [self._settings], wanted, self._judged)) as frames:
+            yield from frames
 
     def _judged(self, frame: JudgedFrame) -> JudgedPlateHogel:
         """Return what is stored of a frame, in the thread that has judged it."""
-        here, image = frame.hogel.aperture, frame.image
+        here, image = frame.aperture, frame.image
         if Channel.NORMAL in self.content.channels:
             image = replace(image, normal=normals_of(self.scene, image.triangle))
         measured = MeasuredHogel(

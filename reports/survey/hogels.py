@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from xfrustum.compare.judging.engine import JudgedFrame
-from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.run import Judge, JudgedFrame
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.processes import device_index
 from xfrustum.reports.cluster.rows_job import RowsJob
@@ -87,7 +86,7 @@ class HogelsSession(Session):
         judged = JudgedWith(
             tolerance_px=job.tolerance_px,
             reach=judge.scene.frustum.longest_reach,
-            device=Device(renderer=judge.drawing.device["renderer"], index=device_index()),
+            device=Device(renderer=judge.device["renderer"], index=device_index()),
         )
         hogels = judge.stream(job.blocks.apertures(number), job.settings, images=True, causes=True)
         rows = [
@@ -100,16 +99,13 @@ class HogelsSession(Session):
     def shown(self, column: int, row: int, setting: int) -> ShownHogel:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
         aperture = self._judge.scene.plate.aperture(column, row)
-        with closing(
-            self._judge.engine(WANTED, partial(_shown, self._judge.scene)).frames(
-                [aperture], (self._job.settings[setting],)
-            )
-        ) as frames:
-            return next(iter(frames)).found
+        settings, finish = [self._job.settings[setting]], partial(_shown, self._judge.scene)
+        with closing(self._judge.frames([aperture], settings, WANTED, finish)) as frames:
+            return next(frames)
 
 
 def _shown(scene: Scene, frame: JudgedFrame) -> ShownHogel:
-    truth, maps = frame.hogel.truth, frame.comparison.maps
+    truth, maps = frame.truth, frame.comparison.maps
     reduction = -(-max(truth.camera.resolution) // MAX_PICTURE_PX)
     assert maps.surface is not None, "a judge has the scene at hand"
     encoded = {

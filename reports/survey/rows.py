@@ -9,10 +9,10 @@ import numpy as np
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.judging.judge import JudgedDrawing
 from xfrustum.compare.judging.judged import ColorFigures, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.verification.verdict import Hogel
 from xfrustum.scenes.arrays import Floats

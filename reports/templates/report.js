@@ -208,7 +208,6 @@ get("panels").addEventListener("pointerdown", (event) => {
 get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 1, x: 0, y: 0 }); place(); });
 
 for (const name of Object.keys(data.curves[0][0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
-Plotly.newPlot(get("plot-cost"), data.cost.data, data.cost.layout, config);
 data.scout.forEach((map, place) => Plotly.newPlot(get("plot-scout").children[place], map.data, map.layout, { ...config, displayModeBar: false }));
 Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
 choose(data.rows[data.start]);

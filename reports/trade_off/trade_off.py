@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
-from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.geometry import CameraGeometry
-from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
-from xfrustum.reports.common.turns import open_races
-from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
-from xfrustum.reports.measurements.measurement import Measurement, Sweep
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, pixels
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER_FRACTION = 0.2
@@ -30,15 +24,6 @@ MAX_NAMED_OPTIONS = 3
 @dataclass(frozen=True, kw_only=True)
 class Configuration:
     """Names and values by which JSON tells an option from others; each kind of option adds its own fields."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SweptConfiguration(Configuration):
-    """A near plane with a depth buffer, in words, and with a camera geometry."""
-
-    near: float
-    depth: str
-    geometry: CameraGeometry = field(metadata=INLINED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,40 +171,13 @@ def cheapest(options: Sequence[Option], tolerance_px: float) -> Option | None:
     return ranking.least_error if ranking else None
 
 
-def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
-    """Return which options further repetitions could rank, within the tolerance or a fifth of it.
-
-    See `turns.open_races`; options that do not keep the tolerance take no part.
-    """
-    racing = [False] * len(options)
-    for tolerance in (tolerance_px, STRICTER_FRACTION * tolerance_px):
-        ranking = rank(options, tolerance)
-        if ranking is None:
-            continue
-        tied = [one.time_s for one in ranking.fastest]
-        turns = open_races(tied, [one.time_s for one in options])
-        racing = [
-            before or (turn and one.within(tolerance))
-            for before, turn, one in zip(racing, turns, options, strict=True)
-        ]
-    return racing
-
-
-def answers(
-    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> tuple[FastestWithin, ...]:
-    """Return what a tolerance costs, and what a fifth of it would cost, in words.
-
-    Parameters
-    ----------
-    recommended
-        Option that was recommended before; without one, the least error among ties is named.
-    """
+def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
+    """Return what a tolerance costs, and what a fifth of it would cost, in words."""
     tolerances = (tolerance_px, STRICTER_FRACTION * tolerance_px)
     loose, strict = (rank(options, tolerance) for tolerance in tolerances)
     sentences = (
-        _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose, recommended),
-        _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict, recommended),
+        _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose),
+        _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict),
     )
     return tuple(
         FastestWithin(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
@@ -227,7 +185,7 @@ def answers(
     )
 
 
-def _fastest(tolerance_px: float, ranking: Ranking, recommended: Option | None) -> str:
+def _fastest(tolerance_px: float, ranking: Ranking) -> str:
     under = f"under {digits(tolerance_px)} px"
     if len(ranking.fastest) == 1:
         return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
@@ -235,29 +193,29 @@ def _fastest(tolerance_px: float, ranking: Ranking, recommended: Option | None) 
     if not ranking.ranked:
         return (
             f"{count} ways stay {under}, {_milliseconds(*ranking.range_s)} a picture; they are not ranked "
-            f"by time, which takes {FEWEST_REPETITIONS} repetitions. {_least(ranking, recommended)}"
+            f"by time, which takes {FEWEST_REPETITIONS} repetitions. {_least(ranking)}"
         )
     return (
         f"The fastest way to stay {under} is one of these {count}, "
         f"{_milliseconds(*ranking.range_s)} a picture, which {_repetitions(ranking)} do not tell apart: "
-        f"{_listed(ranking.fastest)}. {_least(ranking, recommended)}"
+        f"{_listed(ranking.fastest)}. {_least(ranking)}"
     )
 
 
-def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking, recommended: Option | None) -> str:
+def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking) -> str:
     asked = f"{digits(tolerance_px)} px would cost"
     if loose is None or not (loose.ranked and strict.ranked):
-        return _fastest(tolerance_px, strict, recommended)
+        return _fastest(tolerance_px, strict)
     one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
     if not one.told_below(other):
         if loose.fastest == strict.fastest:
             return f"{asked} nothing more: {_same(len(strict.fastest))}."
-        return f"{asked} nothing more that can be told: {_fewer(strict)}. {_least(strict, recommended)}"
+        return f"{asked} nothing more that can be told: {_fewer(strict)}. {_least(strict)}"
     low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
     times = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
     if len(strict.fastest) == 1:
         return f"{asked} {times}: {_described(strict.fastest[0])}."
-    return f"{asked} {times}: {_fewer(strict)}. {_least(strict, recommended)}"
+    return f"{asked} {times}: {_fewer(strict)}. {_least(strict)}"
 
 
 def _same(count: int) -> str:
@@ -273,13 +231,9 @@ def _fewer(ranking: Ranking) -> str:
     )
 
 
-def _least(ranking: Ranking, recommended: Option | None) -> str:
+def _least(ranking: Ranking) -> str:
     """Say which one of several options is to be taken."""
-    if recommended is None:
-        return f"The least error among them is that of {_described(ranking.least_error)}."
-    if recommended in ranking.fastest:
-        return "The setting recommended above is one of them."
-    return f"The setting recommended above takes {_taken(recommended.time_s)}."
+    return f"The least error among them is that of {_described(ranking.least_error)}."
 
 
 def _listed(options: Sequence[Option]) -> str:
@@ -322,71 +276,9 @@ def _milliseconds(low: float, high: float) -> str:
     return f"{one} ms" if one == other else f"{one} to {other} ms"
 
 
-def options_of(sweep: Sweep) -> list[Option]:
-    """Return the settings of a sweep as options, and what it took for the truth.
-
-    Errors are those of the worst aperture, times those of the first: other apertures show other pictures.
-    """
-    grouped: dict[str, list[Measurement]] = {}
-    for row in sweep.rows:
-        grouped.setdefault(raster_label(row, sweep), []).append(row)
-    first = next(row for row in sweep.rows if row.aperture == sweep.apertures[0])
-    return [
-        Option(
-            renderer="raster",
-            label=label,
-            family=_family(rows[0].settings),
-            configuration=SweptConfiguration(
-                near=rows[0].settings.near,
-                depth=rows[0].settings.depth_label,
-                geometry=CameraGeometry.of(rows[0].settings),
-            ),
-            displacement_p99_px=max(row.displacement_p99_px for row in rows),
-            surface_fraction=max(row.surface_fraction for row in rows),
-            time_s=sweep.frames_s.get(rows[0].settings, Timing.of([rows[0].times_s.raster])),
-            gpu_s=Timing.of([rows[0].parts_s.raster.gpu]),
-        )
-        for label, rows in grouped.items()
-    ] + [_truth(sweep.decided_by, Timing.of([first.times_s.trace]))]
-
-
-def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
-    """Return the option that a sweep recommends."""
-    chosen = best_setting(sweep.rows).settings
-    row = next(row for row in sweep.rows if row.settings == chosen)
-    return next(option for option in options if option.label == raster_label(row, sweep))
-
-
-def raster_label(row: Measurement, sweep: Sweep) -> str:
-    """Return the words for a row's settings."""
-    scene, settings = sweep.scene, row.settings
-    label = near_label(settings.near, scene.units, scene.frustum.longest_reach, settings.depth_label)
-    return _with_geometry(label, settings)
-
-
-def _family(settings: DoubleFrustum) -> str:
-    return _with_geometry(settings.depth_label, settings)
-
-
-def _with_geometry(label: str, settings: DoubleFrustum) -> str:
-    """Add to some words what is not usual about the cameras."""
-    described = CameraGeometry.of(settings).described
-    return f"{label} ({described})" if described else label
-
-
 def near_label(near: float, units: str, reach: float, depth: str) -> str:
     """Return the words for a near plane with a depth buffer."""
     return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
-
-
-def _truth(decided_by: str, time_s: Timing) -> Option:
-    """Return what a sweep took for the truth: the certified one, or a tracer's own picture."""
-    truth = certified(time_s)
-    if decided_by == CERTIFIED:
-        return truth
-    words = f"{decided_by} alone, not examined"
-    configuration = CertifiedConfiguration(certified=False)
-    return replace(truth, renderer=decided_by, label=words, family=words, configuration=configuration)
 
 
 def certified(time_s: Timing) -> Option:

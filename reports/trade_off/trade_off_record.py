@@ -99,13 +99,11 @@ class TradeOffRecord:
     answers: tuple[AnswerRecord, ...]
 
 
-def trade_off_record(
-    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> TradeOffRecord:
+def trade_off_record(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> TradeOffRecord:
     """Return options and answers as `cost --json` prints them; see `trade_off.answers`."""
     return TradeOffRecord(
         rows=tuple(_option(option, best) for option, best in zip(options, pareto(options), strict=True)),
-        answers=tuple(_answer(answer) for answer in answers(options, tolerance_px, recommended)),
+        answers=tuple(_answer(answer) for answer in answers(options, tolerance_px)),
     )
 
 

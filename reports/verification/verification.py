@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -16,12 +16,13 @@ from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.findings import Findings, find_out
 from xfrustum.compare.diagnosis.views.view_shear import with_view_shear
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.shown_points import shown_points
+from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
+from xfrustum.reference.devices.threads import worker_count
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
@@ -281,9 +282,9 @@ class Run:
     def hogels(self, question: Question, apertures: Iterable[Aperture], worst: Kept) -> Iterator[Hogel]:
         """Judge some hogels and yield them in their order; `worst` is given the figures of each."""
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
-        with workers("judging") as pool:
-            judge = partial(self._hogel, question)
-            for hogel, figures in in_order(pool, judge, self._images(apertures), most):
+        with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
+            tasks = (pool.submit(self._hogel, question, one) for one in self._images(apertures))
+            for hogel, figures in in_order(tasks, most):
                 if figures is not None:
                     worst.add(hogel.aperture, *figures)
                 yield hogel

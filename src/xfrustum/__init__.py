@@ -44,9 +44,9 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
-    from xfrustum.compare.judging.judge import Judge, JudgedDrawing, JudgedHogel
     from xfrustum.compare.planning.plan import Plan
     from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.run import Judge, JudgedDrawing, JudgedHogel
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
     from xfrustum.reports.baselines.baseline import Baseline, BaselineOptions, baseline
@@ -158,9 +158,9 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "cost": "reports.cost.cost:measure_cost",
     "EffectsPlan": "reports.effects.plan",
     "explain": "reports.effects.plan",
-    "Judge": "compare.judging.judge",
-    "JudgedDrawing": "compare.judging.judge",
-    "JudgedHogel": "compare.judging.judge",
+    "Judge": "compare.run",
+    "JudgedDrawing": "compare.run",
+    "JudgedHogel": "compare.run",
     "Plan": "compare.planning.plan",
     "Requirement": "compare.planning.views",
     "make_plan": "reports.commands.planning",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause
-from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.run import StageTimes
 from xfrustum.reports.measurements.measurement import Measurement, RasterParts, StageParts
 from xfrustum.scenes import Aperture, DoubleFrustum
 

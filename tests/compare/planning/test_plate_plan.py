@@ -16,11 +16,11 @@ from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.hogels import hogel_results
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.plate import PlatePlanner, largest_share
 from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.run import Judge
 from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scouting.scout import Scout, scout
 from xfrustum.raster import Rasterizer

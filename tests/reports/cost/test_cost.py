@@ -5,10 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +19,6 @@ from xfrustum.compare import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
-from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
 from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX
@@ -32,7 +29,6 @@ from xfrustum.reports.trade_off.trade_off import (
     cheapest,
     pareto,
     rank,
-    unsettled,
 )
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.library import builtin
@@ -151,53 +147,6 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
 
 
-class Clock:
-    """A clock that advances only while a worker works."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now = 0.0
-        monkeypatch.setattr(
-            "xfrustum.compare.judging.stopwatch.time", SimpleNamespace(perf_counter=lambda: self.now)
-        )
-
-    def worker(self, seconds: Iterable[float]) -> Callable[[], None]:
-        durations = iter(seconds)
-
-        def work() -> None:
-            self.now += next(durations)
-
-        return work
-
-
-def test_turns_go_on_until_the_fastest_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Clock(monkeypatch)
-    quick = clock.worker([1.0, 1.0, 1.0, 1.0, 9.0] + [1.0] * 99)
-    slow = clock.worker([2.0, 2.5] * 99)
-    seconds: list[list[float]] = [[], []]
-    for _ in range(5):
-        take_turn([quick, slow], seconds)
-
-    def open_places(spreads: Sequence[Timing]) -> list[bool]:
-        pair = zip(spreads, (0.4, 0.3), strict=True)
-        return unsettled([replace(option(1, moved), time_s=spread) for spread, moved in pair], 0.5)
-
-    assert open_places([Timing.of(taken) for taken in seconds]) == [True, True]
-    take_turns_until_settled([quick, slow], seconds, open_places, budget_s=1e6)
-    one, other = (Timing.of(taken) for taken in seconds)
-    assert one.told_below(other) and one.repetitions == other.repetitions == 9
-
-
-def test_turns_end_with_the_time_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Clock(monkeypatch)
-    runs = [clock.worker([1.0, 3.0] * 99), clock.worker([3.0, 1.0] * 99)]
-    seconds: list[list[float]] = [[], []]
-    take_turn(runs, seconds)
-    begun = clock.now
-    take_turns_until_settled(runs, seconds, lambda spreads: [True] * len(spreads), budget_s=20.0)
-    assert 16.0 <= clock.now - begun <= 20.0
-    assert [len(taken) for taken in seconds] == [6, 6]
-
-
 def test_the_answers_are_sentences_about_the_tolerance_and_a_fifth_of_it() -> None:
     loose, strict = answers([option(1, 0.4), option(3, 0.05)], 0.5)
     assert "under 0.5 px: 1 s" in loose.sentence
@@ -276,14 +225,3 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert words in page[: page.index('id="plot"')]
     assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]
     assert main(["cost", scene, "--tolerance-px", "0"]) == 2
-
-
-def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
-    """A way that is slower in one round may be fast in the next, and goes on; one thrice as slow does not."""
-    noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
-    spreads = [Timing.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
-    assert spreads[0].told_below(spreads[2])
-    assert open_races(spreads[:2], spreads) == [True, True, True, False]
-    assert open_races(spreads[:1], spreads) == [False] * 4
-    steady = [Timing.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
-    assert open_races(steady, steady) == [False, False]

@@ -1,0 +1,623 @@
+"""Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates.
+
+Frames are drawn in the one thread that owns the OpenGL context, truths are traced in another, and as many
+threads as there are processors judge. Results come in order, and a bounded number of frames is ahead of the
+caller. Depth buffers of one pair of cameras share the traced links of the chain (T1 to T4), the frame with
+linear depth (R0), and the predictions. Everything found is what judging each hogel alone finds, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from types import MappingProxyType, TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
+from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
+from xfrustum.compare.metrics.comparison_facts import figures, said_of_numbers, table_of_numbers
+from xfrustum.compare.metrics.error_maps import JudgedImage
+from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
+from xfrustum.compare.prediction.predict import Prediction, Predictor
+from xfrustum.raster import Drawn, Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.certify.processors import kernels_on_one_thread
+from xfrustum.reference.devices.threads import worker_count
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.look import is_shaded
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Result = TypeVar("Result")
+
+NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
+
+IMAGES_PER_THREAD = 4
+"""Images that are made, or being judged, for each thread that judges: enough that none waits for an image."""
+
+MAX_CONCURRENT_PIXELS = 1 << 23
+"""Largest number of pixels of all images under way, unless two have more. An image takes about 240 bytes a
+pixel with its truth and its error maps, so that this is 2 GB."""
+
+
+def images_under_way(pixels: int) -> int:
+    """Return how many images of so many pixels are made and not yet handed to the caller at a time."""
+    return max(2, min(IMAGES_PER_THREAD * worker_count(), MAX_CONCURRENT_PIXELS // pixels))
+
+
+def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
+    """Yield the results of tasks in their order, as many of which are begun ahead as `most` says.
+
+    An exception of a task comes in the place of its result; then, and when the iterator is closed, tasks that
+    have not begun are cancelled.
+    """
+    waiting: deque[Future[Result]] = deque()
+    try:
+        for task in tasks:
+            waiting.append(task)
+            while waiting and (len(waiting) >= most or waiting[0].done()):
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for task in waiting:
+            task.cancel()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is wanted of each frame beside its geometry.
+
+    Attributes
+    ----------
+    color, colored_truths
+        Whether frames, and truths, have color.
+    radiance, perceptual
+        Whether colors are compared, and how different the pictures look; see `compare_images`.
+    causes
+        Whether errors are predicted and wrong pixels charged to causes.
+    """
+
+    color: bool = False
+    colored_truths: bool = True
+    radiance: bool = False
+    perceptual: bool = False
+    causes: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageTimes:
+    """Wall seconds of the stages of one frame, as they passed in the thread that did each.
+
+    Stages of other frames run at the same time, so that sums over frames exceed the time that passed.
+
+    Attributes
+    ----------
+    trace
+        The hogel's certified truth, the same for all its frames; 0 where it was there already.
+    raster
+        The frame with read-back.
+    compare, predict, causes
+        Comparing, predicting, and charging wrong pixels to causes, without what the frames of one pair of
+        cameras share.
+    """
+
+    trace: float
+    raster: float
+    compare: float
+    predict: float = 0.0
+    causes: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedFrame:
+    """A frame with all that was found of it.
+
+    Attributes
+    ----------
+    aperture, truth
+        The hogel's aperture and its certified image.
+    settings, image
+        Settings that the frame was drawn with, and the frame.
+    comparison
+        How it differs from the truth.
+    prediction, budget
+        Errors by closed forms, and wrong pixels charged to causes; None where that was not wanted.
+    times
+        Wall seconds by stage.
+    gpu_s
+        Part of `raster` in which the device drew, by its own clock.
+    """
+
+    aperture: Aperture
+    truth: HogelImage
+    settings: DoubleFrustum
+    image: HogelImage
+    comparison: Comparison
+    prediction: Prediction | None
+    budget: Budget | None
+    times: StageTimes
+    gpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedDrawing(Shown):
+    """One drawing of a hogel, judged by the truth.
+
+    Attributes
+    ----------
+    settings
+        Settings that it was drawn with.
+    comparison
+        How it differs from the truth; a `Comparison`, which has maps, where images were asked for.
+    image
+        The drawing; None unless images were asked for.
+    causes
+        What each link of the chain does, as the rows of `report --json` have it; None unless that was asked.
+    unexplained
+        Number of wrong pixels charged to rounding whose cause is not known; None likewise.
+    predicted
+        The error by closed forms; None likewise.
+    times
+        Wall seconds by stage.
+    """
+
+    settings: DoubleFrustum
+    comparison: ComparisonNumbers
+    image: HogelImage | None
+    causes: tuple[Cause, ...] | None
+    unexplained: int | None
+    predicted: Prediction | None
+    times: StageTimes
+
+    @classmethod
+    def of(cls, frame: JudgedFrame, *, images: bool) -> JudgedDrawing:
+        """Return what a stream yields of a frame."""
+        budget = frame.budget
+        return cls(
+            settings=frame.settings,
+            comparison=frame.comparison if images else frame.comparison.numbers,
+            image=frame.image if images else None,
+            causes=None if budget is None else budget.causes,
+            unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
+            predicted=frame.prediction,
+            times=frame.times,
+        )
+
+    def _said(self) -> str:
+        return (
+            f"near {self.settings.near:.3g} scene units, {self.settings.depth_label}: "
+            f"{said_of_numbers(self.comparison)}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        return (table_of_numbers(self.comparison),)
+
+    def _figures(self) -> Sequence[Figure]:
+        return tuple(figures(self.comparison)) if isinstance(self.comparison, Comparison) else ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedHogel(Shown):
+    """One hogel with its drawings, judged.
+
+    Attributes
+    ----------
+    aperture
+        Aperture of the hogel.
+    truth
+        Its certified image; None unless images were asked for.
+    drawings
+        One for each of the settings, in their order.
+    """
+
+    aperture: Aperture
+    truth: HogelImage | None
+    drawings: tuple[JudgedDrawing, ...]
+
+    def _said(self) -> str:
+        drawn = "; ".join(one._said() for one in self.drawings)
+        return f"aperture {self.aperture.column},{self.aperture.row}; {drawn}"
+
+    def _figures(self) -> Sequence[Figure]:
+        return () if self.truth is None else self.truth._figures()
+
+
+class Judge:
+    """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
+
+    A context manager: leaving it frees the rasterizer.
+
+    Parameters
+    ----------
+    scene
+        Scene that is traced and drawn.
+    tracer
+        Name of the tracer that gives the truth a second opinion.
+    reference
+        Reference of the scene, where there is one already; `tracer` then does not matter.
+    effects
+        Effects that are simulated; None for those that the scene calls for.
+
+    Raises
+    ------
+    InputError
+        There is no such tracer, or no usable OpenGL.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        tracer: str = "embree",
+        *,
+        reference: Reference | None = None,
+        effects: frozenset[Effect] | None = None,
+    ) -> None:
+        one_of(scene, Scene, "scene")
+        self.scene = scene
+        self.reference = Reference(scene, tracer, effects) if reference is None else reference
+        # An OpenGL context is made, used and freed in one thread only.
+        self._drawing = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+        self._released = False
+        try:
+            self._rasterizer = self._drawing.submit(Rasterizer, scene, effects).result()
+        except BaseException:
+            self._drawing.shutdown(cancel_futures=True)
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free the rasterizer, and end its thread; again, it does nothing."""
+        if not self._released:
+            self._released = True
+            try:
+                self._drawing.submit(self._rasterizer.release).result()
+            finally:
+                self._drawing.shutdown()
+
+    @property
+    def device(self) -> dict[str, str]:
+        """Names of the device that draws."""
+        return self._rasterizer.device
+
+    def submit(self, task: Callable[[Rasterizer], Result]) -> Future[Result]:
+        """Have the drawing thread do something with the rasterizer, after all that it was asked before."""
+        return self._drawing.submit(task, self._rasterizer)
+
+    def stream(
+        self,
+        apertures: Iterable[Aperture],
+        settings: Sequence[DoubleFrustum],
+        images: bool = False,
+        radiance: bool | None = None,
+        causes: bool = False,
+    ) -> Iterator[JudgedHogel]:
+        """Yield many hogels, judged, in the order of their apertures.
+
+        Memory does not grow with the number of apertures. An exception of any thread comes to the caller, and
+        closing the iterator early ends the work.
+
+        Parameters
+        ----------
+        apertures
+            Apertures of the hogels, taken in the caller's thread, some ahead of what has been yielded.
+        settings
+            Settings that each hogel is drawn with.
+        images
+            Whether truths, drawings in color and error maps are kept.
+        radiance
+            Whether colors are compared; None for scenes that say how they look.
+        causes
+            Whether errors are predicted and wrong pixels charged to causes.
+
+        Raises
+        ------
+        InputError
+            There are no settings, or they make no sense for the scene's frustum.
+        """
+        colors = is_shaded(self.scene) if radiance is None else radiance
+        wanted = Wanted(color=images or colors, radiance=colors, causes=causes)
+
+        def finish(frame: JudgedFrame) -> tuple[Aperture, HogelImage | None, JudgedDrawing]:
+            return frame.aperture, frame.truth if images else None, JudgedDrawing.of(frame, images=images)
+
+        return _hogels(self.frames(apertures, settings, wanted, finish), tuple(settings))
+
+    def frames(
+        self,
+        apertures: Iterable[Aperture],
+        settings: Sequence[DoubleFrustum],
+        wanted: Wanted,
+        finish: Callable[[JudgedFrame], Result],
+        truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
+    ) -> Generator[Result, None, None]:
+        """Yield what is made of each judged frame, hogel by hogel, those of the same cameras together.
+
+        Parameters
+        ----------
+        apertures
+            Apertures, taken in the thread of the caller, some ahead of what it has been given.
+        settings
+            Settings that each hogel is drawn with; equal ones are drawn once.
+        wanted
+            What is wanted of each frame.
+        finish
+            Function that is called with each frame in the thread that has judged it. What it returns is
+            yielded, and the frame is not kept.
+        truths
+            True images that are there already, and are not traced again.
+
+        Raises
+        ------
+        InputError
+            There are no settings, or they make no sense for the scene's frustum.
+        """
+        if not settings:
+            raise InputError("nothing to judge: give at least one setting")
+        for one in settings:
+            one_of(one, DoubleFrustum, "settings")
+            one.check_against(self.scene.frustum)
+        return _Loop(self, wanted, finish).run(apertures, _by_cameras(settings), truths)
+
+
+def _by_cameras(settings: Sequence[DoubleFrustum]) -> list[list[DoubleFrustum]]:
+    """Return settings, each once, in groups of the same cameras; those of one near follow one another."""
+    nears = list(dict.fromkeys(setting.near for setting in settings))
+    cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
+    for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
+        cameras.setdefault(with_exact_depth(setting), []).append(setting)
+    return list(cameras.values())
+
+
+def _hogels(
+    frames: Generator[tuple[Aperture, HogelImage | None, JudgedDrawing], None, None],
+    settings: tuple[DoubleFrustum, ...],
+) -> Iterator[JudgedHogel]:
+    """Yield hogels, whose frames follow one another, with their drawings in the order of the settings."""
+    with closing(frames):
+        while found := list(islice(frames, len(set(settings)))):
+            aperture, truth, _ = found[0]
+            drawings = {drawing.settings: drawing for _, _, drawing in found}
+            yield JudgedHogel(
+                aperture=aperture, truth=truth, drawings=tuple(drawings[one] for one in settings)
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Hogel:
+    """A hogel under way: its truth with the seconds of tracing, and its predictor where causes are wanted."""
+
+    aperture: Aperture
+    truth: Future[tuple[HogelImage, float]]
+    predictor: Future[Predictor] | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Cameras:
+    """Settings of one hogel that differ in their depth buffers alone, under way.
+
+    Attributes
+    ----------
+    first
+        The frame with the first of the settings, and the seconds of drawing it.
+    start
+        The chain up to R0, with all that budgets of these frames share; None without causes.
+    beside
+        Judged frame that the others are compared beside; None with causes, and where there is no other.
+    """
+
+    hogel: _Hogel
+    settings: list[DoubleFrustum]
+    first: Future[tuple[Drawn, float]]
+    start: Future[ChainStart] | None = None
+    beside: Future[JudgedImage] | None = None
+
+
+class _Loop(Generic[Result]):
+    """One run of `Judge.frames`: a thread that draws, one that traces, and those that judge.
+
+    A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it:
+    so they never all wait.
+    """
+
+    def __init__(self, judge: Judge, wanted: Wanted, finish: Callable[[JudgedFrame], Result]) -> None:
+        self._judge, self._wanted, self._finish = judge, wanted, finish
+        self._reference = judge.reference
+        self._subpixel_bits = int(judge.device["subpixel_bits"])
+        self._drawn: deque[Future[Any]] = deque()
+        self._models: dict[DoubleFrustum, HogelImage] = {}
+        self._models_of: tuple[Aperture, float] | None = None
+
+    def run(
+        self,
+        apertures: Iterable[Aperture],
+        groups: list[list[DoubleFrustum]],
+        truths: Mapping[Aperture, HogelImage],
+    ) -> Generator[Result, None, None]:
+        """Yield what is made of each frame; see `Judge.frames`."""
+        pixels = math.prod(self._judge.scene.frustum.resolution)
+        self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
+        self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
+        with kernels_on_one_thread(pixels), self._tracing, self._judging:
+            try:
+                judged = (
+                    self._submitted(cameras, setting)
+                    for cameras in _one_ahead(self._begun(apertures, groups, truths))
+                    for setting in cameras.settings
+                )
+                yield from in_order(judged, images_under_way(pixels))
+            finally:
+                # Nobody wants what has not begun, and what waits for that ends.
+                for one in self._drawn:
+                    one.cancel()
+                for pool in (self._tracing, self._judging):
+                    pool.shutdown(wait=False, cancel_futures=True)
+
+    def _begun(
+        self,
+        apertures: Iterable[Aperture],
+        groups: list[list[DoubleFrustum]],
+        truths: Mapping[Aperture, HogelImage],
+    ) -> Iterator[_Cameras]:
+        """Begin with hogel after hogel, and with what the frames of each pair of cameras share."""
+        asked: deque[Aperture] = deque()
+        colored = self._wanted.color and self._wanted.colored_truths
+        # One stream of truths, for which a scene's triangles are sorted once.
+        images = self._reference.stream(iter(asked.popleft, None), colored=colored)
+
+        def trace(aperture: Aperture) -> tuple[HogelImage, float]:
+            if aperture in truths:
+                return truths[aperture], 0.0
+            begun = time.perf_counter()
+            asked.append(aperture)
+            return next(images), time.perf_counter() - begun
+
+        for aperture in apertures:
+            one_of(aperture, Aperture, "aperture")
+            truth = self._tracing.submit(trace, aperture)
+            predictor = self._judging.submit(self._predictor, truth) if self._wanted.causes else None
+            hogel = _Hogel(aperture=aperture, truth=truth, predictor=predictor)
+            for settings in groups:
+                yield self._cameras(hogel, settings)
+
+    def _cameras(self, hogel: _Hogel, settings: list[DoubleFrustum]) -> _Cameras:
+        """Have the first frame of some cameras drawn, and what its other frames share with it found."""
+        first = self._draw(hogel.aperture, settings[0])
+        cameras = _Cameras(hogel=hogel, settings=settings, first=first)
+        if self._wanted.causes:
+            exact = self._judge.submit(partial(_exact_frame, cameras))
+            self._drawn.append(exact)
+            models = self._tracing.submit(self._traced_models, hogel.aperture, settings[0])
+            return replace(cameras, start=self._judging.submit(self._start, hogel, models, exact))
+        if len(settings) > 1:
+            return replace(cameras, beside=self._judging.submit(self._beside, hogel, first))
+        return cameras
+
+    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
+        """Have a frame drawn and judged."""
+        first = setting == cameras.settings[0]
+        drawn = cameras.first if first else self._draw(cameras.hogel.aperture, setting)
+        while self._drawn and self._drawn[0].done():
+            self._drawn.popleft()
+        return self._judging.submit(self._judged, cameras, setting, drawn)
+
+    def _draw(self, aperture: Aperture, setting: DoubleFrustum) -> Future[tuple[Drawn, float]]:
+        """Have a frame drawn; the result has the seconds that this took, too."""
+
+        def draw(rasterizer: Rasterizer) -> tuple[Drawn, float]:
+            begun = time.perf_counter()
+            drawn = rasterizer.draw(aperture, setting, normals=False, color=self._wanted.color)
+            return drawn, time.perf_counter() - begun
+
+        frame = self._judge.submit(draw)
+        self._drawn.append(frame)
+        return frame
+
+    def _predictor(self, truth: Future[tuple[HogelImage, float]]) -> Predictor:
+        image, _ = truth.result()
+        gaps = self._reference.gaps(image.camera.aperture)
+        return Predictor(image, gaps, self._judge.scene.frustum, self._subpixel_bits)
+
+    def _traced_models(self, aperture: Aperture, setting: DoubleFrustum) -> tuple[HogelImage, ...]:
+        """Return T1 to T4 of some cameras; geometries of one near share some of them."""
+        if self._models_of != (aperture, setting.near):
+            self._models_of = aperture, setting.near
+            self._models.clear()
+        exact = with_exact_depth(setting)
+        return traced_models(self._reference, aperture, exact, self._models, shaded=False)
+
+    def _start(
+        self, hogel: _Hogel, models: Future[tuple[HogelImage, ...]], exact: Future[HogelImage]
+    ) -> ChainStart:
+        """Return the chain up to R0, and find in this thread all that the frames' budgets share."""
+        images = (hogel.truth.result()[0], *models.result(), exact.result())
+        start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
+        start.find_shared()
+        return start
+
+    def _beside(self, hogel: _Hogel, first: Future[tuple[Drawn, float]]) -> JudgedImage:
+        return JudgedImage.of(hogel.truth.result()[0], first.result()[0].image, self._reference)
+
+    def _judged(
+        self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]
+    ) -> Result:
+        """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
+        (truth, trace_s), (drawn, raster_s) = cameras.hogel.truth.result(), frame.result()
+        start = cameras.start.result() if cameras.start else None
+        beside = cameras.beside.result() if cameras.beside else None
+        predictor = cameras.hogel.predictor.result() if cameras.hogel.predictor else None
+        begun = time.perf_counter()
+        comparison = compare_images(
+            truth,
+            drawn.image,
+            self._reference,
+            radiance=self._wanted.radiance,
+            perceptual=self._wanted.perceptual,
+            judged=start.exact if start else beside,
+        )
+        compared = predicted = done = time.perf_counter()
+        prediction = budget = None
+        if start and predictor:
+            prediction, links = predictor.predict(setting), predictor.links(setting)
+            predicted = time.perf_counter()
+            budget = charged(start, drawn.image, links, comparison.errors)
+            budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
+            done = time.perf_counter()
+        times = StageTimes(
+            trace=trace_s,
+            raster=raster_s,
+            compare=compared - begun,
+            predict=predicted - compared,
+            causes=done - predicted,
+        )
+        return self._finish(
+            JudgedFrame(
+                aperture=cameras.hogel.aperture,
+                truth=truth,
+                settings=setting,
+                image=drawn.image,
+                comparison=comparison,
+                prediction=prediction,
+                budget=budget,
+                times=times,
+                gpu_s=drawn.times["draw"].gpu_s,
+            )
+        )
+
+
+def _exact_frame(cameras: _Cameras, rasterizer: Rasterizer) -> HogelImage:
+    """Return the frame of some cameras with exact depth, R0."""
+    (drawn, _), exact = cameras.first.result(), with_exact_depth(cameras.settings[0])
+    if exact == cameras.settings[0]:
+        return drawn.image
+    return rasterizer.draw_beside(cameras.hogel.aperture, exact, drawn)
+
+
+def _one_ahead(items: Iterator[_Cameras]) -> Iterator[_Cameras]:
+    """Yield items when the next has begun: threads that would wait for the one work on the other."""
+    last: _Cameras | None = None
+    for item in items:
+        if last is not None:
+            yield last
+        last = item
+    if last is not None:
+        yield last
