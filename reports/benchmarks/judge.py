@@ -15,8 +15,8 @@ from tqdm import tqdm
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
+from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.devices.dr_jit import backend
