@@ -70,7 +70,7 @@ class Command:
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read what it wrote."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
-        values = {"x": repr(aperture.x), "y": repr(aperture.y), "i": aperture.column, "j": aperture.row}
+        values = {"x": float(aperture.x), "y": float(aperture.y), "i": aperture.column, "j": aperture.row}
         self._run([argument.format(**values, out=out) for argument in self._arguments])
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
