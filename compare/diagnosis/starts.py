@@ -49,9 +49,9 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
         tried = [
             replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
         ]
-        alone = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
+        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
         tried += [
-            replace(upright, near=reach * n, one_camera=one) for one in alone for n in START_NEARS[4::4]
+            replace(upright, near=reach * n, one_camera=one) for one in sides for n in START_NEARS[4::4]
         ]
         tried += [replace(upright, one_camera=replace(one, other_near=nominal.near)) for one in FLIPPED]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
@@ -87,7 +87,7 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
             (replace(upright, near=reach * n, one_camera=one) for n in START_NEARS),
             key=lambda model: float(outside_px(claims, scene, model, cap).mean()),
         )
-        for one in (OneCamera(side, other_near=nominal.near) for side in (-1, 1))
+        for one in sides
     ]
     raised = [model for _, model in ranked if model.screen_height != nominal.screen_height]
     best = [model for _, model in finely[:MAX_STARTS]]
