@@ -27,7 +27,7 @@ from distributed.client import ClosedClientError
 from xfrustum.reports.cluster.job import Job, ask_session, do_block
 from xfrustum.reports.cluster.processes import WorkerProcesses
 from xfrustum.scenes.errors import InputError
-from xfrustum.terminal import messages
+from xfrustum.terminal import say
 
 Answer = TypeVar("Answer")
 
@@ -296,7 +296,7 @@ class Workers:
             raise InputError(
                 f"{self._where}: their scheduler is gone; repeat the command, which goes on where it was"
             )
-        messages().write(f"xfrustum: note: the scheduler {self.address} is gone; waiting for it\n")
+        say(f"note: the scheduler {self.address} is gone; waiting for it")
         self.client = _client_in_time(self.address)
 
 
