@@ -7,14 +7,11 @@ worker has that run tasks.
 
 from __future__ import annotations
 
-import socket
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
-from typing import Any, ClassVar, Self, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
@@ -172,15 +169,6 @@ def _claims(job: Job) -> Claims:
         ) from error
 
 
-@contextmanager
-def _host_named() -> Iterator[None]:
-    """Add the name of this machine to what is refused here: workers are many."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{error} (worker on {socket.gethostname()})") from error
-
-
 class _Desks(threading.local):
     """The desk of each thread, which is closed in this thread when the thread ends."""
 
@@ -194,28 +182,3 @@ _desks = _Desks()
 def desk_of_thread() -> Desk:
     """Return the desk of this thread."""
     return _desks.desk
-
-
-_renderer: ThreadPoolExecutor | None = None
-_lock = threading.Lock()
-
-
-def _in_renderer(function: Callable[[], Answer]) -> Answer:
-    """Call a function in the one thread of this process that uses renderers, and wait for it."""
-    global _renderer  # noqa: PLW0603 - a process has one
-    with _lock:
-        if _renderer is None:
-            _renderer = ThreadPoolExecutor(1, thread_name_prefix="renderer")
-    return _renderer.submit(function).result()
-
-
-def do_block(job: Job, number: int) -> None:
-    """Make a block in a worker process; the task of a cluster. See `Desk.do`."""
-    with _host_named():
-        _in_renderer(lambda: _desks.desk.do(job, number))
-
-
-def ask_session(job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
-    """Call a function with the session of a job in a worker process, and return its small answer."""
-    with _host_named():
-        return _in_renderer(lambda: question(_desks.desk.session(job), *arguments))

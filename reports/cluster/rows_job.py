@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.cluster.job import HogelJob
-from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.parts import Parts
 from xfrustum.scenes.model.scene import Scene
 
 

@@ -28,7 +28,7 @@ from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.cluster.differences import differences_words
+from xfrustum.reports.parts import differences_words
 from xfrustum.reports.plate.chunks import is_whole
 from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, BlockPart, Layout, PlateArray, side_of
 from xfrustum.reports.plate.measures import (

@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any
 
 from xfrustum.compare.run import Judge, JudgedFrame
+from xfrustum.reports.blocks import device_index
 from xfrustum.reports.cluster.job import Session
-from xfrustum.reports.cluster.processes import device_index
 from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture

@@ -19,12 +19,12 @@ from xfrustum.compare.scouting.strata import (
     risk_of_look,
 )
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
-from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
+from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.answer import Extent, Survey
 from xfrustum.reports.survey.foreign import ForeignJob, ForeignPlate
 from xfrustum.reports.survey.hogels import HogelsJob, ShownHogel, worst_hogel
@@ -220,7 +220,11 @@ class _Run:
         first = blocks.numbers(0)
         with open_team(self.engine, len(first), self.scene, told, draws=self.job.draws) as team:
             for look in range(blocks.looks):
-                numbers = part.of(blocks.numbers(look))
+                numbers = list(part.of(blocks.numbers(look)))
+                damaged = sum(map(self.job.parts.damaged, numbers))
+                if damaged:
+                    folder = self.job.parts.folder
+                    told(f"{damaged} of {len(numbers)} blocks in {folder} are damaged, and are made again")
                 hogels = blocks.hogels(look) // part.count
                 run_blocks(self.job, numbers, team, hogels, "survey", progress=progress)
                 complete = part.everything or all(map(self.job.finished, blocks.numbers(look)))

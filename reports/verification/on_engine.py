@@ -22,10 +22,10 @@ from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.extent import require_seen
 from xfrustum.reference import Reference
 from xfrustum.reports.cluster.blocks import Blocks, ListedBlocks, Tiles, hogels_per_block
-from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification.block_job import (
     ForeignRenderer,
     Index,
@@ -147,7 +147,7 @@ def _answer(
     progress: bool,
 ) -> _Answer | None:
     """Have all hogels judged, and return what was found; None where others are at work."""
-    numbers = engine.part.of(job.blocks.numbers(0))
+    numbers = list(engine.part.of(job.blocks.numbers(0)))
     with open_team(engine, len(numbers), scene, told, draws=False) as team:
         if job.renderer.command is not None:
             outdated = _outdated(job, team)
@@ -187,7 +187,9 @@ def _outdated(job: VerifyJob, team: Team) -> str | None:
     return stored.digest
 
 
-def _forget(job: VerifyJob, numbers: range, outdated: str | None, told: Callable[[str], object]) -> None:
+def _forget(
+    job: VerifyJob, numbers: Sequence[int], outdated: str | None, told: Callable[[str], object]
+) -> None:
     """Remove what a command may answer otherwise by now.
 
     That is everything if nothing is left to do, or if the question is outdated; else those of some blocks

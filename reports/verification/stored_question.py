@@ -23,7 +23,7 @@ from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.findings import Findings
 from xfrustum.compare.judging.judged import Judging
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.reports.cluster.parts import DESCRIPTION_CLAIM, Parts
+from xfrustum.reports.parts import DESCRIPTION_CLAIM, Parts
 from xfrustum.reports.verification.verification import Question
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Reading

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
@@ -344,7 +345,7 @@ class Verification(Shown, Summarized[VerificationRecord]):
 
 
 def with_correction_tested(found: Verification) -> Verification:
-    """Return a verification without the faults whose correction does not make all judged hogels better.
+    """Return a verification without the faults whose correction makes more pixels wrong than it makes right.
 
     A diagnosis is made of some hogels, of which few may be wrong: another fault may show these the same and
     all others otherwise. Faults that the corrected figures of all judged hogels refute become guesses, which
@@ -356,7 +357,7 @@ def with_correction_tested(found: Verification) -> Verification:
     before, after = (sum(map(_wrong, numbers)) for numbers in (list(zip(*pairs, strict=True)) or ((), ())))
     left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
     share = max(0.0, 1.0 - left / before) if before else 0.0
-    if after < before or not before:
+    if after <= before or share >= MIN_EXPLAINED_FRACTION:
         return found
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
     refuted = tuple(

@@ -12,7 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from xfrustum.cli.main import run
+# Signals are taken over before anything else is imported, as in the program itself.
+from xfrustum import __main__ as program
+from xfrustum.cli import termination as cli_termination
 
 
 def _noted(notes: Path) -> None:
@@ -49,6 +51,7 @@ def small(out: Path, notes: Path) -> None:
 
 
 if __name__ == "__main__":
+    cli_termination.of_process()
     import click
 
     from xfrustum.cli.commands import study as cli_study
@@ -57,4 +60,4 @@ if __name__ == "__main__":
         click.Argument([name], type=click.Path(path_type=Path)) for name in ("out", "notes")
     ]
     cli_study.study.add_command(click.Command("small", callback=small, params=parameters))
-    sys.exit(run())
+    sys.exit(program.run())

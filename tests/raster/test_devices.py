@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xfrustum.raster.device.context import describe, open_context
 from xfrustum.raster.device.devices import gpu_indices
-from xfrustum.reports.cluster.processes import device_index
+from xfrustum.reports.blocks import device_index
 
 
 def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:

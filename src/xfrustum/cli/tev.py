@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from xfrustum.terminal import say
+from xfrustum.cli.streams import say
 
 USUAL_ADDRESS = "localhost:14158"
 """Address at which tev listens unless it is told otherwise."""

@@ -21,7 +21,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.displacement import Spread
-from xfrustum.reports.cluster.processes import device_index
+from xfrustum.reports.blocks import device_index
 from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.survey.rows import beyond_tolerance
 from xfrustum.reports.survey.survey import Chosen, survey

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.reports.cluster.dask_processes import dask, free_port, scheduler, worker
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, named, part
 
@@ -57,7 +57,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     """Return the worker processes of a command; others that it has started hold no scene."""
     with suppress(psutil.NoSuchProcess):
         children = psutil.Process(process.pid).children(recursive=True)
-        return [one for one in children if "xfrustum.reports.cluster.worker" in one.cmdline()]
+        return [one for one in children if "xfrustum.reports.blocks" in " ".join(one.cmdline())]
     return []
 
 
@@ -98,30 +98,57 @@ def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
     assert run.returncode == 0, errors
     assert kills
     assert json.loads(printed)["workers"] == 2
-    assert "note: dashboard: http://127.0.0.1:" in errors
     assert parts_of(out) == parts_of(undisturbed)
     assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
 
 
-@pytest.mark.slow
-def test_a_killed_worker_and_a_restarted_scheduler_change_no_byte_of_a_survey(
-    scene_path: Path, undisturbed: Path, tmp_path: Path
+def test_a_survey_by_two_workers_opens_no_port_and_leaves_no_scratch(
+    scene_path: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, port = tmp_path / "survey", free_port()
-    with dask(*worker(port)) as killed, dask(*worker(port)):
-        with dask(*scheduler(port)):
-            run = started(scene_path, out, "--scheduler", f"tcp://127.0.0.1:{port}")
-            wait_for_parts(out, 2)
-            killed.kill()
-            wait_for_parts(out, 5)
-        before = len(parts_of(out))
-        with dask(*scheduler(port)), dask(*worker(port)), dask(*worker(port)):
-            printed, errors = run.communicate(timeout=LONGEST_WAIT_S)
-    assert run.returncode == 0, errors
-    assert json.loads(printed)["judged"] == 63
-    assert before < len(parts_of(out))
+    """Nobody can reach its processes, from this machine or another, as whatever user."""
+    scratch, out = tmp_path / "temporary", tmp_path / "survey"
+    scratch.mkdir()
+    monkeypatch.setenv("TMPDIR", str(scratch))
+    run = started(scene_path, out)
+    seen: set[int] = set()
+    doors: list[object] = []
+    while run.poll() is None:
+        with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
+            for process in (psutil.Process(run.pid), *workers_of(run)):
+                seen.add(process.pid)
+                doors += process.net_connections("inet")
+                doors += [one for one in process.net_connections("unix") if one.laddr]
+        time.sleep(0.05)
+    assert run.returncode == 0
+    assert len(seen) == 3
+    assert doors == []
+    assert list(scratch.iterdir()) == []
     assert parts_of(out) == parts_of(undisturbed)
-    assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["part-0000001.parquet", "part-0000002.parquet", "_description.json"])
+def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
+    name: str, scene_path: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "survey"
+    shutil.copytree(undisturbed, out)
+    path = out / "survey.parquet" / name
+    if name.startswith("part-0000002"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 4
+        path.write_bytes(content)
+    else:
+        path.unlink()
+        os.mkfifo(path)
+    run = started(scene_path, out, "--workers", "1")
+    _, errors = run.communicate(timeout=LONGEST_WAIT_S)
+    if name.startswith("part"):
+        assert run.returncode == 0
+        assert "note: 1 of 20 blocks in" in errors and "are damaged, and are made again" in errors
+        assert parts_of(out) == parts_of(undisturbed)
+    else:
+        assert run.returncode == 2
+        assert "was begun with another description" in errors
 
 
 @pytest.mark.slow

@@ -24,9 +24,9 @@ from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.orientations import Orientation
 from xfrustum.reference import Reference
 from xfrustum.reports.cluster.blocks import ListedBlocks
-from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Team, open_team
 from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification import on_engine
 from xfrustum.reports.verification.block_job import ForeignRenderer, VerifyJob, source_of
 from xfrustum.reports.verification.file_state import require_same_images, state_of_command, state_of_images

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from xfrustum.cli import options
+from xfrustum.cli.streams import say
 from xfrustum.cli.where import Where, engine_options
-from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.reports.cluster.run import Engine

@@ -1,0 +1,613 @@
+"""Work in blocks: in this process, by processes of this machine, by a Dask cluster, or as part K of N.
+
+The store is the only coordinator. A block is finished when its result is there under its name, which it gets
+when it is whole: any process may die at any time, and the same command goes on with what is missing.
+
+Processes of this machine are joined to the command by socket pairs that they inherit. Nothing listens, so
+that nobody else can reach them. They are new interpreters and no forks: a process that was forked from one
+with an OpenGL context hangs. A Dask cluster is the user's own, with the doors that the user gave it
+(docs/clusters.md).
+"""
+
+from __future__ import annotations
+
+import copyreg
+import itertools
+import os
+import pickle
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import metadata
+from multiprocessing.connection import Connection, Pipe, wait
+from types import MappingProxyType
+from typing import Any, ClassVar, Protocol, TypeVar
+
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.scenes.errors import InputError
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+ATTEMPTS = 2
+"""Times that a block is given out: a worker that dies may have been killed by accident, two were not."""
+
+THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Environment variables that bound the threads of a process: the reference's, those of Mesa's software
+renderer, and those of linear algebra."""
+
+DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
+"""Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
+
+CONNECT_S = 10
+"""Seconds in which a scheduler must answer."""
+
+SEEN_S, SEEN_POLL_S = 60.0, 0.2
+"""Seconds until a block that a cluster has finished must be seen in the store, for NFS looks at a folder anew
+after 60 s at the latest; and seconds between two looks."""
+
+
+class Session(Protocol):
+    """Everything that a process needs for the blocks of one job: the scene, and its renderers."""
+
+    def make(self, block: Any) -> object:
+        """Make a block; afterwards it is finished."""
+
+
+class Job(ABC):
+    """Work in blocks, as it travels to workers: whatever it holds is pickled, scenes included.
+
+    A block is anything small that can be pickled, such as a number. `draws` says whether sessions draw with
+    OpenGL, so that there is one process for each GPU where there are any; `unit` is the word for one of the
+    things that a block consists of, for progress bars.
+    """
+
+    draws: ClassVar[bool] = True
+    unit: ClassVar[str] = "hogel"
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Word for the work, for progress bars and for Dask's dashboard."""
+
+    @abstractmethod
+    def finished(self, block: Any) -> bool:
+        """Return whether a block is finished, by looking at the store alone."""
+
+    @abstractmethod
+    def size(self, block: Any) -> int:
+        """Return the number of things that a block consists of."""
+
+    @abstractmethod
+    def words(self, block: Any) -> str:
+        """Return a block in words, for messages."""
+
+    @abstractmethod
+    def open(self) -> AbstractContextManager[Session]:
+        """Open a session, in the process and the thread that will use it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One of several equal parts of the work, numbered from 1, for job arrays.
+
+    Raises
+    ------
+    InputError
+        There is no such part.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise InputError(f"part {self.number}/{self.count}: parts run from 1/{self.count}")
+
+    @property
+    def everything(self) -> bool:
+        """Whether it is the whole work."""
+        return self.count == 1
+
+    def of(self, blocks: Iterable[Item]) -> Iterator[Item]:
+        """Yield every count-th block: neighbors take equally long, so parts do too."""
+        return itertools.islice(blocks, self.number - 1, None, self.count)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Engine:
+    """Where blocks are made.
+
+    Attributes
+    ----------
+    scheduler
+        Address of a Dask scheduler; None for processes of this machine.
+    workers
+        Number of these processes, 1 for this process itself; None for one per device where something is drawn
+        on GPUs or on `devices`, and else for as many as this process may use processors.
+    devices
+        Indices of EGL devices, which these processes take in turn; one process takes the first. None of them
+        stands for the GPUs of this machine.
+    part
+        Part of the blocks that is made here, by this process.
+
+    Raises
+    ------
+    InputError
+        A number is not positive, or what is asked for does not go together.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    devices: tuple[int, ...] = ()
+    part: Part = field(default_factory=Part)
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers must be at least 1, not {self.workers}")
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--scheduler has workers of its own: leave out --workers")
+        if self.scheduler is not None and self.devices:
+            raise InputError(
+                "--devices are for processes of this machine: leave them out, and start each worker of "
+                f"--scheduler with {DEVICE_VARIABLE}"
+            )
+        if not self.part.everything and (self.scheduler or (self.workers or 1) > 1):
+            raise InputError("--part is done by one process: leave out --scheduler and --workers")
+
+    def process_count(self, blocks: int, devices: int = 0) -> int:
+        """Return how many processes of this machine make so many blocks on so many devices.
+
+        No devices stand for work that draws on none, or in software. Several processes on one GPU take turns
+        at best, so that each device has one unless more are asked for.
+        """
+        if not self.part.everything:
+            return 1
+        usual = min(_processors(), devices) if devices else _processors()
+        return max(1, min(usual if self.workers is None else self.workers, blocks))
+
+
+class WorkerLostError(InputError):
+    """The processes that had a block died, more than once."""
+
+    def __init__(self, message: str, item: object = None) -> None:
+        super().__init__(message)
+        self.item = item
+
+
+class Workers(ABC):
+    """The processes that make blocks: this one, others of this machine, or those of a cluster."""
+
+    count: int = 1
+    elsewhere: ClassVar[bool] = False
+    """Whether they may be on other machines, whose files are seen here some time later."""
+
+    @abstractmethod
+    def map(
+        self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
+    ) -> Iterator[tuple[Item, Answer]]:
+        """Yield each item and what the function returns of it, given a session of the job, in any order.
+
+        Raises
+        ------
+        InputError
+            What the function or the session raises; or workers died.
+        """
+
+    def ask(self, job: Job, function: Callable[..., Answer], *arguments: Any) -> Answer:
+        """Return what a function returns that is given a session of the job, and the arguments."""
+        ((_, answer),) = self.map(job, _answer, [(function, arguments)])
+        return answer
+
+    def run(self, job: Job, blocks: Iterable[Any], total: int, *, progress: bool = False) -> None:
+        """Make all blocks that are not finished, with a bar for so many hogels or other units.
+
+        Raises
+        ------
+        InputError
+            See `map`; or finished blocks are not seen, as in a folder that is not shared.
+        """
+        with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+
+            def unfinished() -> Iterator[Any]:
+                for block in blocks:
+                    if job.finished(block):
+                        bar.update(job.size(block))
+                    else:
+                        yield block
+
+            try:
+                for block, _ in self.map(job, _make, unfinished()):
+                    if self.elsewhere:
+                        _see(job, block)
+                    bar.update(job.size(block))
+            except WorkerLostError as error:
+                raise InputError(f"{job.words(error.item)}: {error}") from error
+
+
+def _make(session: Session, block: Any) -> None:
+    session.make(block)
+
+
+def _answer(session: Session, question: tuple[Callable[..., Answer], tuple[Any, ...]]) -> Answer:
+    function, arguments = question
+    return function(session, *arguments)
+
+
+def _see(job: Job, block: Any) -> None:
+    """Wait until a block that another machine has finished is seen in the store."""
+    end = time.monotonic() + SEEN_S
+    while not job.finished(block):
+        if time.monotonic() > end:
+            raise InputError(
+                f"--out: workers call {job.words(block)} finished, and it is not there; give a folder on a "
+                "file system that the command and all workers share"
+            )
+        time.sleep(SEEN_POLL_S)
+
+
+@contextmanager
+def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator[Workers]:
+    """Open the workers that make blocks, until the end of a `with` block.
+
+    Parameters
+    ----------
+    engine
+        Where blocks are made.
+    blocks
+        Number of blocks to be made at first, which bounds the number of processes.
+    draws
+        Whether the jobs draw with OpenGL.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers.
+    """
+    if engine.scheduler is not None:
+        with _Cluster(engine.scheduler) as cluster:
+            yield cluster
+        return
+    devices = engine.devices or (_gpus() if draws else ())
+    count = engine.process_count(blocks, len(devices) if draws else 0)
+    if count == 1:
+        with _first_device(devices), _ThisProcess() as here:
+            yield here
+    else:
+        with _Processes(count, devices) as processes:
+            yield processes
+
+
+class _OpenSession:
+    """The one session that a process has open, that of the last job; a context manager that closes it.
+
+    OpenGL contexts belong to the thread that made them, and ray tracers keep what they have built.
+    """
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._session: Session | None = None
+        self._stack = ExitStack()
+
+    def of(self, key: object, job: Callable[[], Job]) -> Session:
+        """Return the session of the job with a key."""
+        if self._session is None or self._key != key:
+            self.close()
+            self._session, self._key = self._stack.enter_context(job().open()), key
+        return self._session
+
+    def close(self) -> None:
+        """Close the session."""
+        self._key = self._session = None
+        self._stack.close()
+
+
+class _ThisProcess(Workers):
+    """The command itself, which makes one block after the other."""
+
+    def __enter__(self) -> _ThisProcess:
+        self._open = _OpenSession()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def map(
+        self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
+    ) -> Iterator[tuple[Item, Answer]]:
+        for item in items:
+            yield item, function(self._open.of(id(job), lambda: job), item)
+
+
+class _Process:
+    """A worker process of this machine, started when there is something to do for it."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._environment = environment
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection[Any, Any] | None = None
+        self._job: bytes | None = None
+
+    def give(self, job: bytes, function: Callable[[Any, Any], Any], item: object) -> Connection[Any, Any]:
+        """Hand over an item, and the job if it is another one; return where the answer will come from."""
+        while True:
+            if self._connection is None or self._process is None or self._process.poll() is not None:
+                self._start()
+            assert self._connection is not None
+            with suppress(BrokenPipeError, ConnectionResetError):  # it has died since
+                self._connection.send((None if self._job is job else job, function, item))
+                self._job = job
+                return self._connection
+            self.kill()
+
+    def kill(self) -> None:
+        """End the process at once: what is not finished leaves no trace."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        if self._connection is not None:
+            self._connection.close()
+        self._process = self._connection = self._job = None
+
+    def ended(self) -> str:
+        """Return in words how the process has ended."""
+        assert self._process is not None
+        status = self._process.wait()
+        return f"by signal {-status}" if status < 0 else f"with status {status}"
+
+    def _start(self) -> None:
+        self.kill()
+        self._connection, theirs = Pipe()
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,  # standard output belongs to the command
+                env=self._environment,
+                pass_fds=[theirs.fileno()],
+            )
+
+
+class _Processes(Workers):
+    """Processes of this machine; a context manager that ends them, whatever they are doing.
+
+    A block whose process died is given to another one, once.
+    """
+
+    def __init__(self, count: int, devices: tuple[int, ...]) -> None:
+        self.count = count
+        threads = str(max(1, _processors() // count))
+        usual = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, threads)}
+        usual["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+        self._processes = [
+            _Process({**usual, DEVICE_VARIABLE: str(device)} if devices else usual)
+            for device, _ in zip(itertools.cycle(devices or (0,)), range(count), strict=False)
+        ]
+        self._pickled: tuple[Job, bytes] | None = None
+
+    def __enter__(self) -> _Processes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._processes:
+            process.kill()
+
+    def map(
+        self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
+    ) -> Iterator[tuple[Item, Answer]]:
+        if self._pickled is None or self._pickled[0] is not job:
+            self._pickled = job, _pickled(job)
+        _, pickled = self._pickled
+        # Each item with the times that it has been given out.
+        waiting, again = ((item, 1) for item in items), list[tuple[Item, int]]()
+        idle, busy = list(self._processes), dict[Any, tuple[_Process, Item, int]]()
+        try:
+            while True:
+                while idle and (following := again.pop() if again else next(waiting, None)):
+                    process = idle.pop()
+                    busy[process.give(pickled, function, following[0])] = (process, *following)
+                if not busy:
+                    return
+                ready: Any
+                for ready in wait(busy):
+                    process, item, attempt = busy.pop(ready)
+                    idle.append(process)
+                    try:
+                        well, answer = ready.recv()
+                    except (EOFError, ConnectionResetError):
+                        if attempt == ATTEMPTS:
+                            raise WorkerLostError(
+                                f"{ATTEMPTS} worker processes died of it, the last one {process.ended()}; "
+                                "--workers 1 shows why",
+                                item,
+                            ) from None
+                        again.append((item, attempt + 1))
+                        continue
+                    if not well:
+                        raise answer
+                    yield item, answer
+        finally:
+            for process, _, _ in busy.values():
+                process.kill()
+
+
+def serve(descriptor: int) -> None:
+    """Do what the command asks for through a socket that this process has inherited, until the command ends.
+
+    The program of a worker process. Ctrl-C goes to all processes of a terminal; the command ends its workers
+    itself. A process inherits the signals that the command holds back while it is loaded.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    connection: Connection[Any, Any] = Connection(descriptor)
+    asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(connection, asked), daemon=True).start()
+    opened, pickled = _OpenSession(), b""
+    while True:
+        job, function, item = pickle.loads(asked.get())
+        pickled = job or pickled
+        try:
+            answer = True, function(opened.of(pickled, lambda: pickle.loads(pickled)), item)  # noqa: B023
+        except Exception as error:
+            answer = False, _portable(error)
+        connection.send(answer)
+
+
+def _listen(connection: Connection[Any, Any], asked: queue.SimpleQueue[bytes]) -> None:
+    """Take what is asked for, and end this process with the command, even in the middle of a block."""
+    with suppress(EOFError, OSError):
+        while True:
+            asked.put(connection.recv_bytes())
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error as it can be pickled, with its traceback unless it is the user's."""
+    if not isinstance(error, InputError):
+        error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError("".join(traceback.format_exception(error)))
+    return error
+
+
+class _Cluster(Workers):
+    """The workers of a Dask scheduler that exists, which retries and forgets; a context manager."""
+
+    elsewhere = True
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client  # noqa: PLC0415 - a second that no other work may pay for
+        except ImportError as error:
+            raise InputError("--scheduler: needs Dask; install xfrustum[cluster]") from error
+        try:
+            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(
+                f"--scheduler {address}: no scheduler answers there ({' '.join(str(error).split())[:200]}); "
+                "start one with `dask scheduler`, and give its address, such as tls://host:8786"
+            ) from error
+        self._address = address
+
+    @property
+    def count(self) -> int:  # type: ignore[override]  # it changes
+        """Number of threads that run tasks, one of each worker process."""
+        return sum(self._client.nthreads().values()) or 1
+
+    def __enter__(self) -> _Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.close(timeout=CONNECT_S)
+
+    def map(
+        self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
+    ) -> Iterator[tuple[Item, Answer]]:
+        from distributed import CancelledError, KilledWorker, as_completed  # noqa: PLC0415 - as above
+
+        listed = list(items)
+        if not listed:
+            return
+        try:
+            pickled = self._client.scatter([_pickled(job)], hash=False)[0]
+            futures = self._client.map(
+                _do_in_cluster, listed, key=f"{job.name}-{os.getpid()}", pure=False, pickled=pickled,
+                function=function, version=metadata.version("xfrustum"),
+            )  # fmt: skip
+            of_key = {future.key: item for future, item in zip(futures, listed, strict=True)}
+            completed = as_completed(futures, loop=self._client.loop)
+            del futures  # the scheduler forgets what nobody holds
+            for future in completed:
+                item = of_key.pop(future.key)
+                try:
+                    answer = future.result()
+                except KilledWorker as error:
+                    raise WorkerLostError("its workers died; look at their memory and logs", item) from error
+                yield item, answer
+        except CancelledError as error:
+            raise InputError(
+                f"--scheduler {self._address}: is gone; start it again and repeat the command, which goes "
+                "on where it was"
+            ) from error
+
+
+@cache
+def _renderer() -> tuple[ThreadPoolExecutor, _OpenSession]:
+    """Return the one thread of a Dask worker that draws, and what it has open."""
+    return ThreadPoolExecutor(1, thread_name_prefix="renderer"), _OpenSession()
+
+
+def _do_in_cluster(
+    item: Item, *, pickled: bytes, function: Callable[[Any, Item], Answer], version: str
+) -> Answer:
+    """Do what a task of a cluster stands for."""
+    thread, opened = _renderer()
+    try:
+        here = metadata.version("xfrustum")
+        if here != version:
+            raise InputError(f"has xfrustum {here}, the command {version}: install one version everywhere")
+        return thread.submit(
+            lambda: function(opened.of(pickled, lambda: pickle.loads(pickled)), item)
+        ).result()
+    except InputError as error:
+        raise InputError(f"{error} (worker on {socket.gethostname()})") from error
+
+
+def _pickled(job: Job) -> bytes:
+    return pickle.dumps(job)
+
+
+def _frozen(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(content)
+
+
+# Tables of a scene are proxies of dictionaries, which Python does not pickle by itself.
+copyreg.pickle(MappingProxyType, lambda proxy: (_frozen, (dict(proxy),)))
+
+
+def device_index() -> int:
+    """Return the index of the EGL device that this process draws on."""
+    chosen = os.environ.get(DEVICE_VARIABLE, "")
+    return int(chosen) if chosen.isdecimal() else 0
+
+
+def _gpus() -> tuple[int, ...]:
+    """Return the GPUs of this machine, or the one of them that the environment names."""
+    # OpenGL is loaded where something is drawn, and nowhere else.
+    from xfrustum.raster.device.devices import gpu_indices  # noqa: PLC0415
+
+    gpus = gpu_indices()
+    return gpus if DEVICE_VARIABLE not in os.environ else tuple(one for one in gpus if one == device_index())
+
+
+@contextmanager
+def _first_device(devices: tuple[int, ...]) -> Iterator[None]:
+    """Let this process draw on the first of some EGL devices, as a worker process would."""
+    before = os.environ.get(DEVICE_VARIABLE)
+    if devices:
+        os.environ[DEVICE_VARIABLE] = str(devices[0])
+    try:
+        yield
+    finally:
+        if before is not None:
+            os.environ[DEVICE_VARIABLE] = before
+        elif devices:
+            os.environ.pop(DEVICE_VARIABLE, None)
+
+
+def _processors() -> int:
+    """Return the number of processors that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

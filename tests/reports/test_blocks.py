@@ -1,0 +1,256 @@
+"""Blocks made by this process, by processes of this machine, by a Dask cluster, or in parts."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.support.dask_processes import dask, free_port, scheduler, worker
+from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
+from xfrustum.cli.where import Where
+from xfrustum.reports import blocks
+from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
+from xfrustum.scenes import InputError, open_scene
+
+LONGEST_WAIT_S = 120
+
+
+def run(job: ToyJob, engine: Engine | None = None) -> None:
+    engine = engine or Engine(workers=1)
+    with open_workers(engine, len(NUMBERS), draws=False) as workers:
+        workers.run(job, engine.part.of(NUMBERS), len(NUMBERS))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("undisturbed")
+    run(ToyJob.at(out))
+    return parts_of(out)
+
+
+def wait_for_blocks(out: Path, count: int) -> None:
+    end = time.monotonic() + LONGEST_WAIT_S
+    while len(made(out)) < count:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_what_is_finished_stays_and_the_rest_is_made(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    job = ToyJob.at(tmp_path)
+    run(job)
+    for number in (1, 4):
+        job.parts.path(number).unlink()
+    job.parts.path(7).write_bytes(undisturbed["part-0000007.parquet"][:-1])
+    run(job)
+    assert parts_of(tmp_path) == undisturbed
+    assert [number for number, _ in made(tmp_path)] == [*NUMBERS, 1, 4, 7]
+
+
+def test_parts_of_a_job_array_make_the_whole_between_them(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    job = ToyJob.at(tmp_path)
+    for number in (3, 1, 2):
+        run(job, Engine(part=Part(number=number, count=3)))
+    assert parts_of(tmp_path) == undisturbed
+    assert len(made(tmp_path)) == len(NUMBERS)
+
+
+def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scratch = tmp_path / "temporary"
+    scratch.mkdir()
+    monkeypatch.setenv("TMPDIR", str(scratch))
+    job = ToyJob.at(tmp_path, seconds=0.2)
+    with open_workers(Engine(workers=2), len(NUMBERS), draws=False) as workers:
+        thread = threading.Thread(target=workers.run, args=(job, NUMBERS, len(NUMBERS)))
+        thread.start()
+        wait_for_blocks(tmp_path, 2)
+        tree = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        doors = [one for process in tree for one in process.net_connections("inet")]
+        named = [one.laddr for process in tree for one in process.net_connections("unix") if one.laddr]
+        thread.join()
+        assert workers.count == 2
+        assert workers.ask(job, process_of) in {process for _, process in made(tmp_path)}
+    assert doors == [] and named == []
+    assert list(scratch.iterdir()) == []
+    assert parts_of(tmp_path) == undisturbed
+    processes = {process for _, process in made(tmp_path)}
+    assert len(processes) == 2 and os.getpid() not in processes
+    assert not any(map(psutil.pid_exists, processes))
+
+
+def test_a_killed_process_is_replaced_and_its_block_made_again(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    job, killed = ToyJob.at(tmp_path, seconds=0.2), []
+
+    def kill_somebody() -> None:
+        wait_for_blocks(tmp_path, 3)
+        killed.append(made(tmp_path)[-1][1])
+        with suppress(ProcessLookupError):
+            os.kill(killed[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_somebody)
+    killer.start()
+    run(job, Engine(workers=2))
+    killer.join()
+    assert parts_of(tmp_path) == undisturbed
+    assert len({process for _, process in made(tmp_path)}) == 3
+
+
+def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"block 5: 2 worker processes died of it, the last one by signal 9"):
+        run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
+
+
+def test_what_a_worker_refuses_is_refused_here_in_its_words(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^a bad block; mend it$"):
+        run(ToyJob.at(tmp_path, bad=5), Engine(workers=2))
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
+def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
+    stop: signal.Signals, tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    program = (
+        "import sys; from pathlib import Path; from tests.reports.test_blocks import *;"
+        "run(ToyJob.at(Path(sys.argv[1]), seconds=0.2), Engine(workers=2))"
+    )
+    chance = random.Random(1)
+    for _ in range(3 if stop is signal.SIGKILL else 1):
+        before = len(made(tmp_path))
+        if before == len(NUMBERS):
+            break
+        command = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stderr=subprocess.DEVNULL)
+        wait_for_blocks(tmp_path, before + 1)
+        time.sleep(chance.uniform(0, 0.3))
+        workers = psutil.Process(command.pid).children(recursive=True)
+        command.send_signal(stop)
+        command.wait(LONGEST_WAIT_S)
+        _, alive = psutil.wait_procs(workers, timeout=30)
+        assert workers and not alive
+    ToyJob.at(tmp_path)
+    run(ToyJob.at(tmp_path))
+    assert parts_of(tmp_path) == undisturbed
+
+
+@pytest.mark.slow
+def test_workers_of_a_scheduler_make_the_same_bytes(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+    port = free_port()
+    with dask(*scheduler(port)), dask(*worker(port)):
+        run(ToyJob.at(tmp_path), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
+        with pytest.raises(InputError, match=r"^a bad block; mend it \(worker on .*\)$"):
+            run(ToyJob.at(tmp_path / "bad", bad=5), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
+    assert parts_of(tmp_path) == undisturbed
+
+
+def test_a_scheduler_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blocks, "CONNECT_S", 1)
+    with pytest.raises(InputError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers there"):
+        run(ToyJob.at(tmp_path), Engine(scheduler="tcp://127.0.0.1:9"))
+
+
+@pytest.mark.slow
+def test_a_killed_worker_of_a_cluster_changes_no_byte(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+    port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
+    work = threading.Thread(target=run, args=(job, Engine(scheduler=f"tcp://127.0.0.1:{port}")))
+    with dask(*scheduler(port)), dask(*worker(port)), dask(*worker(port)):
+        work.start()
+        wait_for_blocks(tmp_path, 2)
+        os.kill(made(tmp_path)[-1][1], signal.SIGKILL)
+        work.join(LONGEST_WAIT_S)
+        assert not work.is_alive()
+    assert parts_of(tmp_path) == undisturbed
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_ends_the_command_and_the_next_one_goes_on(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+    port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
+    where = Engine(scheduler=f"tcp://127.0.0.1:{port}")
+    errors: list[Exception] = []
+
+    def try_to_run() -> None:
+        try:
+            run(job, where)
+        except InputError as error:
+            errors.append(error)
+
+    with dask(*worker(port)):
+        with dask(*scheduler(port)):
+            work = threading.Thread(target=try_to_run)
+            work.start()
+            wait_for_blocks(tmp_path, 2)
+        work.join(LONGEST_WAIT_S)
+        assert "is gone; start it again and repeat the command" in str(errors[0])
+        with dask(*scheduler(port)), dask(*worker(port)):
+            run(job, where)
+    assert parts_of(tmp_path) == undisturbed
+
+
+def test_scenes_travel_whole_with_their_jobs() -> None:
+    scene = open_scene("car")
+    again = pickle.loads(pickle.dumps(scene))
+    assert again.content_hash == scene.content_hash
+    assert dict(again.appearance.materials) == dict(scene.appearance.materials)
+
+
+def device_of(session: ToySession) -> str | None:
+    return os.environ.get(DEVICE_VARIABLE)
+
+
+def test_processes_draw_on_the_devices_that_they_are_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    monkeypatch.setattr(blocks, "_gpus", lambda: (2,))
+    job = ToyJob.at(tmp_path)
+    with open_workers(Engine(workers=1, devices=(3, 4)), len(NUMBERS)) as workers:
+        assert workers.ask(job, device_of) == "3"
+    with open_workers(Engine(), len(NUMBERS)) as workers:  # the one GPU of the machine
+        assert (workers.count, workers.ask(job, device_of)) == (1, "2")
+    with open_workers(Engine(workers=1), len(NUMBERS), draws=False) as workers:
+        assert workers.ask(job, device_of) is None
+    assert DEVICE_VARIABLE not in os.environ
+
+
+def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blocks, "_processors", lambda: 16)
+    assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
+    assert Engine(workers=8).process_count(1000, 1) == 8
+    assert Engine().process_count(3, 0) == 3
+    assert Where(part=(1, 1)).engine().process_count(1000) == 1
+
+
+def test_strange_wishes_are_refused() -> None:
+    for wish in (
+        lambda: Part(number=0, count=3),
+        lambda: Part(number=4, count=3),
+        lambda: Engine(workers=0),
+        lambda: Engine(scheduler="tcp://host:1", workers=2),
+        lambda: Engine(scheduler="tcp://host:1", devices=(0,)),
+        lambda: Engine(part=Part(number=1, count=2), workers=2),
+    ):
+        with pytest.raises(InputError):
+            wish()

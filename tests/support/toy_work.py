@@ -1,0 +1,92 @@
+"""Work in blocks that needs no renderer: each block is a few rows, and a log says who made it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from xfrustum.reports.blocks import Job
+from xfrustum.reports.common.records import table_of
+from xfrustum.reports.parts import Parts
+from xfrustum.scenes import InputError
+
+LOG = "made.log"
+NUMBERS = range(12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToyRow:
+    number: int
+    value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToyJob(Job):
+    """Blocks of a row each; `deadly` is the one that kills its process, `bad` the one that raises."""
+
+    parts: Parts
+    seconds: float = 0.0
+    deadly: int | None = None
+    bad: int | None = None
+    draws = False
+
+    @classmethod
+    def at(cls, out: Path, seconds: float = 0.0, deadly: int | None = None, bad: int | None = None) -> ToyJob:
+        """Return a job with its folder made."""
+        job = cls(parts=Parts(out=out, name="toy"), seconds=seconds, deadly=deadly, bad=bad)
+        job.parts.open({"numbers": len(NUMBERS)})
+        return job
+
+    @property
+    def name(self) -> str:
+        return "toy"
+
+    def finished(self, block: int) -> bool:
+        return self.parts.finished(block)
+
+    def size(self, block: int) -> int:
+        return 1
+
+    def words(self, block: int) -> str:
+        return f"block {block}"
+
+    @contextmanager
+    def open(self) -> Iterator[ToySession]:
+        yield ToySession(self)
+
+
+class ToySession:
+    def __init__(self, job: ToyJob) -> None:
+        self._job = job
+
+    def make(self, block: int) -> None:
+        time.sleep(self._job.seconds)
+        if block == self._job.deadly:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if block == self._job.bad:
+            raise InputError("a bad block; mend it")
+        self._job.parts.write(block, table_of(ToyRow, [ToyRow(number=block, value=block**0.5)]))
+        with (self._job.parts.out / LOG).open("a") as log:
+            log.write(f"{block} {os.getpid()}\n")
+
+
+def process_of(session: ToySession) -> int:
+    """Answer in which process a session is open."""
+    return os.getpid()
+
+
+def made(out: Path) -> list[tuple[int, int]]:
+    """Return number and process of every block that was made, in order."""
+    log = out / LOG
+    lines = log.read_text().splitlines() if log.exists() else []
+    return [(int(number), int(process)) for number, process in map(str.split, lines)]
+
+
+def parts_of(out: Path) -> dict[str, bytes]:
+    """Return the bytes of all parts."""
+    return {path.name: path.read_bytes() for path in sorted((out / "toy").glob("part-*"))}
