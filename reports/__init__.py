@@ -14,12 +14,10 @@ error_report/     The error report: every setting of a scene drawn, judged and t
 eye/              What a viewer sees, as a page and as files
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
 measurements/     What is measured of a setting, and which setting is best
-noticeable_study/ The study of what viewers notice of the near offset and of depth buffers
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
-splitting_study/  The study of when the frusta must be split
-studies/          What the studies share: cells that are measured, kept, written down and read again
+studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trade_off/        Error against time
 verification/     The verification of foreign renderers: sources, verdict, files

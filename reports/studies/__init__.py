@@ -1,8 +1,11 @@
-"""What the studies share: cells that are measured, kept, written down and read again.
+"""Two studies of many scenes and settings, as scripts on the package's own functions.
 
-cells   Cells of a study in blocks that any process may measure; what is measured is kept
-folder  The folder of a study: probed before the work, and its document written with figures and data
-origin  What a study's numbers came from, and what measures here and now
-rows    Rows of a study as Parquet, each with what measured it
-store   Results on disk as they come: what is written survives whatever ends the process
+Their published data are docs/when-to-split.parquet and docs/noticeable.parquet.
+
+figures          Maps of near and depth buffer as SVG
+noticeable       What do viewers notice of near and depth buffer? Closed forms, and replays to two eyes
+splitting        When must the frusta be split? Measures pictures and pairs of sheets
+splitting_cells  Cells and rows of the study of splitting, and whether one pair of frusta is enough in them
+splitting_facts  What the rows of the study of splitting say: its sentence, tables, maps and JSON
+sweep            Blocks of cells that are measured once and kept, and rows as Parquet
 """

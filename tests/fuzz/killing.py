@@ -5,21 +5,16 @@ from __future__ import annotations
 import json
 import os
 import random
-import shutil
 import signal
-import sqlite3
 import subprocess
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 from tests.fuzz.victims import (
     JUNIT,
-    NOTES,
     OUT,
     TEMPORARY,
     Undisturbed,
@@ -146,7 +141,6 @@ def _left(victim: Victim, folder: Path, whole: Undisturbed) -> Iterator[str]:
         OUT,
         JUNIT,
         TEMPORARY,
-        NOTES,
         "scene.toml",
         *(f"{i}x{j}.png" for i in range(3) for j in range(2)),
     }
@@ -217,32 +211,16 @@ def _finished(folder: Path) -> int:
     return sum(path.is_file() for path in chunks.rglob("*")) if chunks.is_dir() else 0
 
 
-def _measured(folder: Path) -> dict[tuple[str, str], str]:
-    """Return the keys of the measurements that a study has kept so far."""
-    name = "measurements.sqlite"
-    if not (folder / OUT / name).exists():
-        return {}
-    with tempfile.TemporaryDirectory(prefix="kill-") as copy:
-        # Opening the file repairs what a killed process left unfinished; the second run is to do that.
-        for path in (folder / OUT).glob(f"{name}*"):
-            shutil.copy(path, copy)
-        with closing(sqlite3.connect(Path(copy) / name)) as connection:
-            try:
-                rows = connection.execute("SELECT kind, key, result FROM results")
-                return {(kind, key): result for kind, key, result in rows}
-            except sqlite3.OperationalError:  # no table yet
-                return {}
+def _measured(folder: Path) -> dict[str, int]:
+    """Return the blocks that a study has kept so far, and when each was written."""
+    return {path.name: path.stat().st_mtime_ns for path in (folder / OUT / "blocks").glob("*.parquet")}
 
 
-def _measured_twice(folder: Path, before: dict[tuple[str, str], str]) -> str:
-    """Return words for measurements that a study has made again although they were kept, or has lost."""
+def _measured_twice(folder: Path, before: dict[str, int]) -> str:
+    """Return words for blocks that a study has measured again although they were kept, or has lost."""
     after = _measured(folder)
-    if any(after.get(key) != result for key, result in before.items()):
-        return "measurements are lost"
-    notes = folder / NOTES
-    noted = notes.read_text().splitlines() if notes.exists() else []
-    twice = len(noted) - len(set(noted))
-    return f"{twice} measured twice" if twice else ""
+    twice = sum(after.get(name) != when for name, when in before.items())
+    return f"{twice} blocks are lost or measured twice" if twice else ""
 
 
 def _children(pid: int) -> int:

@@ -22,8 +22,8 @@ from tests.fuzz.inputs import SCENE, SHAPE
 TEMPORARY = "temporary"
 """Name of the folder for temporary files, which commands must empty as well."""
 
-OUT, JUNIT, NOTES = "out", "out.xml", "measured.txt"
-"""Names of what commands write: a folder, a JUnit file, and notes of a study's measurements."""
+OUT, JUNIT = "out", "out.xml"
+"""Names of what commands write: a folder, and a JUnit file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +137,7 @@ def victims(checkout: Path) -> list[Victim]:
             arguments=(*program, *verify, "--command", renderer, *outputs, "--junit", JUNIT),
             status=1,
         ),
-        Victim(
-            name="study", arguments=(str(fuzz / "small_study.py"), "study", "small", OUT, NOTES), resumes=True
-        ),
+        Victim(name="study", arguments=(str(fuzz / "small_study.py"), "study", "small", OUT), resumes=True),
     ]
 
 

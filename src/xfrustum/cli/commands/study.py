@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,7 +13,8 @@ from xfrustum.cli.streams import say
 from xfrustum.cli.where import Where, engine_options
 
 if TYPE_CHECKING:
-    from xfrustum.reports.cluster.run import Engine
+    from xfrustum.reports.blocks import Engine
+    from xfrustum.reports.studies.sweep import StudyFiles
 
 
 @click.group(no_args_is_help=False)
@@ -29,19 +31,14 @@ def study() -> None:
 def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
-    What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there, and
-    several processes may measure one map at once. Columns of times are those of processes that shared this
-    machine.
+    Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.splitting_study.document import sentence
-    from xfrustum.reports.splitting_study.grid import FULL, QUICK
-    from xfrustum.reports.splitting_study.study import make_study_on
+    from xfrustum.reports.studies.splitting import make_study_on
+    from xfrustum.reports.studies.splitting_cells import FULL, QUICK
+    from xfrustum.reports.studies.splitting_facts import record, sentence
 
-    files = make_study_on(_engine(where), out, QUICK if quick else FULL, told=_note, progress=not quiet)
-    if files is None:
-        _note("this part is measured; the last one to be finished writes the study")
-        return
-    options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")
+    files = make_study_on(_engine(where), out, QUICK if quick else FULL, progress=not quiet)
+    _tell(as_json, files, record, sentence)
 
 
 @study.command()
@@ -51,25 +48,28 @@ def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_js
 @options.quiet_option
 @options.json_option
 def noticeable(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
-    """Ask what viewers notice of near and depth buffer; write noticeable.md, its figures and its data.
+    """Ask what viewers notice of near and depth buffer; write noticeable.md, its figure and its data.
 
-    Closed forms answer for all settings, and replays to two eyes for some of them. What is replayed is kept
-    at once in measurements.sqlite: a run that was stopped goes on from there, and several processes may share
-    the replays.
+    Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
+    replayed is kept: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.noticeable_study.document import sentence
-    from xfrustum.reports.noticeable_study.grid import FULL, QUICK
-    from xfrustum.reports.noticeable_study.study import make_study_on
+    from xfrustum.reports.studies.noticeable import FULL, QUICK, make_study_on, record, sentence
 
-    files = make_study_on(_engine(where), out, QUICK if quick else FULL, told=_note, progress=not quiet)
+    files = make_study_on(_engine(where), out, QUICK if quick else FULL, progress=not quiet)
+    _tell(as_json, files, record, sentence)
+
+
+def _tell(
+    as_json: bool,
+    files: StudyFiles | None,
+    record: Callable[[StudyFiles], dict[str, Any]],
+    sentence: Callable[[Sequence[Any]], str],
+) -> None:
+    """Print what a study found; files are None where other parts of a job array are not measured yet."""
     if files is None:
-        _note("this part is replayed; the last one to be finished writes the study")
-        return
-    options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")
-
-
-def _note(line: str) -> None:
-    say(f"note: {line}")
+        say("note: this part is measured; the last one to be finished writes the study")
+    else:
+        options.tell(as_json, lambda: record(files), lambda: f"{sentence(files.rows)}\n{files.document}")
 
 
 def _engine(where: Where) -> Engine:

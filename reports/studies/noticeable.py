@@ -1,0 +1,585 @@
+"""`xfrustum study noticeable`: what viewers notice of near and depth buffer.
+
+Closed forms answer for every plate, place, pivot, near and depth buffer; some are replayed to two eyes.
+Lengths are in millimeters, the unit of the scenes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from itertools import groupby, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC, Viewer
+from xfrustum.compare.eye.noticeable import Display, finest_separation, resolved_crack, stereo_change_arcsec
+from xfrustum.compare.planning.viewer import seen_content
+from xfrustum.compare.planning.views import SEPARATION_PER_REACH
+from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.reports.blocks import Engine, open_workers
+from xfrustum.reports.common.formatting import digits
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.templates_environment import plain_text
+from xfrustum.reports.eye.replayed import ReplayWorkbench
+from xfrustum.reports.studies.figures import Map, Panel, buffer_name, svg
+from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Pivot
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+
+DEFAULT_FOLDER = Path("study") / "noticeable"
+
+USUAL_DISTANCE = 600.0
+"""Distance that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye."""
+
+SEEN_ARCSEC = 1.0
+"""Change of disparity from which on replay and closed form are compared: a twentieth of stereo acuity."""
+
+PIXELS = 4742
+"""Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and Pearson
+at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong, 2,995 would do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One question: what does a viewer notice of a plate of some pitch, drawn with some settings?
+
+    `pixels` is the smallest number of pixels that the films of both eyes have together in a replay.
+    """
+
+    scene: str
+    pitch: float
+    distance: float
+    near: float
+    depth: DepthFormat
+    mapping: DepthMapping
+    pivot: Pivot
+    pixels: int = PIXELS
+
+    @property
+    def viewer(self) -> Viewer:
+        """The viewer."""
+        return Viewer(distance=self.distance)
+
+    @property
+    def seat(self) -> tuple[str, float, float]:
+        """The plate and the place alone."""
+        return self.scene, self.pitch, self.distance
+
+    @property
+    def case(self) -> tuple[object, ...]:
+        """Everything but near: plate and place, pivot, depth buffer."""
+        return *self.seat, self.pivot, self.depth, self.mapping
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """Settings of the rasterizer."""
+        return DoubleFrustum(near=self.near, depth=self.depth, mapping=self.mapping, pivot=self.pivot)
+
+    def opened(self) -> Scene:
+        """Return the scene with hogels of this pitch, as nearly as the plate's size allows."""
+        scene = open_scene(self.scene)
+        width, height = scene.plate.size
+        hogels = (round(width / self.pitch), round(height / self.pitch))
+        return replace(scene, plate=replace(scene.plate, hogels=hogels))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """What a replay shows to two eyes; None where a cell was not replayed.
+
+    Change of disparity, number of points that both eyes were shown, share of pixels with wrong surfaces and
+    with such as exact depth shows rightly, and the number of pixels that these are shares of.
+    """
+
+    replayed_stereo_arcsec: float | None = None
+    replayed_points: int | None = None
+    replayed_wrong: float | None = None
+    replayed_depth_wrong: float | None = None
+    replayed_pixels: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(Replay):
+    """A cell with its answers; lengths in millimeters.
+
+    Attributes
+    ----------
+    stereo_arcsec
+        Largest change of disparity between two things that the viewer sees.
+    crack_arcmin, crack_hidden_arcmin, crack_hidden_by
+        Width of the crack in a surface that runs through the plate, None where there is none; width of one
+        that is not noticed, and what hides it.
+    ordered_separation, asked_separation
+        Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side; and
+        what `plan` asks for without a viewer.
+    resolved_separation, resolved_by
+        Smallest separation that the viewer, or the display, tells apart there, and what decides that.
+    pixels_median, pixels_worst, pixels_beyond
+        99th percentile of displacement in pixels of the median and the worst aperture, None where surfaces
+        pass through them; share of the apertures that are displaced by more than `TOLERANCE_PX`.
+    nearest_distance
+        Distance from the eyes of the nearest surface before the plate; the plate's own where there is none.
+    sheared
+        Whether what is replayed is sheared: the frustum is recentered, and the pivot is `aperture`.
+    """
+
+    scene: str
+    pitch: float
+    distance: float
+    near: float
+    depth: DepthFormat
+    mapping: DepthMapping
+    pivot: Pivot
+    stereo_arcsec: float
+    crack_arcmin: float | None
+    crack_hidden_arcmin: float
+    crack_hidden_by: str
+    ordered_separation: float
+    resolved_separation: float
+    resolved_by: str
+    pixels_median: float | None
+    pixels_worst: float | None
+    pixels_beyond: float
+    asked_separation: float
+    nearest_distance: float
+    sheared: bool
+
+    @property
+    def offset_seen(self) -> bool:
+        """Whether the viewer notices the near offset, whatever the depth buffer does."""
+        return self.stereo_seen or self.crack_seen
+
+    @property
+    def stereo_seen(self) -> bool:
+        """Whether the viewer sees the change of depth."""
+        return self.stereo_arcsec > STEREO_ACUITY_ARCSEC
+
+    @property
+    def crack_seen(self) -> bool:
+        """Whether the viewer sees the crack."""
+        return self.crack_arcmin is not None and self.crack_arcmin > self.crack_hidden_arcmin
+
+    @property
+    def depth_seen(self) -> bool:
+        """Whether the depth buffer confuses what the viewer tells apart, or was measured to be wrong."""
+        wrong = self.replayed_depth_wrong is not None and self.replayed_depth_wrong > MAX_DEPTH_WRONG
+        return wrong or self.ordered_separation > self.resolved_separation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Every combination is answered in closed form; some cells are replayed besides.
+
+    `scenes` are names of built-in scenes with the pivots that each is drawn with. `replayed_nears` are
+    replayed with all depth buffers at the middle pitch and distance, whatever closed forms say of them.
+    """
+
+    scenes: tuple[tuple[str, tuple[Pivot, ...]], ...]
+    nears: tuple[float, ...]
+    buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
+    pitches: tuple[float, ...]
+    distances: tuple[float, ...]
+    replayed_nears: tuple[float, ...]
+    pixels: int = PIXELS
+
+    def cells(self) -> Iterator[Cell]:
+        """Yield every cell, those of one scene together."""
+        for name, pivots in self.scenes:
+            for pivot, pitch, distance, near, (depth, mapping) in product(
+                pivots, self.pitches, self.distances, self.nears, self.buffers
+            ):
+                yield Cell(
+                    scene=name,
+                    pitch=pitch,
+                    distance=distance,
+                    near=near,
+                    depth=depth,
+                    mapping=mapping,
+                    pivot=pivot,
+                    pixels=self.pixels,
+                )
+
+    def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
+        """Return the indices of the cells that are replayed.
+
+        Beside those of `replayed_nears` they are those that decide whether one pair of frusta is enough: for
+        each plate, place, pivot and depth buffer the largest near whose offset is not noticed. A larger one
+        is noticed, and a smaller one leaves more to be wrong by depth.
+        """
+        middle = self.pitches[len(self.pitches) // 2], self.distances[len(self.distances) // 2]
+        decisive: dict[tuple[object, ...], int] = {}
+        for index, (cell, row) in enumerate(zip(cells, rows, strict=True)):
+            if not row.offset_seen and row.near > rows[decisive.setdefault(cell.case, index)].near:
+                decisive[cell.case] = index
+        anyway = {
+            index
+            for index, cell in enumerate(cells)
+            if (cell.pitch, cell.distance) == middle and cell.near in self.replayed_nears
+        }
+        return sorted(anyway | set(decisive.values()))
+
+
+_NEARS = tuple(float(f"{near:.3g}") for near in np.geomspace(10.0, 1e-3, 9))
+
+FULL = Study(
+    scenes=(
+        ("car", (Pivot.APERTURE,)),
+        ("asymmetric", (Pivot.APERTURE,)),
+        ("car-recentered", (Pivot.APERTURE, Pivot.CAMERA)),
+        ("car-transfer", (Pivot.APERTURE, Pivot.CAMERA)),
+    ),
+    nears=_NEARS,
+    buffers=(
+        (DepthFormat.D16, DepthMapping.STANDARD),
+        (DepthFormat.D24, DepthMapping.STANDARD),
+        (DepthFormat.D32F, DepthMapping.REVERSED),
+    ),
+    pitches=(0.25, 0.5, 1.0),
+    distances=(300.0, 600.0, 1200.0),
+    replayed_nears=(_NEARS[1], _NEARS[3], _NEARS[5]),
+)
+QUICK = replace(
+    FULL,
+    scenes=FULL.scenes[1:2],
+    nears=_NEARS[1:6:2],
+    pitches=(1.0,),
+    distances=(600.0,),
+    buffers=(FULL.buffers[0], FULL.buffers[2]),
+    pixels=384,
+)
+
+
+# Closed forms and replays
+
+
+@cache
+def _scouted(name: str) -> Scout:
+    return scout(open_scene(name))
+
+
+@cache
+def _displacements(name: str, near: float, pivot: Pivot) -> Any:
+    """Return the 99th percentile of displacement of every aperture that was looked through, pixels."""
+    return _scouted(name).displacements(DoubleFrustum(near=near, pivot=pivot))
+
+
+def predicted(cell: Cell) -> Row:
+    """Return what closed forms say of a cell."""
+    scouted, display, settings = _scouted(cell.scene), Display.of(cell.opened()), cell.settings
+    content, frustum = seen_content(scouted), scouted.scene.frustum
+    hidden_by, hidden, width = resolved_crack(cell.viewer, display, settings)
+    resolved = finest_separation(content.farthest, cell.viewer, display)
+    assert resolved is not None
+    moved = _displacements(cell.scene, cell.near, cell.pivot)
+    median, worst = float(np.median(moved)), float(moved.max())
+    ordered = [0.0]
+    for height in content.farthest:
+        far = cell.near + frustum.reach[0 if height > 0 else 1]
+        w = np.array(abs(height) + cell.near)
+        ordered.append(float(smallest_separation(w, cell.near, far, cell.depth, cell.mapping)))
+    return Row(
+        **{one.name: getattr(cell, one.name) for one in fields(cell) if one.name != "pixels"},
+        stereo_arcsec=stereo_change_arcsec(content, cell.viewer, display, settings),
+        crack_arcmin=width if content.through else None,
+        crack_hidden_arcmin=hidden,
+        crack_hidden_by=hidden_by,
+        ordered_separation=max(ordered),
+        resolved_separation=resolved[1],
+        resolved_by=resolved[0],
+        pixels_median=median if math.isfinite(median) else None,
+        pixels_worst=worst if math.isfinite(worst) else None,
+        pixels_beyond=float((moved > TOLERANCE_PX).mean()),
+        asked_separation=SEPARATION_PER_REACH * frustum.longest_reach,
+        nearest_distance=cell.distance - (0.0 if content.before is None else content.before[1]),
+        sheared=frustum.recentered and cell.pivot is Pivot.APERTURE,
+    )
+
+
+def replay(cells: Sequence[Cell]) -> Iterator[Replay]:
+    """Yield the replays of some cells of one seat, whose true views are traced once."""
+    scene = cells[0].opened()
+    workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, cells[0].pixels))
+    for cell in cells:
+        shown = workbench.measure(cell.settings)
+        yield Replay(
+            replayed_stereo_arcsec=shown.disparity_change_arcsec,
+            replayed_points=shown.matched,
+            replayed_wrong=shown.wrong,
+            replayed_depth_wrong=shown.depth_wrong,
+            replayed_pixels=shown.judged,
+        )
+
+
+def film_columns(size: tuple[float, float], pixels: int) -> int:
+    """Return the columns of an eye's film before a plate of some size: as few as give two eyes the pixels."""
+    width, height = size
+    fewest = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
+    return next(
+        columns
+        for columns in itertools.count(fewest)
+        if 2 * columns * max(1, round(columns * height / width)) >= pixels
+    )
+
+
+def make_study(out: Path | None = None, study: Study = FULL, *, progress: bool = False) -> StudyFiles:
+    """Answer what viewers notice, and write it down; see `make_study_on`."""
+    found = make_study_on(Engine(workers=1), out, study, progress=progress)
+    assert found is not None, "one process replays everything"
+    return found
+
+
+def make_study_on(
+    engine: Engine, out: Path | None = None, study: Study = FULL, *, progress: bool = False
+) -> StudyFiles | None:
+    """Answer a study, and write its document, figure and data.
+
+    This process evaluates the closed forms. Every block of replays is kept in the folder as soon as it is
+    there; what is there already, from the same libraries and device, is not replayed again.
+
+    Parameters
+    ----------
+    engine
+        Where cells are replayed.
+    out
+        Folder; `DEFAULT_FOLDER` where None.
+    study
+        What to ask.
+    progress
+        Show progress bars on standard error.
+
+    Returns
+    -------
+    None where other parts of a job array are not replayed yet.
+
+    Raises
+    ------
+    InputError
+        An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers replay with
+        something else.
+    """
+    folder = folder_of(out)
+    folder.check_writable()
+    sweep, cells = folder.sweep(Replay, replay), list(study.cells())
+    rows = []
+    with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
+        for cell in cells:
+            rows.append(predicted(cell))
+            bar.update()
+    chosen = sorted(
+        study.replayed(cells, rows), key=lambda i: (cells[i].seat, cells[i].pivot, -cells[i].near)
+    )
+    blocks = [
+        tuple(cells[i] for i in group) for _, group in groupby(chosen, key=lambda index: cells[index].seat)
+    ]
+    with open_workers(engine, len(blocks)) as workers:
+        replays = sweep.rows(blocks, workers, engine.part, progress=progress)
+    if replays is None:
+        return None
+    for index, shown in zip(chosen, replays, strict=True):
+        rows[index] = replace(rows[index], **vars(shown))
+    return write_study(rows, sweep.origin, folder)
+
+
+def folder_of(out: Path | None) -> StudyFolder:
+    """Return the folder of the study, which need not exist yet."""
+    return StudyFolder(out=DEFAULT_FOLDER if out is None else out, name="noticeable", row=Row)
+
+
+def write_study(rows: Sequence[Row], origin: Origin, folder: StudyFolder) -> StudyFiles:
+    """Write document, figure and data of some rows."""
+    return folder.write(rows, origin, {"noticeable-map": svg(noticed_map(rows))}, document)
+
+
+# What the rows say
+
+
+def record(files: StudyFiles) -> dict[str, Any]:
+    """Return the study as `xfrustum study noticeable --json` prints it."""
+    rows = files.rows
+    own = [row for row in rows if row.replayed_stereo_arcsec is not None]
+    ratios = [r.replayed_stereo_arcsec / r.stereo_arcsec for r in own if r.stereo_arcsec >= SEEN_ARCSEC]
+    return dict(
+        json_ready(
+            {
+                **files.record,
+                "sentence": sentence(rows),
+                "thresholds": thresholds(rows),
+                "quarters": quarters(rows),
+                "replays": len(own),
+                "replayed_over_predicted": (min(ratios, default=math.nan), max(ratios, default=math.nan)),
+                "disagreement": disagreement(rows),
+            }
+        )
+    )
+
+
+def sentence(rows: Sequence[Row]) -> str:
+    """Say the result in one sentence."""
+    usual = min({row.distance for row in rows}, key=lambda distance: abs(distance - USUAL_DISTANCE))
+    viewer = Viewer(distance=usual)
+    # L^2/n of the rule without its small second-order term.
+    metres = 2 * viewer.eyes_apart_mm / math.radians(viewer.stereo_acuity_arcsec / 3600) / 1000
+    return (
+        f"From {usual:g} mm nobody notices a near offset of up to {digits(rule_near(usual))} mm "
+        f"at the plate: n = L^2 / ({metres:.3g} m) at the distance L, whatever resolution and depth are."
+    )
+
+
+def rule_near(distance: float) -> float:
+    """Return the largest near whose gap at the plate changes disparity by no more than stereo acuity, mm."""
+    viewer = Viewer(distance=distance)
+    acuity, apart = math.radians(viewer.stereo_acuity_arcsec / 3600), viewer.eyes_apart_mm
+    return acuity * distance**2 / (apart + math.hypot(apart, acuity * distance))
+
+
+def largest_near(rows: Iterable[Row], value: Callable[[Row], float | None], limit: float) -> float | None:
+    """Return the near at which a value that grows with near reaches its limit, between rows on log scales.
+
+    None where the smallest near is beyond it already, infinite where the largest is not.
+    """
+    line = sorted({row.near: row for row in rows}.values(), key=lambda row: row.near)
+    ratios = [math.inf if (found := value(row)) is None else found / limit for row in line]
+    if ratios[0] > 1:
+        return None
+    for (low, below), (high, above) in itertools.pairwise(zip(line, ratios, strict=True)):
+        if above > 1:
+            if math.isinf(above) or below == 0:
+                return low.near
+            share = -math.log(below) / math.log(above / below)
+            return math.exp((1 - share) * math.log(low.near) + share * math.log(high.near))
+    return math.inf
+
+
+def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return the largest nears of every scene and pivot that are not noticed, mm, and by pixels."""
+    found = []
+    for scene, pivot in dict.fromkeys((row.scene, row.pivot) for row in rows):
+        own = [row for row in rows if (row.scene, row.pivot) == (scene, pivot)]
+        by_distance = {d: [row for row in own if row.distance == d] for d in {row.distance: 0 for row in own}}
+        found.append(
+            {
+                "scene": scene,
+                "pivot": pivot,
+                "stereo": {
+                    f"{distance:g}": largest_near(some, lambda row: row.stereo_arcsec, STEREO_ACUITY_ARCSEC)
+                    for distance, some in by_distance.items()
+                },
+                "pixels_worst": largest_near(own, lambda row: row.pixels_worst, TOLERANCE_PX),
+                "pixels_median": largest_near(own, lambda row: row.pixels_median, TOLERANCE_PX),
+            }
+        )
+    return found
+
+
+def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
+    """Return how the rule does that near be at most a quarter of the pitch, at every distance.
+
+    The largest unnoticed near at the plate, the largest pitch whose quarter is not noticed, the number of
+    plates and nears that keep the rule, and of those in which the viewer notices the offset.
+    """
+    found = []
+    for distance in sorted({row.distance for row in rows}):
+        kept = {
+            (row.scene, row.pivot, row.pitch, row.near): row.offset_seen
+            for row in rows
+            if row.distance == distance and row.near <= row.pitch / 4
+        }
+        near = rule_near(distance)
+        found.append(
+            {
+                "distance": distance,
+                "near": near,
+                "pitch": 4 * near,
+                "kept": len(kept),
+                "failed": sum(kept.values()),
+            }
+        )
+    return found
+
+
+def disagreement(rows: Sequence[Row]) -> dict[str, int]:
+    """Return where hogels' pixels and eyes disagree about near, in closed form."""
+    own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
+    seen = [(row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen) for row in own]
+    names = {
+        "pixels_only": (True, False),
+        "eyes_only": (False, True),
+        "both": (True, True),
+        "neither": (False, False),
+    }
+    return {name: seen.count(kind) for name, kind in names.items()}
+
+
+def document(rows: Sequence[Row], origin: Origin) -> str:
+    """Return the study as Markdown."""
+    values = {
+        "sentence": sentence(rows),
+        "thresholds": json_ready(thresholds(rows)),
+        "quarters": quarters(rows),
+        "disagreement": disagreement(rows),
+        "cells": len(rows),
+        "replays": sum(row.replayed_pixels is not None for row in rows),
+        "devices": origin.devices,
+    }
+    return plain_text(
+        "noticeable.md.j2", {"length": lambda near: "-" if near is None else digits(near)}, values
+    )
+
+
+_NOTICED = (
+    ("#009E73", "nothing is noticed"),
+    ("#E69F00", "change of depth"),
+    ("#D55E00", "depth and crack"),
+    ("#56B4E9", "depth buffer"),
+    ("#5b5b5b", "offset and buffer"),
+)
+"""Colors of what a viewer notices, out of Okabe and Ito's palette, and their meanings."""
+
+
+def noticed_map(rows: Sequence[Row]) -> Map:
+    """Map what a viewer notices over near and depth buffer, at the middle pitch."""
+    pitches = sorted({row.pitch for row in rows})
+    pitch = pitches[len(pitches) // 2]
+    lines: dict[str, dict[float, list[Row]]] = {}
+    for row in rows:
+        if row.pitch == pitch:
+            name = f"{row.scene}, {row.pivot}, {buffer_name((row.depth, row.mapping))}"
+            lines.setdefault(name, {}).setdefault(row.distance, []).append(row)
+
+    def colors(line: list[Row]) -> tuple[str, ...]:
+        # A smaller near of the same line leaves more to be wrong by depth than one that was replayed.
+        starved = max((r.near for r in line if r.replayed_pixels is not None and r.depth_seen), default=0.0)
+        found = []
+        for row in sorted(line, key=lambda row: -row.near):
+            offset = 2 if row.crack_seen else 1 if row.stereo_seen else 0
+            by_depth = row.depth_seen or row.near <= starved
+            found.append(_NOTICED[(4 if offset else 3) if by_depth else offset][0])
+        return tuple(found)
+
+    return Map(
+        title=f"What eyes notice, hogels of {pitch:g} mm",
+        panels=(
+            tuple(
+                Panel(
+                    title=f"from {distance:g} mm",
+                    lines=tuple(colors(line[distance]) for line in lines.values()),
+                )
+                for distance in sorted({row.distance for row in rows})
+            ),
+        ),
+        names=tuple(lines),
+        nears=tuple(sorted({row.near for row in rows}, reverse=True)),
+        legend=_NOTICED,
+        across="near, mm",
+        gutter=250,
+    )

@@ -1,0 +1,334 @@
+"""`xfrustum study splitting`: where one pair of frusta is enough, over scenes, nears and depth buffers.
+
+A cell is one picture: a scene of `scenes.library.depth_family` through one aperture, drawn by cameras with
+one near and one depth buffer, judged beside its truth; and a pair of sheets at the far end of its side, which
+the depth buffer orders or does not. All lengths are shares of the reach.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, fields
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.wrong_by_depth import DepthControl
+from xfrustum.compare.metrics.displacement import lengths
+from xfrustum.compare.planning.sheets import SheetFilm, SheetPair
+from xfrustum.compare.prediction import predict
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reports.blocks import Engine, Part, Workers, open_workers
+from xfrustum.reports.studies.figures import svg
+from xfrustum.reports.studies.splitting_cells import (
+    ASKED_SEPARATION,
+    FULL,
+    SIDES,
+    Case,
+    Cell,
+    Family,
+    Row,
+    Study,
+    Suitability,
+    outcomes,
+    straight_nears,
+    suitability,
+)
+from xfrustum.reports.studies.splitting_facts import document, maps
+from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder, Sweep
+from xfrustum.scenes.library import depth_family
+from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SeenScene
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.tolerances import TOLERANCE_PX
+
+DEFAULT_FOLDER = Path("study") / "splitting"
+
+SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+"""Distances of two sheets, as shares of the reach."""
+
+SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
+"""Cells along each side of the film on which sheets are drawn, and pixels along each side of a cell."""
+
+SHEET_PHASE = 0.05
+"""Share by which the heights of a sheet's cells differ from their mean at most, so that not all their depths
+round alike."""
+
+SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
+"""Mean |z| of the sheets: the cells of the farther one end at the farthest surface."""
+
+NEAREST_PERCENTILE = 1
+"""Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth of the
+picture, which the 99th percentile of displacement leaves out."""
+
+MAX_SLABS = 6
+"""Slabs on one side that are tried before a case is given up."""
+
+FIRST_CUT_PER_NEAREST = 0.99
+"""The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
+
+
+def seen_scene(cell: Cell) -> SeenScene:
+    """Return the scene of a picture, and the aperture that it is seen from."""
+    resolution = (cell.resolution, cell.resolution)
+    match cell.family:
+        case Family.ONE_SIDE:
+            scene = depth_family.cars(cell.ratio, cell.side, resolution)
+            return SeenScene(scene=scene, aperture=scene.plate.middle)
+        case Family.BOTH_SIDES:
+            return depth_family.cars_on_both_sides(cell.ratio, resolution)
+        case Family.OFF_MIDDLE | Family.IN_MIDDLE:
+            in_middle = cell.family is Family.IN_MIDDLE
+            return depth_family.cars_off_the_middle(cell.ratio, resolution, in_middle=in_middle)
+        case Family.RECENTERED:
+            return depth_family.recentered_cars(cell.ratio, resolution)
+        case Family.THROUGH:
+            return depth_family.car_through_plate(1 / cell.ratio, resolution)
+
+
+def measure(cells: Sequence[Cell]) -> Iterator[Row]:
+    """Yield the rows of some cells of one picture: its truth is traced once."""
+    seen = seen_scene(cells[0])
+    scene, aperture, reference = seen.scene, seen.aperture, Reference(seen.scene)
+    truth = reference.trace(aperture)
+    heights = np.abs(truth.height[truth.covered].astype(np.float64)) / REACH
+    ends: dict[str, Any] = {
+        "nearest": float(np.percentile(heights, NEAREST_PERCENTILE)),
+        "farthest": float(heights.max()),
+    }
+    sheets = _sheets(cells)
+    with Rasterizer(scene) as rasterizer:
+        control, predicted = None, None
+        for cell in cells:
+            if control is None or not control.serves(cell.settings):
+                control = DepthControl.of(rasterizer, truth, reference, cell.settings)
+                predicted = predict.displacement(truth, scene.frustum, control.settings)
+            drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
+            judged = compare_images(truth, drawn, reference)
+            wrong, spread = judged.maps.surface, judged.displacement_px
+            assert wrong is not None and judged.surface is not None
+            moved = lengths(judged.maps.displacement)[drawn.off_plate]
+            yield Row(
+                **vars(cell),
+                **ends,
+                judged=judged.judged,
+                covered=judged.covered,
+                surface_wrong=int(wrong.sum()),
+                outside=judged.surface.outside,
+                depth_wrong=int(control.charged(wrong).sum()),
+                lost=int(control.lost(wrong, drawn).sum()),
+                displacement_rms=spread.rms if spread else None,
+                displacement_p99=spread.p99 if spread else None,
+                displacement_max=spread.max if spread else None,
+                displaced=int((moved > TOLERANCE_PX).sum()),
+                predicted_rms=predicted.rms if predicted else None,
+                predicted_p99=predicted.p99 if predicted else None,
+                **_ordered([sheets[one] for one in _sheets_of(cell)]),
+                predicted_separation=max(map(predicted_separation, _sheets_of(cell))),
+            )
+
+
+# Pairs of sheets at the far end
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheets:
+    """Pairs of sheets as one camera sees them; the distance from it depends on neither shear nor fit."""
+
+    side: Camera
+    near: float
+    slabs: tuple[float, ...]
+    offset: Offset
+    depth: DepthFormat
+    mapping: DepthMapping
+
+    @property
+    def stands_back(self) -> float:
+        """How far the camera that draws the far end stands back, as a share of the reach."""
+        return 0.0 if self.slabs or self.offset is Offset.NONE else self.near
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """Settings of the rasterizer, in scene units."""
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        return Cell(**own, family=Family.ONE_SIDE, ratio=1.0, resolution=1).settings
+
+
+def _sheets_of(cell: Cell) -> tuple[Sheets, ...]:
+    """Return the sheets that belong to a cell: those of each of its cameras."""
+    own = {one.name: getattr(cell, one.name) for one in fields(Sheets) if one.name != "side"}
+    return tuple(Sheets(side=side, **own) for side in (SIDES if cell.side is Camera.BOTH else (cell.side,)))
+
+
+@cache
+def _measured_sheets() -> dict[Sheets, tuple[float, ...]]:
+    """Return what this process has measured of sheets: cells of many pictures share them."""
+    return {}
+
+
+def _sheets(cells: Iterable[Cell]) -> dict[Sheets, tuple[float, ...]]:
+    """Return the share of pixels that do not show the right sheet, for each of `SEPARATIONS`."""
+    known = _measured_sheets()
+    missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - set(known)
+
+    def camera(sheets: Sheets) -> tuple[Camera, float]:
+        return sheets.side, sheets.stands_back
+
+    for _, group in groupby(sorted(missing, key=camera), key=camera):
+        own = list(group)
+        with ExitStack() as stack:
+            films = [_film(own[0], separation * REACH) for separation in SEPARATIONS]
+            drawn = [(film, stack.enter_context(Rasterizer(film.scene))) for film in films]
+            for sheets in own:
+                shares = (film.wrong_shares(rasterizer, sheets.settings) for film, rasterizer in drawn)
+                known[sheets] = tuple(share for (share,) in shares)
+    return known
+
+
+def _film(sheets: Sheets, separation: float) -> SheetFilm:
+    """Return one pair of sheets at the far end of a side, which covers the film.
+
+    The sheet that must not show comes first, so that equal depths show it.
+    """
+    scene = depth_family.empty_scene((SHEET_CELLS, SHEET_CELLS))
+    cameras = model_cameras(scene.frustum, scene.plate.middle, sheets.settings)
+    outermost = max(cameras, key=lambda camera: max(map(abs, camera.heights)))
+    phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, SHEET_CELLS**2)
+    pair = SheetPair(
+        camera=outermost, heights=SHEET_HEIGHT * (1 + phases), separation=separation, loser_first=True
+    )
+    owner = np.zeros((SHEET_CELLS, SHEET_CELLS), dtype=np.int64)
+    return SheetFilm.of(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
+
+
+def predicted_separation(sheets: Sheets) -> float:
+    """Return the smallest separation ordered at the farthest surface, by the closed form."""
+    near = (sheets.slabs[-1] if sheets.slabs else sheets.near) * REACH
+    offset = sheets.stands_back * REACH
+    ordered = smallest_separation(
+        np.array(FARTHEST + offset), near, offset + REACH, sheets.depth, sheets.mapping
+    )
+    return float(ordered) / REACH
+
+
+def _ordered(found: Sequence[tuple[float, ...]]) -> dict[str, Any]:
+    """Return what a row says of sheets; of those of several cameras the worst count."""
+    misordered = [max(shares) for shares in zip(*found, strict=True)]
+    ordered = list(
+        itertools.takewhile(
+            lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, zip(SEPARATIONS, misordered, strict=True)
+        )
+    )
+    return {
+        "misordered": misordered[SEPARATIONS.index(ASKED_SEPARATION)],
+        "ordered_separation": ordered[-1][0] if ordered else None,
+    }
+
+
+# The whole study
+
+
+def make_study(out: Path | None = None, study: Study = FULL, *, progress: bool = False) -> StudyFiles:
+    """Measure where one pair of frusta is enough, and write it down; see `make_study_on`."""
+    found = make_study_on(Engine(workers=1), out, study, progress=progress)
+    assert found is not None, "one process measures everything"
+    return found
+
+
+def make_study_on(
+    engine: Engine, out: Path | None = None, study: Study = FULL, *, progress: bool = False
+) -> StudyFiles | None:
+    """Measure a study, and write its document, figures and data.
+
+    Every block is kept in the folder as soon as it is measured; what is there already, from the same
+    libraries and device, is not measured again.
+
+    Parameters
+    ----------
+    engine
+        Where cells are measured.
+    out
+        Folder; `DEFAULT_FOLDER` where None.
+    study
+        What to measure.
+    progress
+        Show progress bars on standard error.
+
+    Returns
+    -------
+    None where other parts of a job array are not measured yet.
+
+    Raises
+    ------
+    InputError
+        An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers measure with
+        something else.
+    """
+    folder = folder_of(out)
+    folder.check_writable()
+    sweep = folder.sweep(Row, measure)
+    nears, grids = study
+    blocks = [block for grid in grids for block in grid.blocks(nears)]
+    with open_workers(engine, len(blocks)) as workers:
+        rows = sweep.rows(blocks, workers, engine.part, progress=progress)
+        if rows is None:
+            return None
+        rows += _split(rows, sweep, workers, progress=progress)
+    return write_study(rows, sweep.origin, folder)
+
+
+def folder_of(out: Path | None) -> StudyFolder:
+    """Return the folder of the study, which need not exist yet."""
+    return StudyFolder(out=DEFAULT_FOLDER if out is None else out, name="when-to-split", row=Row)
+
+
+def write_study(rows: Sequence[Row], origin: Origin, folder: StudyFolder) -> StudyFiles:
+    """Write document, figures and data of some rows."""
+    figures = {name: svg(drawn) for name, drawn in maps(rows).items()}
+    return folder.write(rows, origin, figures, document)
+
+
+def _split(rows: Sequence[Row], sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
+    """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
+    found: list[Row] = []
+    # Slabs have no gap at the plate: they are drawn with the offset.
+    open_cases = [
+        next(row for row in rows if Case.of(row) == case)
+        for case, outcome in outcomes(rows).items()
+        if not outcome.one_pair and case.offset is Offset.PLATE
+    ]
+    for count in range(1, MAX_SLABS + 1):
+        cells = [_cut(row, rows, count) for row in open_cases]
+        blocks = [tuple(group) for _, group in groupby(cells, key=lambda cell: cell.picture)]
+        # What follows from all rows is measured by whoever has seen them all.
+        tried = sweep.rows(blocks, workers, Part(), progress=progress and bool(blocks))
+        assert tried is not None
+        found += tried
+        open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
+    return found
+
+
+def _cut(row: Row, rows: Sequence[Row], count: int) -> Cell:
+    """Return a case with so many cuts, in equal ratios, from the first one up to the reach.
+
+    The first cut lies just under the nearest surface, so that the slab that touches the plate is empty. Where
+    a surface runs through the plate that slab never is: then the near is the largest that does not bend in
+    one pair, whatever depth buffer drew it, and it, the cuts and the reach form one sequence.
+    """
+    if row.family is Family.THROUGH:
+        alike = [r for r in rows if (r.picture, r.drawing, r.slabs) == (row.picture, row.drawing, ())]
+        near = max(straight_nears(alike), default=min(r.near for r in alike))
+        cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
+    else:
+        near = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
+        cuts = np.geomspace(near, 1.0, count + 1)[:-1]
+    own = {one.name: getattr(row, one.name) for one in fields(Cell)}
+    return Cell(**{**own, "near": near, "slabs": tuple(map(float, cuts))})

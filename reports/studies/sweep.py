@@ -1,0 +1,237 @@
+"""Cells of a study, measured in blocks that are kept as they come, and rows of a study as Parquet.
+
+A cell is one question of a study, a block the cells that share what takes longest to make. The rows of a
+block are one Parquet file, named by what was asked and what measured it: a study that was stopped, whatever
+ended it, goes on with the blocks whose files are missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import pyarrow.parquet as pq
+from pydantic import TypeAdapter
+
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.blocks import Job, Part, Workers
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.outputs import Staging, check_writable_folder
+from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
+from xfrustum.scenes.plate.double_frustum import Camera
+
+Row = TypeVar("Row")
+
+BLOCKS, IMAGES = "blocks", "images"
+"""Folders of what is measured, and of figures, in the folder of a study."""
+
+VERSION_COLUMN, DEVICE_COLUMN = "version_{}", "device_{}"
+"""Names of the columns of a version and of a fact about the device."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """What a study's numbers came from: versions of the libraries and the device, by name."""
+
+    versions: Mapping[str, str] = field(metadata=named_columns(VERSION_COLUMN))
+    devices: Mapping[str, str] = field(metadata=named_columns(DEVICE_COLUMN))
+
+    @property
+    def decisive(self) -> str:
+        """What results depend on beside the question, as text: all but the processor and its system."""
+        opengl = {name: text for name, text in self.devices.items() if name.startswith("OpenGL")}
+        return json.dumps([dict(self.versions), opengl], sort_keys=True)
+
+
+@cache
+def measured_by() -> Origin:
+    """Return the versions and the device that would measure here and now.
+
+    Raises
+    ------
+    InputError
+        No usable OpenGL context.
+    """
+    scene = cars(CAR_RATIO, Camera.C, (1, 1))
+    with Rasterizer(scene) as rasterizer:
+        opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
+    versions = {**provenance.versions(), **Reference(scene).versions}
+    return Origin(versions=versions, devices={**provenance.machine(), **opengl})
+
+
+def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path) -> None:
+    """Write rows of one dataclass; versions and device are columns of their own, the same in every row."""
+    table, common = table_of(kind, rows), table_of(Origin, [origin] * len(rows))
+    for column in common.schema:
+        table = table.append_column(column, common[column.name])
+    pq.write_table(table, path, compression="zstd")
+
+
+def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
+    """Return the rows of a file of `write_rows`, and where they came from."""
+    found = pq.read_table(path).to_pylist()
+    names = {one.name for one in fields(kind)}  # type: ignore[arg-type]  # a dataclass; no type says so
+    reader = TypeAdapter(kind)
+    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
+    return rows, Origin(versions=_named(found[0], VERSION_COLUMN), devices=_named(found[0], DEVICE_COLUMN))
+
+
+def _named(columns: Mapping[str, object], pattern: str) -> dict[str, str]:
+    """Return the values of the columns of one pattern by what stands in its place."""
+    prefix = pattern.format("")
+    return {name.removeprefix(prefix): str(v) for name, v in columns.items() if name.startswith(prefix)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Job):
+    """Blocks of cells of one study: tuples of dataclasses that `measure` takes, for one row each.
+
+    The rows of a block are a file in `folder`. A process that would measure with something else than `origin`
+    refuses.
+    """
+
+    unit: ClassVar[str] = "cell"
+
+    study: str
+    folder: Path
+    row: type[Any]
+    measure: Callable[[Sequence[Any]], Iterable[Any]]
+    origin: Origin
+
+    @property
+    def name(self) -> str:
+        """Word for the work."""
+        return f"study-{self.study}"
+
+    def file(self, cells: Sequence[Any]) -> Path:
+        """Return the file of a block."""
+        asked = json.dumps([self.origin.decisive, *(asdict(cell) for cell in cells)], sort_keys=True)
+        return self.folder / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.parquet"
+
+    def finished(self, cells: Sequence[Any]) -> bool:
+        """Return whether a block is measured."""
+        return self.file(cells).exists()
+
+    def size(self, cells: Sequence[Any]) -> int:
+        """Return the number of cells of a block."""
+        return len(cells)
+
+    def words(self, cells: Sequence[Any]) -> str:
+        """Return a block by its first cell."""
+        return f"the block of {asdict(cells[0])}"
+
+    @contextmanager
+    def open(self) -> Iterator[Sweep]:
+        """Provide what measures blocks, which is the job itself.
+
+        Raises
+        ------
+        InputError
+            This process would measure with other libraries or another device; or it has no usable OpenGL.
+        """
+        here = measured_by()
+        if here.decisive != self.origin.decisive:
+            raise InputError(
+                "a worker measures with other libraries or another device than the study was begun with "
+                f"({here.devices.get('OpenGL renderer')}); give all workers the same"
+            )
+        yield self
+
+    def make(self, cells: Sequence[Any]) -> None:
+        """Measure a block; its file is there whole or not at all."""
+        rows = list(self.measure(cells))
+        file = self.file(cells)
+        with Staging(self.folder, (file.name,)) as staging:
+            write_rows(self.row, rows, self.origin, staging.folder / file.name)
+            staging.commit()
+
+    def rows(
+        self, blocks: Sequence[Sequence[Any]], workers: Workers, part: Part, *, progress: bool
+    ) -> list[Any] | None:
+        """Measure what is missing of a part of some blocks, and return the rows of all of them.
+
+        None where other parts of a job array are not measured yet.
+        """
+        own = list(part.of(blocks))
+        workers.run(self, own, sum(map(len, own)), progress=progress)
+        if not all(map(self.finished, blocks)):
+            return None
+        return [row for cells in blocks for row in read_rows(self.row, self.file(cells))[0]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFiles:
+    """What a study left behind: Markdown, Parquet and SVG files; all rows, and what measured them."""
+
+    document: Path
+    data: Path
+    figures: tuple[Path, ...]
+    rows: tuple[Any, ...]
+    origin: Origin
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What every study says of its files and its origin as JSON."""
+        return {
+            "files": {"document": self.document, "data": self.data, "figures": self.figures},
+            "cells": len(self.rows),
+            "versions": self.origin.versions,
+            "devices": self.origin.devices,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFolder:
+    """The folder of a study, and the names of its files."""
+
+    out: Path
+    name: str
+    row: type[Any]
+
+    def check_writable(self) -> None:
+        """Raise InputError unless the study can be written, before anything is measured."""
+        check_writable_folder(self.out, (f"{self.name}.md", f"{self.name}.parquet"))
+        for folder in (IMAGES, BLOCKS):
+            check_writable_folder(self.out / folder)
+
+    def sweep(self, row: type[Any], measure: Callable[[Sequence[Any]], Iterable[Any]]) -> Sweep:
+        """Return the work of the study, whose blocks are kept in this folder."""
+        return Sweep(
+            study=self.name,
+            folder=self.out.absolute() / BLOCKS,
+            row=row,
+            measure=measure,
+            origin=measured_by(),
+        )
+
+    def write(
+        self,
+        rows: Sequence[Any],
+        origin: Origin,
+        figures: Mapping[str, str],
+        document: Callable[[Sequence[Any], Origin], str],
+    ) -> StudyFiles:
+        """Write figures, data and document; the document last, so that what it refers to is there."""
+        with Staging(self.out / IMAGES) as staging:
+            for name, drawn in figures.items():
+                (staging.folder / f"{name}.svg").write_text(drawn, encoding="utf-8")
+            drawn_files = staging.commit()
+        text, data = f"{self.name}.md", f"{self.name}.parquet"
+        with Staging(self.out, (text, data)) as staging:
+            write_rows(self.row, rows, origin, staging.folder / data)
+            # From what is in the file, so that the file alone gives the same document again.
+            filed, origin = read_rows(self.row, staging.folder / data)
+            (staging.folder / text).write_text(document(filed, origin), encoding="utf-8")
+            staging.commit()
+        return StudyFiles(
+            document=self.out / text, data=self.out / data, figures=drawn_files, rows=filed, origin=origin
+        )

@@ -1,0 +1,148 @@
+"""The study of viewers: what its data say, and no replay is made twice."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import CHECKOUT
+from xfrustum.cli.main import main
+from xfrustum.compare.eye.limits import EYES_APART_MM, STEREO_ACUITY_ARCSEC, Viewer
+from xfrustum.compare.eye.noticeable import Display, replay_noise_arcsec, surface_content
+from xfrustum.compare.scouting.sample import share_at_most
+from xfrustum.reports.eye.replayed import ReplayWorkbench
+from xfrustum.reports.studies import noticeable
+from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns, rule_near
+from xfrustum.reports.studies.sweep import read_rows
+from xfrustum.scenes import open_scene
+from xfrustum.tolerances import MAX_DEPTH_WRONG
+
+DATA = CHECKOUT / "docs" / "noticeable.parquet"
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[Row, ...]:
+    return read_rows(Row, DATA)[0]
+
+
+def cell_of(row: Row) -> Cell:
+    return Cell(**{name: getattr(row, name) for name in vars(next(FULL.cells())) if name != "pixels"})
+
+
+def test_the_data_are_those_of_the_whole_grid_and_the_nears_that_decide_are_replayed(
+    rows: tuple[Row, ...],
+) -> None:
+    cells = list(FULL.cells())
+    assert [cell_of(row) for row in rows] == cells
+    replayed = [index for index, row in enumerate(rows) if row.replayed_points is not None]
+    assert replayed == FULL.replayed(cells, rows)
+    assert {cells[index].case for index in replayed} == {cell.case for cell in cells}
+
+
+def test_the_published_page_has_the_numbers_that_follow_from_its_data(rows: tuple[Row, ...]) -> None:
+    page = (CHECKOUT / "docs" / "noticeable.md").read_text(encoding="utf-8")
+    written = noticeable.document(rows, read_rows(Row, DATA)[1])
+    for line in (line for line in written.splitlines() if line.startswith("| car")):
+        name, *stereo, _, _ = line.strip("| ").split(" | ")
+        assert " | ".join((f"| {name}", *stereo)) in page
+    apart = noticeable.disagreement(rows)
+    assert f"these are {apart['pixels_only']} of {sum(apart.values())} pairs" in " ".join(page.split())
+    for quarter in noticeable.quarters(rows):
+        assert f"{quarter['failed']} of {quarter['kept']} from {quarter['distance']:g} mm" in page
+
+
+def test_at_the_limit_of_the_rule_two_eyes_tell_the_gap_from_none() -> None:
+    near, distance = rule_near(600.0), 600.0
+    change = EYES_APART_MM / (distance - near) - EYES_APART_MM / (distance + near)
+    assert math.degrees(change) * 3600 == pytest.approx(STEREO_ACUITY_ARCSEC, rel=1e-9)
+
+
+def safe_near(distance: float, nearest: float) -> float:
+    """Return the largest near of which two eyes notice no change of depth without shear, mm.
+
+    Disparity changes by b n/R^2 for the nearest surface, at the distance R, and by -b n/L^2 just behind the
+    plate. Their difference is stereo acuity at n = (acuity/b)/(1/L^2 + 1/R^2), to first order in n.
+    """
+    viewer = Viewer(distance=distance)
+    acuity = math.radians(viewer.stereo_acuity_arcsec / 3600)
+    return acuity / viewer.eyes_apart_mm / (1 / distance**2 + 1 / nearest**2)
+
+
+def test_below_the_rule_no_row_without_shear_is_noticed(rows: tuple[Row, ...]) -> None:
+    below = [row for row in rows if row.near <= safe_near(row.distance, row.nearest_distance)]
+    plain = [row for row in below if not row.sheared]
+    assert len(plain) > 500
+    assert not any(row.offset_seen for row in plain)
+    assert all((row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC for row in plain)
+
+
+def test_pixels_of_hogels_know_nothing_of_pitch_and_distance(rows: tuple[Row, ...]) -> None:
+    shown: dict[object, set[object]] = {}
+    for row in rows:
+        seen = (row.pixels_worst, row.pixels_median, row.pixels_beyond)
+        shown.setdefault((row.scene, row.pivot, row.near), set()).add(seen)
+    assert {len(values) for values in shown.values()} == {1}
+    assert sum(noticeable.disagreement(rows).values()) == len(shown) * len(FULL.pitches) * len(FULL.distances)
+
+
+def test_films_have_as_many_pixels_as_one_wrong_among_them_needs() -> None:
+    assert share_at_most(1, PIXELS) <= MAX_DEPTH_WRONG < share_at_most(1, PIXELS - 1)
+    for size in ((80.0, 60.0), (30.0, 90.0), (400.0, 10.0)):
+        columns = film_columns(size, PIXELS)
+        assert 2 * columns * max(1, round(columns * size[1] / size[0])) >= PIXELS
+
+
+def test_no_replay_is_off_by_more_than_its_noise(rows: tuple[Row, ...]) -> None:
+    contents = {name: surface_content(open_scene(name)) for name in {row.scene for row in rows}}
+    displays: dict[object, Display] = {}
+    count = 0
+    for row in rows:
+        if row.replayed_stereo_arcsec is None:
+            continue
+        cell = cell_of(row)
+        scene = cell.opened()
+        display = displays.setdefault((row.scene, row.pitch), Display.of(scene))
+        pixel = scene.plate.size[0] / film_columns(scene.plate.size, PIXELS)
+        noise = replay_noise_arcsec(contents[row.scene], cell.viewer, display, cell.settings, pixel)
+        # The closed form has the ends of all that is seen: a replay that sees less changes less.
+        assert row.replayed_stereo_arcsec <= row.stereo_arcsec + noise
+        # And none disagrees with it on what is noticed.
+        assert (row.replayed_stereo_arcsec > STEREO_ACUITY_ARCSEC) == row.stereo_seen
+        count += 1
+    assert count > 200
+
+
+def test_a_threshold_lies_where_a_power_law_reaches_its_limit(rows: tuple[Row, ...]) -> None:
+    line = [replace(rows[0], near=near, stereo_arcsec=3.0 * near**2) for near in (0.1, 1.0, 10.0)]
+
+    def largest(limit: float) -> float | None:
+        return noticeable.largest_near(line, lambda row: row.stereo_arcsec, limit)
+
+    assert largest(27.0) == pytest.approx(3.0, rel=1e-12)
+    assert largest(0.01) is None
+    assert largest(1e9) == math.inf
+    # Beyond the last row that is known nothing is promised.
+    assert noticeable.largest_near(line, lambda row: None if row.near > 1 else 0.5, 1.0) == 1.0
+
+
+@pytest.mark.slow
+def test_a_study_that_was_stopped_replays_nothing_again(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["study", "noticeable", "--quick", "--json", "--quiet", "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["cells"] == len(list(QUICK.cells())) and 0 < told["replays"] <= told["cells"]
+    before = {path.name: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    assert {"noticeable.md", "noticeable.parquet", "noticeable-map.svg"} <= set(before)
+
+    def never(*_: object) -> None:
+        raise AssertionError("replayed again")
+
+    monkeypatch.setattr(ReplayWorkbench, "measure", never)
+    assert main(arguments) == 0
+    assert before == {path.name: path.read_bytes() for path in tmp_path.rglob("*.*")}

@@ -1,0 +1,76 @@
+"""Scenes whose depth alone changes show one picture; the others change one thing each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from xfrustum.reference import Reference
+from xfrustum.scenes import Camera, InputError
+from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.library import depth_family
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, SeenScene, balanced_height, cars
+
+SIZE = (48, 48)
+
+
+def triangles(seen: SeenScene) -> Numbers:
+    return Reference(seen.scene).trace(seen.aperture).triangle
+
+
+def one_side(ratio: float) -> SeenScene:
+    scene = cars(ratio, Camera.C, SIZE)
+    return SeenScene(scene=scene, aperture=scene.plate.middle)
+
+
+@pytest.mark.parametrize("camera", [Camera.C, Camera.C_STAR])
+@pytest.mark.parametrize("ratio", [CAR_RATIO, 30.0, 1000.0])
+def test_surfaces_reach_from_the_nearest_to_the_farthest_height_of_their_side(
+    ratio: float, camera: Camera
+) -> None:
+    heights = cars(ratio, camera, (8, 8)).vertices[:, 2] * (-1 if camera is Camera.C else 1)
+    assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
+    assert heights.max() / heights.min() == pytest.approx(ratio, rel=1e-12)
+
+
+def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
+    """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
+    first = triangles(one_side(CAR_RATIO))
+    assert (first >= 0).mean() > 0.3
+    for other in (
+        one_side(1000.0),
+        depth_family.cars_off_the_middle(10.0, SIZE, in_middle=False),
+        depth_family.recentered_cars(10.0, SIZE),
+    ):
+        assert (triangles(other) != first).mean() < 1e-2
+
+
+def test_the_middle_aperture_does_not_see_the_nearest_cars() -> None:
+    nearest = []
+    for in_middle in (True, False):
+        seen = depth_family.cars_off_the_middle(100.0, SIZE, in_middle=in_middle)
+        height = np.abs(Reference(seen.scene).trace(seen.aperture).height)
+        nearest.append(float(np.nanmin(height)) / REACH)
+    assert nearest[1] == pytest.approx(0.01, rel=0.1)
+    assert nearest[0] > 5 * nearest[1]
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-4])
+def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance(distance: float) -> None:
+    seen = depth_family.car_through_plate(distance, SIZE)
+    truth = Reference(seen.scene).trace(seen.aperture)
+    heights = np.abs(truth.height[truth.covered]) / REACH
+    assert 0.5 < heights.min() / distance < 2
+    assert {-1.0, 1.0} == set(np.sign(truth.height[truth.covered]))
+
+
+def test_a_fit_at_the_balanced_height_displaces_both_ends_alike() -> None:
+    """To first order in n displacement goes with |1/|z| - 1/zf|."""
+    for ratio in (1.5, 100.0):
+        fitted = 1 / balanced_height(ratio)
+        assert ratio / FARTHEST - fitted == pytest.approx(fitted - 1 / FARTHEST)
+
+
+def test_a_scene_shallower_than_one_car_is_refused() -> None:
+    with pytest.raises(InputError, match=r"at least 1\.5"):
+        cars(1.2, Camera.C, (8, 8))
