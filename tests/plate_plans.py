@@ -1,75 +1,95 @@
-"""Plans of whole plates, tried at random hogels that took no part in making them; a row for each.
+"""Plans of whole plates, each surveyed with its own settings and tolerance; a row of a table for each.
 
-Run as `python -m tests.plate_plans SCENE.. [--depth d16 --mapping standard] [--hogels 200] [--seed S]`.
-It takes minutes for each scene: `plan` at the resolution of the film, then hogels that are traced and drawn.
+Run as `python -m tests.plate_plans [SCENE..] [--hogels 40] [--tolerance-px T]`: without names, all built-in
+scenes and `SHAPES` in or across the plate. It takes minutes for each scene.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
-import numpy as np
 from scipy.stats import beta
 
-from xfrustum.compare.planning.hogels import HogelResult, hogel_results
+from tests.support.scene_file import film, named, part
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.compare.run import Judge
+from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.commands.planning import make_plan
-from xfrustum.scenes import DepthFormat, DepthMapping, Scene, open_scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.reports.survey.survey import Chosen, survey
+from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene
+from xfrustum.scenes.library import builtin
 
 SEED = 20261122
-"""Seed of the tried hogels, by default: none of the plan's own samples starts with it."""
+"""Seed of the surveyed hogels, by default: none of a plan's own samples starts with it."""
 
 CONFIDENCE = 0.95
 """Confidence from which on a claim about the share of hogels is refuted."""
 
-HEADER = "scene | depth | near | cuts | hogels without a near | beyond, claimed | beyond, measured | worst"
+FILM = film((60.0, 60.0), hogels=(31, 31), resolution=(96, 96), fov_deg=(60.0, 60.0), reach=(60.0, 60.0))
+
+SHAPES = {
+    "flat square in the plate": part("square", 40.0, (0.0, 0.0, 0.0)),
+    "tilted square through the plate": part("square", 40.0, (0.0, 0.0, 0.0), rotate_deg=[30.0, 0.0, 0.0]),
+    "sphere across the plate": part("sphere", 30.0, (0.0, 0.0, 0.0)),
+    "box standing on the plate": part("box", 20.0, (0.0, 0.0, 10.0)),
+    "two sheets near the plate": part("square", 50.0, (0.0, 0.0, -0.02))
+    + part("square", 50.0, (0.0, 0.0, -0.05)),
+}
+"""Objects in, across or near the plate of `FILM`: its apertures are 1.94 mm apart, and it reaches 60 mm."""
+
+HEADER = "scene | px | plan | holds | no near | beyond, promised | beyond, surveyed | worst"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A plan of a whole plate, and how it does at hogels that took no part in it."""
+    """A plan of a whole plate, and the survey with its settings; None where there is no plan."""
 
     scene: Scene
-    plan: Plan
-    tried: tuple[HogelResult, ...]
     requirement: Requirement
+    plan: Plan | None
+    survey: Any
+    reason: str
 
     @property
-    def beyond(self) -> list[HogelResult]:
-        """The tried hogels that are beyond what is required."""
-        return [one for one in self.tried if one.excess(self.requirement) > 1]
-
-    @property
-    def worst(self) -> HogelResult | None:
-        """The tried hogel with the largest excess; None where there is no plan to try."""
-        return max(self.tried, key=lambda one: one.excess(self.requirement), default=None)
+    def beyond(self) -> int:
+        """Number of surveyed hogels that are beyond."""
+        return int(self.survey.beyond)
 
     @property
     def share_at_least(self) -> float:
-        """Lower bound of the share of hogels beyond what is required (Clopper and Pearson 1934)."""
-        beyond, tried = len(self.beyond), len(self.tried)
-        return float(beta.ppf(1 - CONFIDENCE, beyond, tried - beyond + 1)) if beyond else 0.0
+        """Lower bound of the share of hogels that are beyond (Clopper and Pearson 1934)."""
+        beyond, judged = self.survey.beyond, self.survey.judged
+        return float(beta.ppf(1 - CONFIDENCE, beyond, judged - beyond + 1)) if beyond else 0.0
+
+    @property
+    def kept(self) -> bool:
+        """Whether the survey does not refute what the plan promises."""
+        assert self.plan is not None and self.plan.plate is not None
+        return self.share_at_least <= self.plan.plate.share_beyond_at_most
 
     def row(self) -> str:
         """Return the row of a table; see `HEADER`."""
-        made, plate, worst = self.plan, self.plan.plate, self.worst
-        near = "none" if made.near is None else f"{made.near:g}"
-        buffer = "any" if made.depth is None or made.mapping is None else f"{made.depth} {made.mapping}"
-        cells = [self.scene.name, buffer, near, ", ".join(f"{cut:g}" for cut in made.slabs) or "none"]
-        if plate is None or worst is None:
-            return " | ".join([*cells, made.reason])
-        lower = f"{self.share_at_least:.1%}"
-        cells += [
+        made, tolerance = self.plan, f"{self.requirement.tolerance_px:g}"
+        if made is None or made.plate is None or made.settings is None:
+            return " | ".join([self.scene.name, tolerance, f"none: {self.reason}"])
+        plate, worst = made.plate, self.survey.worst
+        cuts = ", ".join(f"{cut:g}" for cut in made.slabs)
+        moved = "undefined" if worst.displacement_p99_px is None else f"{worst.displacement_p99_px:.3g} px"
+        cells = [
+            self.scene.name,
+            tolerance,
+            f"near {made.near:g}{', cuts ' + cuts if cuts else ''}, {made.settings.depth_label}",
+            "yes" if made.within else "no",
             f"{plate.hopeless} of {plate.scouted}",
-            f"at most {plate.share_beyond_at_most:.2%} ({plate.beyond} of {plate.sampled})",
-            f"{len(self.beyond)} of {len(self.tried)} (at least {lower})",
-            f"{worst.aperture.column},{worst.aperture.row}: {worst.displacement_p99_px:.3g} px, "
-            f"by depth {worst.depth_wrong:.2%}, surface {worst.surface_fraction:.2%}",
+            f"at most {plate.share_beyond_at_most:.2%}",
+            f"{self.beyond} of {self.survey.judged}{'' if self.kept else ' REFUTED'}",
+            f"{worst.aperture[0]},{worst.aperture[1]}: {moved}, {worst.surface_fraction:.2%} wrong",
         ]
         return " | ".join(cells)
 
@@ -77,54 +97,61 @@ class Trial:
 def try_plan(
     scene: Scene,
     hogels: int,
+    requirement: Requirement | None = None,
+    buffer: tuple[DepthFormat | None, DepthMapping | None] = (None, None),
     seed: int = SEED,
-    depth: DepthFormat | None = None,
-    mapping: DepthMapping | None = None,
 ) -> Trial:
-    """Plan for the plate of a scene, and measure the plan at random hogels."""
-    requirement = Requirement()
-    made = make_plan(scene, None, requirement, depth_buffers(depth, mapping))
-    tried = tuple(measured(scene, made, random_hogels(scene, hogels, seed)))
-    return Trial(scene=scene, plan=made, tried=tried, requirement=requirement)
+    """Plan for the plate of a scene, and survey hogels of it with what was planned."""
+    requirement = requirement or Requirement()
+    try:
+        made = make_plan(scene, None, requirement, depth_buffers(*buffer))
+    except InputError as error:
+        return Trial(scene=scene, requirement=requirement, plan=None, survey=None, reason=str(error))
+    found = None
+    if made.settings is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            done = survey(
+                scene,
+                made.settings,
+                Path(folder),
+                Chosen(sample=hogels, seed=seed),
+                tolerance_px=requirement.tolerance_px,
+                engine=Engine(workers=1),
+            )
+            found = done.share(0)
+    return Trial(scene=scene, requirement=requirement, plan=made, survey=found, reason=made.reason)
 
 
-def random_hogels(scene: Scene, count: int, seed: int) -> list[Aperture]:
-    """Return hogels of a plate, each as likely as any other, none twice."""
-    columns, rows = scene.plate.hogels
-    numbers = np.random.default_rng(seed).choice(columns * rows, min(count, columns * rows), replace=False)
-    return [scene.plate.aperture(int(number) % columns, int(number) // columns) for number in numbers]
+def shape(name: str) -> Scene:
+    """Return the scene of one of `SHAPES`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "shape.toml"
+        path.write_text(named(name, "mm") + FILM + SHAPES[name])
+        return open_scene(str(path))
 
 
-def measured(scene: Scene, made: Plan, apertures: list[Aperture]) -> list[HogelResult]:
-    """Return how a plan does at some hogels; nothing where there is no plan."""
-    if made.settings is None:
-        return []
-    with Judge(scene) as judge:
-        return list(hogel_results(judge, apertures, made.settings))
+def opened(name: str, resolution: int) -> Scene:
+    """Return a scene by its name or path, or one of `SHAPES`, with a square film of so many pixels."""
+    scene = shape(name) if name in SHAPES else open_scene(name)
+    return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
 
 
-def main() -> None:
-    """Print a row for each scene, and the hogels beyond what is required."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a row for each scene."""
     parser = argparse.ArgumentParser(prog="python -m tests.plate_plans", description=__doc__)
-    parser.add_argument("scene", nargs="+")
+    parser.add_argument("scene", nargs="*")
     parser.add_argument("--depth", type=DepthFormat)
     parser.add_argument("--mapping", type=DepthMapping)
-    parser.add_argument("--hogels", type=int, default=200)
+    parser.add_argument("--hogels", type=int, default=40)
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--resolution", type=int, default=192)
-    options = parser.parse_args()
+    parser.add_argument("--resolution", type=int, default=96)
+    parser.add_argument("--tolerance-px", type=float, default=Requirement().tolerance_px)
+    options = parser.parse_args(arguments)
     sys.stdout.write(HEADER + "\n")
-    for name in options.scene:
-        opened = open_scene(name)
-        film = (options.resolution, options.resolution)
-        scene = replace(opened, frustum=replace(opened.frustum, resolution=film))
-        trial = try_plan(scene, options.hogels, options.seed, options.depth, options.mapping)
+    for name in options.scene or (*builtin.names(), *SHAPES):
+        scene, asked = opened(name, options.resolution), Requirement(tolerance_px=options.tolerance_px)
+        trial = try_plan(scene, options.hogels, asked, (options.depth, options.mapping), options.seed)
         sys.stdout.write(trial.row() + "\n")
-        for one in trial.beyond:
-            sys.stdout.write(
-                f"  {one.aperture.column},{one.aperture.row}: {one.displacement_p99_px:.3g} px, "
-                f"by depth {one.depth_wrong:.2%}\n"
-            )
         sys.stdout.flush()
 
 

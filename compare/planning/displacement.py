@@ -16,16 +16,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.metrics.displacement import displacement, lengths
-from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab, pierced
+from xfrustum.compare.beyond import PERCENTILE, displacement_p99
+from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
-
-PERCENTILE = 99.0
-"""Percentile of displacement that a requirement limits."""
 
 NEIGHBORHOOD_PX = 3
 """Width of a neighborhood in pixels: one to each side."""
@@ -43,9 +40,9 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
 
     Returns
     -------
-    0 where the truth shows no surface. Infinite where more than one pixel in a hundred shows a surface
-    that passes through the aperture itself: the true line meets it there, and has no place for it on the
-    film; drawn is what lies closer than n, displaced by pixels at any n.
+    0 where the truth shows no surface. Infinite where more than one pixel in a hundred shows a surface in
+    the aperture itself, which lies in the plate or passes through it: the true line ends there, and has no
+    place for it on the film. Drawn is what lies closer than n, whose displacement no n makes small.
 
     Notes
     -----
@@ -62,19 +59,20 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
         bent = in_first_slab(points.height, frustum, settings)
         ratio = (1 + settings.near / np.abs(points.height[bent])) / (1 + settings.near * per_fit)
         moved[bent] *= ratio
-    moved = np.where(pierced(truth), np.inf, np.nan_to_num(moved, nan=0.0))
+    moved = np.where(truth.covered & (truth.height == 0), np.inf, np.nan_to_num(moved, nan=0.0))
     largest = maximum_filter(moved, size=NEIGHBORHOOD_PX)[truth.covered]
     return float(np.percentile(largest, PERCENTILE, method="higher"))
 
 
-def traced_displacement(reference: Reference, truth: HogelImage, settings: DoubleFrustum) -> float:
-    """Return the 99th percentile of displacement of what the two cameras would draw without rounding."""
+def traced_errors(reference: Reference, truth: HogelImage, settings: DoubleFrustum) -> tuple[float, float]:
+    """Return what two cameras that round nothing get wrong at an aperture.
+
+    Returns
+    -------
+    The 99th percentile of displacement, px, infinite where it is undefined; and the share of judged pixels
+    that show the wrong surface.
+    """
     model = reference.trace_model(truth.camera.aperture, settings)
-    return displacement_percentile(displacement(model, truth.camera))
-
-
-def displacement_percentile(vectors: Floats) -> float:
-    """Return the 99th percentile of the lengths of vectors (.., 2) where they are known; 0 where none is."""
-    moved = lengths(vectors)
-    moved = moved[np.isfinite(moved)]
-    return float(np.percentile(moved, PERCENTILE)) if moved.size else 0.0
+    found = compare_images(truth, model, reference, radiance=False)
+    assert found.surface is not None, "the reference has the scene at hand"
+    return displacement_p99(found), found.surface.fraction

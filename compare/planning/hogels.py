@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
-from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.beyond import displacement_p99
+from xfrustum.compare.planning.views import Errors
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.run import NO_TRUTHS, Judge, JudgedFrame, Wanted
 from xfrustum.scenes.arrays import Mask
@@ -25,29 +26,10 @@ MAX_NAMED_APERTURES = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class HogelResult:
-    """How well a plan does at one hogel, measured.
-
-    Attributes
-    ----------
-    aperture
-        The hogel's aperture.
-    displacement_p99_px
-        99th percentile of displacement, pixels.
-    surface_fraction, depth_wrong
-        Share of judged pixels with a wrong surface, for any cause and by depth.
-    """
+class HogelResult(Errors):
+    """How well a plan does at one hogel, measured."""
 
     aperture: Aperture
-    displacement_p99_px: float
-    surface_fraction: float
-    depth_wrong: float
-
-    def excess(self, requirement: Requirement) -> float:
-        """Return the larger ratio to what is allowed; more than 1 is beyond what is required."""
-        return max(
-            self.displacement_p99_px / requirement.tolerance_px, self.depth_wrong / requirement.max_wrong
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +41,7 @@ class PlateResult:
     hogels, scouted, measured
         Hogels of the plate; of these, how many were looked through, and how many were drawn and judged.
     sampled, beyond
-        Hogels of the last random sample, and of these the ones beyond what is required.
+        Hogels of the last random sample, and of these the ones beyond the tolerance (`compare.beyond`).
     worst
         The measured hogel that comes nearest to what is allowed, or is farthest beyond it; None without a
         plan.
@@ -70,7 +52,7 @@ class PlateResult:
     hopeless_apertures, set_aside_apertures
         Column and row of these, `MAX_LISTED_APERTURES` of each kind at most.
     share_beyond_at_most
-        Bound on the share of all hogels that are beyond what is required.
+        Bound on the share of all hogels that are beyond the tolerance.
     confidence
         Probability that the bound holds; 1 where every hogel was measured.
     """
@@ -111,7 +93,8 @@ class PlateResult:
         if self.hopeless:
             named = _named(self.hopeless_apertures, self.hopeless)
             parts.append(
-                f"through {self.hopeless:,} {looked} ({named}) a surface passes, and no near draws that"
+                f"at {self.hopeless:,} {looked} ({named}) a surface lies in the aperture itself, or so close "
+                "to it that no near draws it"
             )
         if self.set_aside:
             counted = f"{self.set_aside:,} others" if self.hopeless else f"{self.set_aside:,} {looked}"
@@ -161,11 +144,10 @@ class _Judged:
         found = frame.comparison
         wrong = found.errors.surface
         assert wrong is not None, "the reference has the scene at hand"
-        p99 = found.displacement_px.p99 if found.displacement_px else 0.0
         return cls(
             aperture=frame.aperture,
             settings=frame.settings,
-            displacement_p99_px=p99,
+            displacement_p99_px=displacement_p99(found),
             judged=found.judged,
             wrong=wrong,
         )

@@ -63,6 +63,7 @@ def measured(
         found.append(
             Quality(
                 displacement_p99_px=result.displacement_p99_px,
+                surface_fraction=result.surface_fraction,
                 depth_wrong=result.depth_wrong,
                 misordered=misordered(views.scene, view, settings, separation),
                 separation=_smallest_separation(views, view, settings) if smallest else math.nan,
@@ -74,11 +75,7 @@ def measured(
 
 def meets(quality: Quality, requirement: Requirement) -> bool:
     """Return whether what was measured is what is required."""
-    return (
-        quality.displacement_p99_px <= requirement.tolerance_px
-        and quality.depth_wrong <= requirement.max_wrong
-        and quality.misordered <= MAX_MISORDERED_FRACTION
-    )
+    return not requirement.missed_by(quality) and quality.misordered <= MAX_MISORDERED_FRACTION
 
 
 def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> float:

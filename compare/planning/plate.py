@@ -83,6 +83,7 @@ class PlatePlanner:
         What every hogel must keep, and the depth buffers to choose from.
     done
         Called with 1 after each aperture that is traced or drawn.
+
     """
 
     reference: Reference
@@ -93,22 +94,24 @@ class PlatePlanner:
 
     def plan(self, wanted: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
-        first = self._first_apertures()
-        if not first:
-            return self._without_plan("No plan: a surface lies in every aperture that was looked through.")
-        views = self._traced(first)
-        number = 0
-        while True:
-            views, made = self._settled(views)
-            if made.settings is None:
-                return self._partial(made, wanted)
-            sample = self._sampled(views, made.settings, wanted)
-            joining = [one.aperture for one in sample if one.excess(self.requirement) > 1]
-            number += 1
-            if not joining or number == MAX_SAMPLES:
-                break
-            views, wanted = _joined(views, self._traced(joining)), wanted.next()
-        return self._measured(made, views, sample)
+        if self._seeing and self._hopeless.issuperset(look.aperture.index for look in self._seeing):
+            return self._without_plan(
+                "No plan: a surface lies in every aperture that sees anything, or so close to it that no "
+                "near draws it. Move it before or behind the plate."
+            )
+        return self._planned(self._traced(self._first_apertures()), wanted, MAX_SAMPLES)
+
+    def _planned(self, views: Views, wanted: RandomSample, samples: int) -> Plan:
+        """Return the plan for some apertures and for those of up to so many samples that disprove it."""
+        views, made = self._settled(views)
+        if made.settings is None:
+            return self._partial(made, wanted)
+        sample = self._sampled(views, made.settings, wanted)
+        missed = [one.aperture for one in sample if self.requirement.missed_by(one)]
+        joining = [view for view in self._traced(missed).views if not self._is_hopeless(view)]
+        if not joining or samples == 1:
+            return self._measured(made, views, sample)
+        return self._planned(replace(views, views=(*views.views, *joining)), wanted.next(), samples - 1)
 
     def _partial(self, whole: Plan, wanted: RandomSample) -> Plan:
         """Return a plan without the hardest apertures, measured at a sample of all.
@@ -152,7 +155,7 @@ class PlatePlanner:
                 beyond=0,
                 worst=None,
                 hopeless=len(self._hopeless),
-                set_aside=len(self._seeing) - len(self._hopeless),
+                set_aside=sum(look.aperture.index not in self._hopeless for look in self._seeing),
                 hopeless_apertures=_listed(self._hopeless),
                 set_aside_apertures=_listed(
                     look.aperture.index for look in self._seeing if look.aperture.index not in self._hopeless
@@ -169,11 +172,18 @@ class PlatePlanner:
 
     @cached_property
     def _hopeless(self) -> frozenset[tuple[int, int]]:
-        """Scouted apertures at which not even the smallest near keeps to the tolerance."""
-        smallest = SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach
-        moved = self.scouted.displacements(DoubleFrustum(near=smallest))
+        """Apertures that were looked through at which not even the smallest near keeps to the tolerance."""
+        moved = self.scouted.displacements(self._smallest)
         pairs = zip(self.scouted.apertures, moved, strict=True)
         return frozenset(one.index for one, px in pairs if px > self.requirement.tolerance_px)
+
+    def _is_hopeless(self, view: View) -> bool:
+        frustum = self.reference.scene.frustum
+        return displacement_bound(view.truth, frustum, self._smallest) > self.requirement.tolerance_px
+
+    @property
+    def _smallest(self) -> DoubleFrustum:
+        return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
 
     def _first_apertures(self) -> list[Aperture]:
         """Return the middle, the worst apertures that some near can draw, and those that see farthest.
@@ -200,7 +210,7 @@ class PlatePlanner:
             joining = self._displaced_too_much(views, made.settings)
             if not joining:
                 break
-            views = _joined(views, Views(reference=self.reference, views=joining))
+            views = replace(views, views=(*views.views, *joining))
         return views, made
 
     def _displaced_too_much(self, views: Views, settings: DoubleFrustum) -> tuple[View, ...]:
@@ -260,7 +270,7 @@ class PlatePlanner:
         return replace(
             made,
             measured=quality,
-            within=holds and plate.covers_the_plate and plate.worst.excess(self.requirement) <= 1,
+            within=holds and plate.covers_the_plate and not self.requirement.missed_by(plate.worst),
             reason=reason,
             plate=plate,
         )
@@ -272,29 +282,34 @@ class PlatePlanner:
         set_aside: Sequence[tuple[int, int]],
     ) -> PlateResult:
         columns, rows = self.reference.scene.plate.hogels
+        missed = [one.aperture for one in sample if self.requirement.missed_by(one)]
+        drawn_hopeless = {one.aperture.index for one in self._traced(missed).views if self._is_hopeless(one)}
         drawn = [*chosen, *sample]
         beyond, chosen_beyond = (
-            sum(one.excess(self.requirement) > 1 for one in some) for some in (sample, chosen)
+            sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
         )
-        hopeless = len(self._hopeless)
-        known = len(chosen) + hopeless
+        known = len(chosen) + len(self._hopeless)
         everything = known + len(sample) == columns * rows
         # The sample speaks for the hogels that nothing was known of.
         each = confidence_of_each(MAX_SAMPLES)
         unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
-        share = (chosen_beyond + hopeless + unchosen * (columns * rows - known)) / (columns * rows)
+        beyond_share = chosen_beyond + len(self._hopeless) + unchosen * (columns * rows - known)
+        hopeless = self._hopeless | drawn_hopeless
         return PlateResult(
             hogels=columns * rows,
-            scouted=len(self.scouted.looks),
+            scouted=len(self.scouted.looks) + len(drawn_hopeless),
             measured=len(drawn),
             sampled=len(sample),
             beyond=beyond,
-            worst=max(drawn, key=lambda one: one.excess(self.requirement)),
-            hopeless=hopeless,
+            worst=max(
+                (one for one in drawn if one.aperture.index not in drawn_hopeless),
+                key=self.requirement.excess,
+            ),
+            hopeless=len(hopeless),
             set_aside=len(set_aside),
-            hopeless_apertures=_listed(self._hopeless),
+            hopeless_apertures=_listed(hopeless),
             set_aside_apertures=_listed(set_aside),
-            share_beyond_at_most=share,
+            share_beyond_at_most=beyond_share / (columns * rows),
             confidence=1.0 if everything else CONFIDENCE,
         )
 
@@ -302,10 +317,6 @@ class PlatePlanner:
 def _listed(indices: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
     """Return columns and rows in order, as many as a result lists."""
     return tuple(sorted(indices)[:MAX_LISTED_APERTURES])
-
-
-def _joined(views: Views, others: Views) -> Views:
-    return replace(views, views=(*views.views, *others.views))
 
 
 def largest_share(

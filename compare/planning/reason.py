@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from xfrustum.compare.beyond import MAX_UNDEFINED
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
-from xfrustum.compare.planning.displacement import PERCENTILE
 from xfrustum.compare.planning.numbers import index_below, round_number
 from xfrustum.compare.planning.robust import ENOUGH_MARGIN
 from xfrustum.compare.planning.search import (
@@ -20,7 +20,6 @@ from xfrustum.compare.planning.search import (
 )
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.prediction.displacement import pierced
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 MAX_SPELLED_HEIGHTS = 4
@@ -116,10 +115,13 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
     """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
     parts = []
     if measured.displacement_p99_px > requirement.tolerance_px:
-        parts.append(
-            f"one pixel in a hundred is displaced by {measured.displacement_p99_px:.2g} px "
-            "(the rounding of 32-bit positions is in it)"
-        )
+        moved = "lies in the plate itself, where displacement is undefined"
+        if math.isfinite(measured.displacement_p99_px):
+            moved = f"is displaced by {measured.displacement_p99_px:.2g} px "
+            moved += "(the rounding of 32-bit positions is in it)"
+        parts.append(f"one pixel in a hundred {moved}")
+    if requirement.missed_by(replace(measured, displacement_p99_px=0.0, depth_wrong=0.0)):
+        parts.append(f"{measured.surface_fraction:.2g} of all pixels show the wrong surface")
     if measured.depth_wrong > requirement.max_wrong:
         parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
     if measured.misordered > MAX_MISORDERED_FRACTION:
@@ -129,14 +131,17 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
 
 def _at_plate(views: Views) -> str:
     """Say what is so close to the plate that no near is small enough."""
-    shares = [float(np.mean(pierced(view.truth)[view.truth.covered])) for view in views.views]
+    shares = []
+    for view in views.views:
+        seen = view.truth.height[view.truth.covered]
+        shares.append(np.count_nonzero(seen == 0) / max(seen.size, 1))
     worst = int(np.argmax(shares))
-    if shares[worst] > 1 - PERCENTILE / 100:
+    if shares[worst] > MAX_UNDEFINED:
         column, row = views.views[worst].aperture.index
         return (
-            f"At {column},{row} a surface passes through the aperture itself and makes up "
-            f"{100 * shares[worst]:.0f} % of what is seen. The cameras draw only the part of that surface "
-            "that lies closer to the plate than near, wherever it belongs: no near is small enough."
+            f"At {column},{row} a surface lies in the aperture itself and makes up "
+            f"{100 * shares[worst]:.0f} % of what is seen: its displacement is undefined there, and no "
+            "near is small enough. Move it before or behind the plate."
         )
     smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
     return f"What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {views.scene.units}."
@@ -188,6 +193,8 @@ def _shortfall(attempt: Attempt, requirement: Requirement, separation: float, un
     predicted, parts = attempt.predicted, []
     if predicted.displacement_p99_px > requirement.tolerance_px:
         parts.append(f"displace one pixel in a hundred by {predicted.displacement_p99_px:.2g} px")
+    if requirement.missed_by(replace(predicted, displacement_p99_px=0.0, depth_wrong=0.0)):
+        parts.append(f"show the wrong surface in {predicted.surface_fraction:.2g} of all pixels")
     if predicted.depth_wrong > requirement.max_wrong:
         parts.append(f"show up to {predicted.depth_wrong:.2g} of all pixels wrongly by depth")
     if predicted.separation * SEPARATION_MARGIN > separation:

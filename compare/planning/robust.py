@@ -75,7 +75,7 @@ def with_margin(search: Search, largest: Attempt) -> Attempt:
         one = at(middle)
         if one.holds and _margin_missing(one) <= _margin_missing(best):
             best = one
-        if one.displacement_excess > max(one.depth_excess, 1 / ENOUGH_MARGIN):
+        if one.near_excess > max(one.depth_excess, 1 / ENOUGH_MARGIN):
             high = middle
         else:
             low = middle + 1

@@ -39,20 +39,20 @@ class Attempt:
         Settings of the two cameras.
     predicted
         Quality that is predicted of them.
-    displacement_excess, depth_excess
-        Ratios of the predicted quality to what is allowed; for depth, the worse one of wrong pixels and of
-        separation.
+    near_excess, depth_excess
+        Ratios of the predicted quality to what is allowed: for near, the worse one of displacement and of
+        wrong surfaces; for depth, the worse one of pixels wrong by depth and of separation.
     """
 
     settings: DoubleFrustum
     predicted: Quality
-    displacement_excess: float
+    near_excess: float
     depth_excess: float
 
     @property
     def excess(self) -> float:
         """Ratio by which the worst of the requirements is exceeded; at most 1 if none is."""
-        return max(self.displacement_excess, self.depth_excess)
+        return max(self.near_excess, self.depth_excess)
 
     @property
     def holds(self) -> bool:
@@ -80,7 +80,7 @@ class Search:
         self._lowest, self._highest = self.cutter.lowest, self.cutter.highest
         # Displacement depends on near and the first cut alone.
         self._tolerable = lru_cache(maxsize=None)(self._is_tolerable)
-        self._traced = lru_cache(maxsize=None)(self._traced_displacement)
+        self._traced = lru_cache(maxsize=None)(self._traced_errors)
 
     @property
     def displaces_too_much(self) -> bool:
@@ -128,15 +128,19 @@ class Search:
         if not attempt.holds or self.requirement.SEEN_BY_EYES:
             return attempt
         # Only now: the model is traced, which takes as long as everything else together.
-        traced = self._traced(settings.near, settings.slabs)
-        largest = max(attempt.predicted.displacement_p99_px, traced)
-        return self._attempt(settings, replace(attempt.predicted, displacement_p99_px=largest))
+        moved, wrong = self._traced(settings.near, settings.slabs)
+        predicted = replace(
+            attempt.predicted,
+            displacement_p99_px=max(attempt.predicted.displacement_p99_px, moved),
+            surface_fraction=wrong + attempt.predicted.depth_wrong,
+        )
+        return self._attempt(settings, predicted)
 
     def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
         return Attempt(
             settings=settings,
             predicted=predicted,
-            displacement_excess=self.requirement.displacement_excess(predicted.displacement_p99_px, settings),
+            near_excess=self.requirement.near_excess(predicted, settings),
             depth_excess=max(
                 predicted.depth_wrong / self.requirement.max_wrong,
                 predicted.separation * SEPARATION_MARGIN / self.separation,
@@ -218,5 +222,5 @@ class Search:
             return False
         return all(moved <= self.requirement.tolerance_px for moved in self._views.displaced(settings))
 
-    def _traced_displacement(self, near: float, slabs: tuple[float, ...]) -> float:
-        return self._views.traced_displacement(DoubleFrustum(near=near, slabs=slabs))
+    def _traced_errors(self, near: float, slabs: tuple[float, ...]) -> tuple[float, float]:
+        return self._views.traced_errors(DoubleFrustum(near=near, slabs=slabs))

@@ -19,7 +19,7 @@ from xfrustum.compare.eye.noticeable import (
 )
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.numbers import index_below, largest_index, round_number
-from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.planning.views import Errors, Requirement
 from xfrustum.compare.scouting.scout import Scout
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG
@@ -96,13 +96,21 @@ class EyeRequirement(Requirement):
         _, allowed, width = resolved_crack(self.viewer, self.display, settings)
         return width / allowed
 
-    def displacement_excess(self, displacement_px: float, settings: DoubleFrustum) -> float:
+    def missed_by(self, found: Errors) -> bool:
+        """Return whether a hogel has more wrong by depth than is allowed: eyes judge everything else."""
+        return found.depth_wrong > self.max_wrong
+
+    def excess(self, found: Errors) -> float:
+        """Return the ratio of a hogel's errors by depth to what is allowed."""
+        return found.depth_wrong / self.max_wrong
+
+    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
         """Return the ratio of what settings do to depth and at the plate to what is not noticed."""
         return max(self.stereo_excess(settings), self.crack_excess(settings))
 
     def allows(self, settings: DoubleFrustum) -> bool:
         """Return whether a viewer notices nothing of a near."""
-        return self.displacement_excess(0.0, settings) <= 1
+        return max(self.stereo_excess(settings), self.crack_excess(settings)) <= 1
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""

@@ -11,7 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from xfrustum.compare.planning.displacement import displacement_bound, traced_displacement
+from xfrustum.compare.beyond import is_beyond
+from xfrustum.compare.planning.displacement import displacement_bound, traced_errors
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
@@ -24,7 +25,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 
 SEPARATION_PER_REACH = 1e-3
 """Separation that is asked for where none is given, as a part of the larger reach."""
@@ -32,6 +33,32 @@ SEPARATION_PER_REACH = 1e-3
 HEIGHT_TOLERANCE_RATIO = 1e-9
 """Relative distance from a cut within which a surface counts on both sides of it. Rounding moves the surfaces
 of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """What settings get wrong at a hogel, or at the worst of some.
+
+    Attributes
+    ----------
+    displacement_p99_px
+        99th percentile of displacement; 0 where nothing is displaced, infinite where it is undefined. A
+        prediction is an upper bound in closed form, or what the traced cameras have where that is more.
+    surface_fraction
+        Share of judged pixels that show the wrong surface. A prediction is that of the traced cameras, and
+        `depth_wrong` besides.
+    depth_wrong
+        Share of judged pixels whose wrong surface is charged to depth. A prediction assumes the most
+        unlucky draw order.
+    """
+
+    displacement_p99_px: float
+    surface_fraction: float
+    depth_wrong: float
+
+    def beyond(self, tolerance_px: float) -> bool:
+        """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
+        return is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +105,21 @@ class Requirement:
         """Return the separation in scene units."""
         return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
 
-    def displacement_excess(self, displacement_px: float, settings: DoubleFrustum) -> float:
-        """Return the ratio of a displacement, or of what else settings do to depth, to what is allowed."""
-        return displacement_px / self.tolerance_px
+    def missed_by(self, found: Errors) -> bool:
+        """Return whether a hogel is beyond the tolerance, or has more wrong by depth than is allowed."""
+        return found.beyond(self.tolerance_px) or found.depth_wrong > self.max_wrong
+
+    def excess(self, found: Errors) -> float:
+        """Return the largest ratio of a hogel's errors to what is allowed, for ranking hogels."""
+        return max(
+            found.displacement_p99_px / self.tolerance_px,
+            found.surface_fraction / MAX_WRONG,
+            found.depth_wrong / self.max_wrong,
+        )
+
+    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
+        """Return the ratio of what near does, to pixels or to what eyes see, to what is allowed."""
+        return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
 
     def allows(self, settings: DoubleFrustum) -> bool:
         """Return whether near may be so large, whatever is displaced; pixels alone decide here."""
@@ -88,7 +127,10 @@ class Requirement:
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a larger near than the largest would do."""
-        return f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px"
+        return (
+            f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px, or show "
+            "the wrong surface"
+        )
 
     def separation_reason(self, units: str) -> str:
         """Say why sheets must be ordered that are so far apart; empty where it was asked for."""
@@ -96,17 +138,11 @@ class Requirement:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quality:
+class Quality(Errors):
     """How well some settings do, at the worst of some apertures: predicted, or measured.
 
     Attributes
     ----------
-    displacement_p99_px
-        99th percentile of displacement; 0 where nothing is displaced. A prediction is an upper bound in
-        closed form, or what the traced model has where that is more (`plan_displacement`).
-    depth_wrong
-        Share of judged pixels whose wrong surface is charged to depth. A prediction assumes the most
-        unlucky draw order.
     misordered
         Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
         at the farthest visible surface of each camera and slab; the worst.
@@ -115,8 +151,6 @@ class Quality:
         units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
     """
 
-    displacement_p99_px: float
-    depth_wrong: float
     misordered: float
     separation: float
 
@@ -213,13 +247,11 @@ class Views:
         for view in self.views:
             yield displacement_bound(view.truth, self.scene.frustum, settings)
 
-    def traced_displacement(self, settings: DoubleFrustum) -> float:
-        """Return the 99th percentile of displacement at the worst aperture, in pixels, of the exact model.
-
-        The exact model is what the two cameras would draw without rounding.
-        """
-        found = (traced_displacement(self.reference, view.truth, settings) for view in self.views)
-        return max(found, default=0.0)
+    def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
+        """Return displacement and wrong surfaces as `displacement.traced_errors` does; the worst of each."""
+        found = [traced_errors(self.reference, view.truth, settings) for view in self.views]
+        moved, wrong = zip(*found, strict=True) if found else ((0.0,), (0.0,))
+        return max(moved), max(wrong)
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
@@ -242,12 +274,14 @@ class Views:
         return float(smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping).max())
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
-        """Return what settings are predicted to do, with sheets as far apart as is asked for."""
+        """Return what closed forms predict of settings, with sheets as far apart as is asked for."""
         smallest = self.separation(settings)
         certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
+        depth_wrong = self.depth_wrong(settings)
         return Quality(
             displacement_p99_px=max(self.displaced(settings), default=0.0),
-            depth_wrong=self.depth_wrong(settings),
+            surface_fraction=depth_wrong,
+            depth_wrong=depth_wrong,
             misordered=NormalDist().cdf(-certain * separation / smallest) if smallest else 0.0,
             separation=smallest,
         )

@@ -14,9 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, pierced
+from xfrustum.compare.beyond import PERCENTILE
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
@@ -34,9 +35,6 @@ MAX_APERTURES = 1000
 REFINED_APERTURES = 16
 """Number of worst apertures so far whose neighbors are looked through next."""
 
-PERCENTILE = 99.0
-"""Percentile of displacement that everything else in this toolkit is judged by."""
-
 Index = tuple[int, int]
 
 
@@ -49,9 +47,8 @@ class Look:
     aperture
         The aperture that is looked through.
     height
-        (h, w) signed heights of the first surfaces, scene units; NaN where there is none.
-    pierced
-        (h, w) lines that end in the aperture, on a surface which passes through it.
+        (h, w) signed heights of the first surfaces, scene units; NaN where there is none, 0 where the line
+        ends in the aperture, on a surface that lies in the plate or passes through it.
     camera
         True frustum of the aperture, with the resolution of the scene.
     outline_widths
@@ -60,7 +57,6 @@ class Look:
 
     aperture: Aperture
     height: Floats
-    pierced: Mask
     camera: HogelCamera
     outline_widths: float
 
@@ -70,7 +66,6 @@ class Look:
         return cls(
             aperture=image.camera.aperture,
             height=np.where(image.covered, image.height, np.nan).astype(np.float64),
-            pierced=pierced(image),
             camera=replace(image.camera, resolution=frustum_resolution),
             outline_widths=_outline_widths(image),
         )
@@ -104,16 +99,15 @@ class Look:
     def pixels_per_near(self) -> float:
         """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit.
 
-        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture, on a
-        surface which passes through it.
+        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture itself:
+        displacement is undefined there at any n.
         """
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
         with np.errstate(divide="ignore"):
             moved = self.points.radius[seen] / np.abs(self.height[seen])
-        moved[self.height[seen] == 0] = 0.0
-        moved[self.pierced[seen]] = np.inf
+        moved[self.height[seen] == 0] = np.inf
         return float(np.percentile(moved, PERCENTILE, method="higher"))
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
@@ -122,7 +116,7 @@ class Look:
         if not seen.any():
             return 0.0
         moved = displacement_lengths(self.points, scene.frustum, settings)[seen]
-        moved = np.where(self.pierced[seen], np.inf, np.nan_to_num(moved, nan=0.0))
+        moved = np.where(self.height[seen] == 0, np.inf, np.nan_to_num(moved, nan=0.0))
         return float(np.percentile(moved, PERCENTILE, method="higher"))
 
 

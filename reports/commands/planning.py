@@ -30,6 +30,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.tolerances import MAX_WRONG
 
 LINE_CHARACTERS = 100
 """Largest number of characters in a line of a reason."""
@@ -182,6 +183,7 @@ def table(
     apart = f"sheets {separation:.3g} {scene.units} apart misordered"
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
+        ("wrong surface", "of the pixels", MAX_WRONG, "surface_fraction"),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
         (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
@@ -211,19 +213,24 @@ def _answer(
     assert worst is not None and made.measured is not None
     if exceeded:
         answer = "The plan DOES NOT HOLD for two eyes that it was replayed to. Its hogels were measured at "
-    elif not made.within and meets(made.measured, requirement) and worst.excess(requirement) <= 1:
+    elif not made.within and meets(made.measured, requirement) and not requirement.missed_by(worst):
         # What the reason began with is all that is amiss.
         answer = "Without these apertures the plan holds, measured at "
+    moved = (
+        f"by {worst.displacement_p99_px:.3g} px" if math.isfinite(worst.displacement_p99_px) else "undefined"
+    )
     sentences = [
         f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
-        f"{worst.aperture.column},{worst.aperture.row}, displaced by {worst.displacement_p99_px:.3g} px, "
+        f"{worst.aperture.column},{worst.aperture.row}, displaced {moved}, "
         f"{percent(worst.surface_fraction)} wrong surface."
     ]
+    pixels = "" if math.isinf(requirement.tolerance_px) else f"{requirement.tolerance_px:g} px or "
+    limits = f"{pixels}{percent(MAX_WRONG)} wrong surfaces"
     if known.confidence == 1:
-        sentences.append(f"{percent(share)} of all hogels are beyond what is required.")
+        sentences.append(f"{percent(share)} of all hogels are beyond {limits}.")
     else:
         sentences.append(
-            f"{known.beyond} of {known.sampled} drawn at random are beyond what is required: at most "
+            f"{known.beyond} of {known.sampled} drawn at random are beyond {limits}: at most "
             f"{percent(share)} of all ({percent(known.confidence)})."
         )
     return _filled(" ".join(sentences))
@@ -231,7 +238,9 @@ def _answer(
 
 def _no_share(known: PlateResult) -> str:
     """Say that a near holds at none of the apertures that were looked through."""
-    blocked = f", at {known.hopeless} of them because a surface passes through" if known.hopeless else ""
+    blocked = (
+        f", at {known.hopeless} of them because a surface lies in the aperture" if known.hopeless else ""
+    )
     return _filled(
         f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
         f"{known.scouted} that were looked through{blocked}."

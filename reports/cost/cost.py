@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xfrustum.compare import compare_images
+from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scouting.automatic import AutoApertures
@@ -232,9 +233,9 @@ class _Picture:
     def error(self, reference: Reference) -> tuple[float, float]:
         """Return the 99th percentile of displacement, and the share of wrong surfaces."""
         judged = compare_images(self.truth, self.image, reference, radiance=False)
-        moved, wrong = judged.displacement_px, judged.surface_wrong or 0
-        p99 = moved.p99 if moved and self.way.renderer == "raster" else 0.0
-        return p99, wrong / max(judged.judged, 1)
+        assert judged.surface is not None, "the reference has the scene at hand"
+        p99 = displacement_p99(judged) if self.way.renderer == "raster" else 0.0
+        return p99, judged.surface.fraction
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,8 +160,8 @@ def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
     return [
         f"With {one.name} the best setting is near {digits(one.best.settings.near)} {units} and "
         f"{one.best.settings.depth_label} depth: {percent(one.best.surface_fraction)} of the judged pixels "
-        "show the wrong surface, and 99 % of the picture lies within "
-        f"{best.pixels(one.best.displacement_p99_px)} of where it belongs.{best.gap(one.best, units)}"
+        f"show the wrong surface, and {best.where_it_lies(one.best.displacement_p99_px)}."
+        f"{best.gap(one.best, units)}"
         for one in shown
     ]
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
+from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.formatting import digits, percent, plain
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
@@ -239,11 +241,11 @@ def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
 
 
 def keeping_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings that keep `TOLERANCE_PX` and `MAX_WRONG` at every aperture."""
-    keeps = {row.settings: True for row in rows}
-    for row in rows:
-        keeps[row.settings] &= row.displacement_p99_px <= TOLERANCE_PX and row.surface_fraction <= MAX_WRONG
-    return {settings for settings, kept in keeps.items() if kept}
+    """Return the settings with which no hogel that was measured is beyond `TOLERANCE_PX`."""
+    beyond = {
+        row.settings for row in rows if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
+    }
+    return {row.settings for row in rows} - beyond
 
 
 def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True) -> str:
@@ -268,7 +270,7 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentere
         f"{_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
         f"{_equally(best, units)}{_wrong(best, rows)}, {_colors(best)}"
-        f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs"
+        f"and {where_it_lies(best.displacement_p99_px)}"
         f"{_elsewhere(best)}.{gap(best, units)}"
     )
 
@@ -349,6 +351,13 @@ def near_range(window: Window, unit: float = 1.0) -> str:
     if window.nears == 1:
         return digits(window.low / unit)
     return f"{digits(window.low / unit)} to {digits(window.high / unit)}"
+
+
+def where_it_lies(displacement_p99_px: float) -> str:
+    """Say how far from its place 99 % of the picture lies."""
+    if math.isinf(displacement_p99_px):
+        return "where the picture belongs is undefined, for much of it shows a surface in the plate itself"
+    return f"99 % of the picture lies within {pixels(displacement_p99_px)} of where it belongs"
 
 
 def pixels(value: float) -> str:

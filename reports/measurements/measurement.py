@@ -8,6 +8,7 @@ from functools import cached_property
 
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
@@ -111,9 +112,8 @@ class Measurement:
 
     @property
     def displacement_p99_px(self) -> float:
-        """99th percentile of displacement; 0 where the raster shows nothing to be displaced."""
-        displacement = self.comparison.displacement_px
-        return 0.0 if displacement is None else displacement.p99
+        """99th percentile of displacement; see `compare.beyond.displacement_p99`."""
+        return displacement_p99(self.comparison)
 
     @property
     def measured_over_predicted(self) -> Ratios:

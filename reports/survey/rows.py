@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from xfrustum.compare.attribution.budget import CauseNumbers
+from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import ColorFigures, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
@@ -19,7 +20,6 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import MAX_WRONG
 
 DEPTH_DECADES, BINS_PER_DECADE = 4, 2
 """Decades of |z| below the reach that bins of depth tell apart, and bins of each: displacement goes as n/|z|,
@@ -118,9 +118,8 @@ class DrawnRow:
     setting
         Number of the setting, from 0.
     beyond
-        Whether 1 % of its points or more are displaced by more than the tolerance, or more than `MAX_WRONG`
-        of its pixels show the wrong surface. Displacement alone does not see depth fighting or a lost object,
-        for all that is shown may be where it belongs.
+        Whether it is beyond the tolerance (`compare.beyond`). Displacement alone does not see depth fighting
+        or a lost object, for all that is shown may be where it belongs.
     settings, comparison, causes, unexplained
         What `report` measures.
     depth
@@ -146,11 +145,12 @@ class DrawnRow:
         comparison, drawn = drawing.comparison, drawing.image
         assert isinstance(comparison, Comparison) and drawn is not None
         assert drawing.causes is not None and drawing.unexplained is not None
+        assert comparison.surface is not None, "a judge has the scene at hand"
         return cls(
             column=aperture.column,
             row=aperture.row,
             setting=setting,
-            beyond=beyond_tolerance(comparison, judged.tolerance_px),
+            beyond=is_beyond(displacement_p99(comparison), comparison.surface.fraction, judged.tolerance_px),
             settings=drawing.settings,
             comparison=comparison.numbers,
             causes={cause.name: cause.numbers for cause in drawing.causes},
@@ -158,12 +158,6 @@ class DrawnRow:
             depth=DepthBins.of(drawn, comparison.maps.displacement, judged.reach),
             device=judged.device,
         )
-
-
-def beyond_tolerance(comparison: ComparisonNumbers, tolerance_px: float) -> bool:
-    """Return whether a drawing is beyond a tolerance of displacement or `MAX_WRONG`; see `DrawnRow`."""
-    displaced = comparison.displacement_px is not None and comparison.displacement_px.p99 > tolerance_px
-    return displaced or (comparison.surface is not None and comparison.surface.fraction > MAX_WRONG)
 
 
 @dataclass(frozen=True, kw_only=True)

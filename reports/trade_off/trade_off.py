@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from xfrustum.compare.beyond import is_beyond
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
-from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, pixels
+from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, where_it_lies
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER_FRACTION = 0.2
@@ -66,8 +67,8 @@ class Option:
     read_s: Timing | None = None
 
     def within(self, tolerance_px: float) -> bool:
-        """Whether displacement is within a tolerance, and wrong surfaces are within `MAX_WRONG`."""
-        return self.displacement_p99_px <= tolerance_px and self.surface_fraction <= MAX_WRONG
+        """Whether the hogel that was measured is not beyond a tolerance."""
+        return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
         """Whether this option is in nothing worse than another, and in something better.
@@ -258,9 +259,8 @@ def _none(tolerance_px: float) -> str:
 
 def _described(option: Option) -> str:
     return (
-        f"{option.label}, {_taken(option.time_s)} a picture; 99 % of it lies within "
-        f"{pixels(option.displacement_p99_px)} of where it belongs, and {percent(option.surface_fraction)} "
-        "of the judged pixels show the wrong surface"
+        f"{option.label}, {_taken(option.time_s)} a picture; {where_it_lies(option.displacement_p99_px)}, "
+        f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
     )
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
+from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
 from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
@@ -108,11 +108,16 @@ class Limits:
             raise InputError(f"max-color must be a number, not negative: {self.judging.color_tolerance}")
 
     def checks(self, figures: Figures) -> tuple[Check, ...]:
-        """Compare an image's figures with the limits; a single pixel is never more than a share."""
+        """Compare an image's figures with the limits (`compare.beyond`).
+
+        Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
+        pixel is no share, unless none may be wrong.
+        """
         shown = max(figures.shown, 1)
 
         def share(name: str, count: int) -> Check:
-            held = bool(count <= np.ceil(self.wrong * figures.shown))
+            single = count == 1 and self.wrong > 0
+            held = single or not is_beyond(0.0, count / shown, math.inf, self.wrong)
             return Check(figure=name, value=count / shown, limit=self.wrong, unit="share", held=held)
 
         found = [share(figures.limited_words, figures.limited)]
@@ -139,7 +144,7 @@ class Limits:
         spread, limit = figures.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
         excused = value is None and figures.measured_by is MeasuredBy.NO_OUTLINES
-        held = limit is None or excused or (value is not None and value <= limit)
+        held = limit is None or excused or not is_beyond(value, 0.0, limit)
         return Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held)
 
 
@@ -154,7 +159,7 @@ def worst_checks(hogels: Sequence[tuple[Check, ...]]) -> tuple[Check, ...]:
 
 
 def _badness(check: Check) -> tuple[bool, float]:
-    unknown = -1.0 if check.held else np.inf
+    unknown = -1.0 if check.held else math.inf
     return not check.held, unknown if check.value is None else check.value
 
 

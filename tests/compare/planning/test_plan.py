@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
+from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.planning.cuts import Cutter
-from xfrustum.compare.planning.displacement import PERCENTILE, displacement_bound
+from xfrustum.compare.planning.displacement import displacement_bound
 from xfrustum.compare.planning.measure import measure, measured, meets
 from xfrustum.compare.planning.numbers import index_below, largest_index, round_number, smallest_index
 from xfrustum.compare.planning.plan import depth_buffers, plan, search

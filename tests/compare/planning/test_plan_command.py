@@ -23,7 +23,7 @@ SMALL = (192, 144)
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)
 
-KEYS = ["displacement_p99_px", "depth_wrong", "misordered", "separation"]
+KEYS = ["displacement_p99_px", "surface_fraction", "depth_wrong", "misordered", "separation"]
 
 
 def test_a_separation_that_no_float_resolves_leaves_no_plan() -> None:

@@ -142,7 +142,7 @@ def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Sc
         )
     assert bent.surface_fraction > 0.01 > bent.depth_wrong
     assert starved.depth_wrong == pytest.approx(starved.surface_fraction) and starved.depth_wrong > 0.01
-    assert bent.excess(Requirement()) > 1 and starved.excess(Requirement()) > 1
+    assert Requirement().missed_by(bent) and Requirement().missed_by(starved)
 
 
 def test_a_plate_whose_middle_sees_nothing_is_planned(
@@ -161,7 +161,7 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
 
 def crossed(tmp_path: Path, **keys: object) -> str:
     """Write a scene whose plate is a row of apertures on the x axis, and a square through some of them."""
-    size = film((40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
+    size = film((40.0, 5.0), hogels=(8, 1), resolution=(64, 48), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
     text = size + part("square", 20.0, (-10.5, 0.0, 0.0), **keys) + part("box", 10.0, (8.0, 0.0, -30.0))
     (tmp_path / "crossed.toml").write_text(text)
     return str(tmp_path / "crossed.toml")
@@ -180,9 +180,9 @@ def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is
     assert plate["hopeless_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
     assert plate["set_aside_apertures"] == []
     assert made["reason"].startswith(
-        "No settings hold for the whole plate: through 4 of the 8 apertures that were looked through "
-        "(0,0; 1,0; 2,0; 3,0) a surface passes, and no near draws that. For the others, at least 50 % of the "
-        "plate: One pair of frusta is enough."
+        "No settings hold for the whole plate: at 4 of the 8 apertures that were looked through "
+        "(0,0; 1,0; 2,0; 3,0) a surface lies in the aperture itself, or so close to it that no near draws "
+        "it. For the others, at least 50 % of the plate: One pair of frusta is enough."
     )
     assert plate["hopeless"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
     assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
@@ -212,16 +212,25 @@ def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball:
         none.plate, set_aside=7, set_aside_apertures=seven, hopeless=1, hopeless_apertures=(OVER,)
     )
     assert "7 others (0,2; 1,2; 2,2; 3,2; 4,2; ..) are set aside" in aside.exceptions
-    assert "(7,1) a surface passes" in aside.exceptions
+    assert "(7,1) a surface lies in the aperture" in aside.exceptions
     assert aside.summary()["set_aside_apertures"] == seven
 
 
-@pytest.mark.slow
-def test_a_surface_that_lies_in_the_plate_is_drawn_where_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("box", [True, False])
+def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_defined(
+    box: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["plan", crossed(tmp_path), "--sample", "8", "--quiet"]) == 0
-    assert "The plan holds, measured at 8 of 8 hogels" in capsys.readouterr().out.replace("\n", " ")
+    """Undefined never passes: no plan holds in a flat square, and where others see nothing none is made."""
+    path = Path(crossed(tmp_path))
+    if not box:
+        path.write_text(path.read_text().rpartition("[[object]]")[0])
+    assert main(["plan", str(path), "--sample", "8", "--json", "--quiet"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert not made["within"]
+    assert made["plate"]["hopeless_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
+    assert (made["near"] is not None) == box
+    if not box:
+        assert "before or behind the plate" in made["reason"]
 
 
 def test_a_plate_without_any_near_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -284,6 +293,5 @@ def test_where_no_aperture_has_a_plan_there_is_none_for_any_share(scouted: Scout
 def test_a_plan_of_the_plate_holds_at_random_hogels(
     name: str, buffer: tuple[DepthFormat | None, DepthMapping | None]
 ) -> None:
-    """The same at 192 x 192 and 200 hogels: `python -m tests.plate_plans`."""
-    trial = try_plan(view(name, (96, 96)), 60, depth=buffer[0], mapping=buffer[1])
-    assert len(trial.tried) == 60 and not trial.beyond
+    trial = try_plan(view(name, (96, 96)), 60, buffer=buffer)
+    assert trial.survey.judged == 60 and not trial.beyond

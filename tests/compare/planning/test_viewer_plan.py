@@ -139,7 +139,9 @@ SHOWN = Replayed(
 def test_a_plan_holds_only_where_its_replay_does(scene_file: str, shown: Replayed, beyond: str) -> None:
     scene = open_scene(scene_file)
     wanted = requirement(scene, Viewer(distance=600.0))
-    quality = Quality(displacement_p99_px=9.0, depth_wrong=0.0, misordered=0.0, separation=0.1)
+    quality = Quality(
+        displacement_p99_px=9.0, surface_fraction=0.1, depth_wrong=0.0, misordered=0.0, separation=0.1
+    )
     made = Plan(
         near=0.2,
         slabs=(),

@@ -61,8 +61,7 @@ def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_
     scouted: Scout,
 ) -> None:
     first, *others = scouted.looks
-    everywhere = np.ones_like(first.pierced)
-    blocked = replace(first, height=np.zeros_like(first.height), pierced=everywhere)
+    blocked = replace(first, height=np.zeros_like(first.height))
     auto = only(scouted, blocked, *others)
     assert auto.blocked == 1 and blocked.aperture not in auto.apertures
     assert only(scouted, blocked).apertures == (blocked.aperture,)
@@ -70,8 +69,5 @@ def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_
 
 def test_where_all_apertures_see_alike_the_middle_is_enough(scouted: Scout) -> None:
     seen = scouted.looks[0]
-    alike = [
-        replace(look, height=seen.height, pierced=seen.pierced, outline_widths=seen.outline_widths)
-        for look in scouted.looks
-    ]
+    alike = [replace(look, height=seen.height, outline_widths=seen.outline_widths) for look in scouted.looks]
     assert only(scouted, *alike).apertures == (scouted.scene.plate.middle,)

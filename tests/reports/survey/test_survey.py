@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
+from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.reports.blocks import device_index
 from xfrustum.reports.cluster.run import Engine
-from xfrustum.reports.survey.rows import beyond_tolerance
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
 
@@ -101,11 +101,12 @@ def test_a_hogel_is_beyond_by_its_displacement_or_by_its_wrong_surfaces(
 ) -> None:
     """Depth fighting and a lost object leave everything else where it belongs."""
     moved = Spread(rms=p99_px, p50=p99_px, p95=p99_px, p99=p99_px, max=p99_px)
-    surface = SimpleNamespace(fraction=fraction)
+
     for displacement in (moved, None):
-        comparison: Any = SimpleNamespace(displacement_px=displacement, surface=surface)
+        comparison: Any = SimpleNamespace(displacement_px=displacement, at_plate=0, judged=100)
         is_displaced = displacement is not None and p99_px > tolerance_px
-        assert beyond_tolerance(comparison, tolerance_px) == (is_displaced or fraction > 0.01)
+        found = is_beyond(displacement_p99(comparison), fraction, tolerance_px)
+        assert found == (is_displaced or fraction > 0.01)
 
 
 def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: Scene) -> None:

@@ -1,0 +1,59 @@
+"""When a hogel is beyond a tolerance: the one definition, which every command that judges hogels shares.
+
+A hogel is beyond where the 99th percentile of its displacements exceeds the tolerance or is undefined, or
+where more than 1 % of its judged pixels show the wrong surface (`CONVENTIONS.md`, "Beyond").
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from xfrustum.tolerances import MAX_WRONG
+
+if TYPE_CHECKING:
+    from xfrustum.compare.metrics.comparison import ComparisonNumbers
+
+PERCENTILE = 99.0
+"""Percentile of displacement that a tolerance limits."""
+
+MAX_UNDEFINED = 1 - PERCENTILE / 100
+"""Largest share of pixels in the plate itself, where displacement is undefined, that leaves the percentile
+defined: the same pixels that the percentile leaves out."""
+
+
+def displacement_p99(numbers: ComparisonNumbers) -> float:
+    """Return the 99th percentile of a hogel's displacements, pixels.
+
+    0 where the drawing shows no surface: nothing is displaced. Infinite where the percentile is undefined:
+    where surfaces are shown and all of them lie in the plate itself, or where those that do fill more than
+    `MAX_UNDEFINED` of the judged pixels.
+    """
+    spread = numbers.displacement_px
+    if numbers.at_plate > MAX_UNDEFINED * numbers.judged or (numbers.at_plate and spread is None):
+        return math.inf
+    return 0.0 if spread is None else spread.p99
+
+
+def is_beyond(
+    displacement_p99_px: float | None,
+    surface_fraction: float,
+    tolerance_px: float,
+    max_wrong: float = MAX_WRONG,
+) -> bool:
+    """Return whether a hogel is beyond a tolerance.
+
+    Parameters
+    ----------
+    displacement_p99_px
+        99th percentile of its displacements; None, NaN or infinite where that is undefined.
+    surface_fraction
+        Share of its judged pixels that show the wrong surface.
+    tolerance_px
+        Largest displacement; infinite where any that is defined will do.
+    max_wrong
+        Largest share of wrong surfaces.
+    """
+    if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
+        return True
+    return displacement_p99_px > tolerance_px or surface_fraction > max_wrong
