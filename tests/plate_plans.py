@@ -17,10 +17,12 @@ from typing import Any
 from scipy.stats import beta
 
 from tests.support.scene_file import film, named, part
+from tests.support.views import SHARED
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.commands.planning import make_plan
+from xfrustum.reports.scene_check.new_scene import new_scene
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene
 from xfrustum.scenes.library import builtin
@@ -130,9 +132,18 @@ def shape(name: str) -> Scene:
         return open_scene(str(path))
 
 
+def fitted(mesh: Path) -> Scene:
+    """Return the scene that `xfrustum new` fits to a mesh of 60 mm."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fitted.toml"
+        new_scene(mesh.resolve(), path, units="mm", size=60.0)
+        return open_scene(str(path))
+
+
 def opened(name: str, resolution: int) -> Scene:
-    """Return a scene by its name or path, or one of `SHAPES`, with a square film of so many pixels."""
-    scene = shape(name) if name in SHAPES else open_scene(name)
+    """Return a scene by name or path, one of `SHAPES`, or a mesh beside the checkout, with a square film."""
+    mesh = SHARED / "data" / name
+    scene = shape(name) if name in SHAPES else fitted(mesh) if mesh.is_file() else open_scene(name)
     return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
 
 
