@@ -1,4 +1,4 @@
-"""When a hogel is beyond: by displacement, by what is undefined, by wrong surfaces; the same in every command."""
+"""When a hogel is beyond: by displacement, by what is undefined, by wrong surfaces; in every command alike."""
 
 from __future__ import annotations
 
