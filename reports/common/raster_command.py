@@ -25,6 +25,11 @@ def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
     return shlex.join(words)
 
 
+def plan_command(scene: Scene) -> str:
+    """Return the command that asks which settings hold for the whole plate, quoted for a shell."""
+    return shlex.join(["xfrustum", "plan", scene.source or scene.name])
+
+
 def _options(settings: DoubleFrustum) -> list[str]:
     """Return the options that stand for these settings, the same for an aperture and the plate."""
     words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]

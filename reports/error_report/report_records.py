@@ -58,11 +58,18 @@ class BestRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class RecommendationRecord:
-    """The best setting of all, in words and numbers, with the command that draws with it."""
+    """The best setting of all, in words and numbers.
+
+    Attributes
+    ----------
+    command, plan_command
+        Commands that draw with it, and that ask what holds for the whole plate.
+    """
 
     sentence: str
     best: BestRecord = field(metadata=INLINED)
     command: str
+    plan_command: str
     confidence: float
 
 

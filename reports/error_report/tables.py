@@ -13,7 +13,7 @@ from xfrustum.compare.prediction.chain import links_of
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.formatting import unexamined_truth
-from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.reports.common.raster_command import plan_command, raster_command
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.report_records import (
     AloneRecord,
@@ -49,6 +49,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
             sentence=headline(sweep),
             best=_best_record(best_setting(sweep.rows), reach),
             command=recommended_command(sweep),
+            plan_command=plan_command(sweep.scene),
             confidence=CONFIDENCE,
         ),
         best_per_depth=tuple(_best_record(best, reach) for best in best_per_depth(sweep.rows)),

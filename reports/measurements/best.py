@@ -27,6 +27,9 @@ DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
 pixels within 1e-3 px on meshes)."""
 
+MAX_NAMED_HOGELS = 5
+"""Largest number of hogels that the recommendation names."""
+
 UNSEEN_DISPLACEMENT_PX = 0.1
 """Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel spans 54
 seconds of arc; people see an offset of 5 at best between two lines that continue each other (vernier acuity,
@@ -260,14 +263,15 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentere
     recentered
         Whether the frustum is sheared; the pivot of one that is not changes nothing and is not named.
     """
+    where = _where(rows)
     if not any(row.comparison.judged for row in rows):
-        return "Nothing can be judged: every pixel of the truth is a tie."
+        return f"{where} nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
-        return "There is nothing to judge: neither the truth nor any raster image shows a surface."
+        return f"{where} there is nothing to judge: neither the truth nor any raster image shows a surface."
     best = best_setting(rows)
     cameras = _cameras(best, rows, recentered)
     return (
-        f"{_praise(best, rows)} near {near_range(best.window)} {units} "
+        f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
         f"{_equally(best, units)}{_wrong(best, rows)}, {_colors(best)}"
         f"and {where_it_lies(best.displacement_p99_px)}"
@@ -275,18 +279,25 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentere
     )
 
 
+def _where(rows: Sequence[Measurement]) -> str:
+    """Begin the sentence with the hogels that it speaks of."""
+    places = [f"{column},{row}" for column, row in dict.fromkeys(row.aperture.index for row in rows)]
+    named = f"{'; '.join(places[:MAX_NAMED_HOGELS])}{'; ..' if len(places) > MAX_NAMED_HOGELS else ''}"
+    return f"At hogel {named}:" if len(places) == 1 else f"At {len(places)} hogels ({named}):"
+
+
 def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Begin the sentence: no setting that misses the tolerances is called good, nor are others denied."""
+    """Go on with the praise: no setting that misses the tolerances is called good, nor are others denied."""
     count = len({row.settings for row in rows})
     limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
     kept = keeping_tolerance(rows)
     if best.settings in kept:
-        return "The one setting measured:" if count == 1 else f"Best of {count} settings:"
+        return "the one setting measured:" if count == 1 else f"best of {count} settings:"
     if count == 1:
-        return f"The one setting measured does not keep to {limits}:"
+        return f"the one setting measured does not keep to {limits}:"
     if not kept:
-        return f"No setting measured keeps to {limits}. The least bad of {count}:"
-    return f"Best of {count} settings by wrong surfaces, though only others keep to {limits}:"
+        return f"no setting measured keeps to {limits}. The least bad of {count}:"
+    return f"best of {count} settings by wrong surfaces, though only others keep to {limits}:"
 
 
 def _cameras(best: Recommendation, rows: Sequence[Measurement], recentered: bool) -> str:

@@ -17,6 +17,7 @@ from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
+from xfrustum.reports.common.raster_command import plan_command
 from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -263,14 +264,14 @@ class Sweep:
 
     @property
     def coverage_sentence(self) -> str:
-        """What the apertures leave out of the plate; empty where a scout chose them, or they are all."""
+        """What the hogels leave out of the plate, and the command that asks; empty where they are all."""
         columns, rows = self.scene.plate.hogels
         measured = len(self.apertures)
-        if self.auto is not None or measured >= columns * rows:
+        if measured >= columns * rows:
             return ""
         return (
-            f"Measured at {measured:,} of {columns * rows:,} apertures; others may be far worse: "
-            "--apertures auto looks for them, and xfrustum plan holds for the plate."
+            f"Measured at {measured:,} of {columns * rows:,} hogels, and others may need other settings: "
+            f"{plan_command(self.scene)} says what holds for the whole plate."
         )
 
     @property

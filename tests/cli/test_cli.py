@@ -213,7 +213,7 @@ def test_report_says_the_best_setting_and_where_the_page_is(
     assert main([*arguments, "--out", "out", "--quiet"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert said.out.startswith("Best of 4 settings: near ")
+    assert said.out.startswith("At 2 hogels (2,1; 0,2): best of 4 settings: near ")
     assert Path(said.out.splitlines()[-1]) == Path("out/index.html")
     assert main([*arguments, "--json"]) == 0
     told = one_object(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""When a hogel is beyond: by displacement, by what is undefined, by wrong surfaces; in every command alike."""
+"""When a hogel is beyond: by displacement, by what is undefined, by wrong surfaces; in all commands alike."""
 
 from __future__ import annotations
 

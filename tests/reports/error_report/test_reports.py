@@ -149,7 +149,7 @@ def test_the_page_has_one_recommendation_with_the_command_to_copy(files: ReportF
     for words in (f"--near {best['near']:g}", f"--depth {best['depth']}", f"--mapping {best['mapping']}"):
         assert words in files.command
     assert best["window"]["low"] <= best["near"] <= best["window"]["high"]
-    assert html.count("Best of ") + html.count("The least bad of ") == 1
+    assert html.count("best of ") + html.count("The least bad of ") == 1
 
 
 def test_the_command_and_the_page_show_the_aperture_whose_numbers_are_told(files: ReportFiles) -> None:
@@ -168,10 +168,13 @@ def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> Non
     columns, rows = files.content["scene"]["plate"]["hogels"]
     (note,) = (one for one in files.notes if "Measured at" in one)
     assert note == (
-        f"Measured at 3 of {columns * rows:,} apertures; others may be far worse: --apertures auto looks for "
-        "them, and xfrustum plan holds for the plate."
+        f"Measured at 3 of {columns * rows:,} hogels, and others may need other settings: "
+        f"{files.content['best']['plan_command']} says what holds for the whole plate."
     )
     assert note in files.html.read_text()
+    named = "; ".join(f"{one['column']},{one['row']}" for one in files.content["apertures"])
+    assert files.sentence.startswith(f"At 3 hogels ({named}): ")
+    assert files.sentence == files.content["best"]["sentence"] and files.sentence in files.html.read_text()
 
 
 def test_the_causes_at_the_aperture_of_the_headline_are_shown_and_others_are_folded(
@@ -419,7 +422,7 @@ def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
 def test_where_nothing_shows_the_sentence_does_not_praise_a_setting(tmp_path: Path) -> None:
     files = make_report(small("empty"), tmp_path / "out", nears=NEARS, depths=DEPTHS)
     assert files.sentence == (
-        "There is nothing to judge: neither the truth nor any raster image shows a surface."
+        "At hogel 40,30: there is nothing to judge: neither the truth nor any raster image shows a surface."
     )
 
 

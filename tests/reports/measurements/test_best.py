@@ -126,21 +126,26 @@ def test_what_misses_a_tolerance_is_the_least_bad(surface: float, p99: float) ->
     rows = [measured(1.0, surface, p99), measured(2.0, surface + 0.2, p99)]
     said = sentence(rows, "mm", 150.0)
     assert said.startswith(
-        "No setting measured keeps to 0.5 px and 1 % wrong surfaces. The least bad of 2: near 1 mm"
+        "At hogel 1,1: no setting measured keeps to 0.5 px and 1 % wrong surfaces. "
+        "The least bad of 2: near 1 mm"
     )
-    assert sentence(rows[:1], "mm", 150.0).startswith("The one setting measured does not keep to 0.5 px")
+    assert sentence(rows[:1], "mm", 150.0).startswith(
+        "At hogel 1,1: the one setting measured does not keep to 0.5 px"
+    )
 
 
 def test_a_best_that_keeps_the_tolerances_is_called_best() -> None:
     rows = [measured(1.0, 0.01, 0.5), measured(2.0, 0.5, 9.0)]
-    assert sentence(rows, "mm", 150.0).startswith("Best of 2 settings: near 1 mm")
+    assert sentence(rows, "mm", 150.0).startswith("At hogel 1,1: best of 2 settings: near 1 mm")
 
 
 def test_nothing_is_denied_of_settings_that_keep_the_tolerances() -> None:
     """The one with the fewest wrong surfaces displaces too much; the other one does not."""
     rows = [measured(1.0, 0.0, 0.7), measured(0.1, 0.009, 0.1)]
     said = sentence(rows, "mm", 150.0)
-    assert said.startswith("Best of 2 settings by wrong surfaces, though only others keep to 0.5 px and 1 %")
+    assert said.startswith(
+        "At hogel 1,1: best of 2 settings by wrong surfaces, though only others keep to 0.5 px and 1 %"
+    )
 
 
 def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:

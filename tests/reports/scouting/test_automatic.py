@@ -68,17 +68,19 @@ def test_a_report_of_given_apertures_has_no_map_of_the_plate(
     assert main(["report", scene, "--near", "0.1", "--depth", "d24", "--quiet", "--out", str(tmp_path)]) == 0
     assert 'id="plot-scout"' not in (tmp_path / "index.html").read_text()
     assert json.loads((tmp_path / "report.json").read_text())["scout"] is None
-    assert "Measured at 1 of 48 apertures; others may be far worse" in capsys.readouterr().out
+    assert (
+        "Measured at 1 of 48 hogels, and others may need other settings: xfrustum plan "
+        in capsys.readouterr().out
+    )
 
 
-def test_a_report_of_scouted_apertures_does_not_ask_for_a_scout(
+def test_a_report_of_scouted_apertures_has_a_map_and_names_the_plan_of_the_plate(
     scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--near", "0.1", "--depth", "d24", "--apertures", "auto", "--quiet", "--out", str(tmp_path)]
     assert main(["report", scene, *words]) == 0
-    assert "others may be far worse" not in capsys.readouterr().out
-    page = (tmp_path / "index.html").read_text()
-    assert 'id="plot-scout"' in page and "others may be far worse" not in page
+    assert "says what holds for the whole plate" in capsys.readouterr().out
+    assert 'id="plot-scout"' in (tmp_path / "index.html").read_text()
 
 
 def test_errors_of_a_cost_are_those_of_the_worst_aperture(
