@@ -1,6 +1,5 @@
 """The verdict: sweeps over settings, tables, figures and the page that a person opens.
 
-baselines/        Accepted measures of a renderer, what got worse since, and the history of both
 benchmarks/       Benchmarks, as ratios within one run
 cluster/          Whole plates in blocks of hogels, done by one process or by the workers of a Dask cluster
 commands/         What the smaller commands make: budget, plan, compare, trace, figure 7

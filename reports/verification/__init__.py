@@ -1,5 +1,6 @@
 """The verification of foreign renderers: sources, verdict, files.
 
+baseline      `verify --baseline`: a verification is held to the measures that were accepted before
 block_job     Blocks of hogels of a foreign renderer, judged by any process as `verify` does
 commands      A foreign renderer as a program that is run once for each aperture
 figures       Figures of all hogels together, and figures of one hogel or of all in words

@@ -20,7 +20,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
-    baseline(verification, folder)           what got worse than accepted, and its history -> Baseline
+    baseline(verification, folder)           what got worse than what was accepted         -> Baseline
     convert(source, out, write_as="views")   plates in other layouts of files           -> Conversion
     write_cameras(scene, "json", folder, ..) cameras for other renderers            -> CameraFiles
     write_image(path, image), read_image(path)   hogel images as OpenEXR
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from xfrustum.compare.run import Judge, JudgedDrawing, JudgedHogel
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
-    from xfrustum.reports.baselines.baseline import Baseline, BaselineOptions, baseline
     from xfrustum.reports.commands.budgeting import BudgetReport, budget
     from xfrustum.reports.commands.planning import make_plan
     from xfrustum.reports.commands.planning import make_plan as plan
@@ -66,6 +65,7 @@ if TYPE_CHECKING:
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
     from xfrustum.reports.survey.answer import Survey
     from xfrustum.reports.survey.survey import survey
+    from xfrustum.reports.verification.baseline import Baseline, BaselineOptions, baseline
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.reports.verification.verification import verify
     from xfrustum.scenes import (
@@ -149,9 +149,9 @@ __all__ = [
 _MODULES = {  # module and, after a colon, the name in that module where it is another
     "Comparison": "compare",
     "compare_images": "compare",
-    "Baseline": "reports.baselines.baseline",
-    "BaselineOptions": "reports.baselines.baseline",
-    "baseline": "reports.baselines.baseline",
+    "Baseline": "reports.verification.baseline",
+    "BaselineOptions": "reports.verification.baseline",
+    "baseline": "reports.verification.baseline",
     "BudgetReport": "reports.commands.budgeting",
     "budget": "reports.commands.budgeting",
     "CostReport": "reports.cost.cost",

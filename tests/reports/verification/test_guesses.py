@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.reports.baselines.synthetic import verification
+from tests.reports.verification.synthetic import verification
 from xfrustum.compare.diagnosis.diagnosis import doubtful
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.reports.verification.files import render_page, table

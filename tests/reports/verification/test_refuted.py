@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.reports.baselines.synthetic import verification
+from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import Faulty
 from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault

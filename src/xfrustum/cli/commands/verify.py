@@ -20,8 +20,7 @@ from xfrustum.cli.where import Where, engine_options
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
-    from xfrustum.reports.baselines.baseline import Baseline
-    from xfrustum.reports.baselines.tolerance import Stated
+    from xfrustum.reports.verification.baseline import Baseline, Stated
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
 
@@ -91,7 +90,7 @@ class BaselineTolerance(click.ParamType["Stated"]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Stated:
         """Return the tolerances."""
-        from xfrustum.reports.baselines.tolerance import Stated
+        from xfrustum.reports.verification.baseline import Stated
         from xfrustum.scenes.errors import InputError
 
         try:
@@ -104,7 +103,7 @@ _BASELINE_OPTIONS = (
     click.option(
         "--baseline",
         type=click.Path(path_type=Path),
-        help="Folder of accepted measures: fail on what got worse beyond noise, and keep the history.",
+        help="Folder of accepted measures: fail on what got worse.",
     ),
     click.option("--approve", is_flag=True, help="Accept the present measures in --baseline."),
     click.option(
@@ -115,7 +114,7 @@ _BASELINE_OPTIONS = (
     click.option(
         "--baseline-tolerance",
         type=BaselineTolerance(),
-        help="What counts as noise, such as 5% or wrong_surfaces=3.  [default: learnt from accepted runs]",
+        help="What counts as noise, such as 5% or wrong_surfaces=3.  [default: the spread of accepted runs]",
     ),
     click.option("--renderer", help="Name of the renderer in --baseline.  [default: SOURCE or the command]"),
     click.option("--device", help="Name of its device in --baseline.  [default: this machine's processor]"),
@@ -124,7 +123,7 @@ _BASELINE_OPTIONS = (
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineAsked:
-    """What the options of a baseline ask for; see `reports.baselines.baseline.BaselineOptions`."""
+    """What the options of a baseline ask for; see `reports.verification.baseline.BaselineOptions`."""
 
     folder: Path
     approve: bool
@@ -179,9 +178,8 @@ def _held(
     encoding: str | None,
 ) -> Baseline:
     """Hold a verification to a baseline, and append the summary that GitHub shows."""
-    from xfrustum.reports.baselines.baseline import BaselineOptions
-    from xfrustum.reports.baselines.baseline import baseline as held_to
-    from xfrustum.reports.baselines.summary import append_step_summary
+    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary
+    from xfrustum.reports.verification.baseline import baseline as held_to
 
     chosen = BaselineOptions(
         renderer=asked.renderer,
@@ -194,7 +192,7 @@ def _held(
         repeated=asked.repeated,
     )
     held = held_to(found, asked.folder, chosen)
-    problem = append_step_summary(held, found)
+    problem = append_step_summary(held)
     if problem is not None:
         say(f"note: {problem}")
     return held
@@ -211,7 +209,7 @@ def _text(found: Verification, held: Baseline | None) -> str:
 
     if held is None:
         return table(found)
-    from xfrustum.reports.baselines.summary import lines
+    from xfrustum.reports.verification.baseline import lines
 
     decided = "" if found.passed or _status(found, held) else f"\n{LIMITS_NOT_STATED}"
     return f"{table(found)}\n{lines(held)}{decided}"
@@ -220,7 +218,7 @@ def _text(found: Verification, held: Baseline | None) -> str:
 def _status(found: Verification, held: Baseline | None) -> int:
     """Return the exit status: where measures are accepted, limits count only if they were stated."""
     limited = any(options.is_given(name) for name in ("max_wrong", "max_displacement_px", "max_color"))
-    if held is None or limited or not (held.compared or held.run.approved):
+    if held is None or limited or not (held.compared or held.approved):
         passed = found.passed and (held is None or held.passed)
     else:
         passed = held.passed
@@ -357,9 +355,10 @@ def _check_places(out: Path | None, junit: Path | None, baseline: BaselineAsked 
     if out is not None:
         check_writable_folder(out, FILES)
     if baseline is not None:
-        from xfrustum.reports.baselines.store import Store
+        from xfrustum.reports.verification.baseline import accepted_runs, check_folder
 
-        Store(folder=baseline.folder).check()
+        check_folder(baseline.folder)
+        accepted_runs(baseline.folder)
 
 
 def _verified_on(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 from dataclasses import fields
@@ -14,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from tests.reports.baselines.synthetic import commit, repository, verification
+from tests.reports.verification.synthetic import commit, repository, verification
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.commands.verify import BaselineAsked
 from xfrustum.cli.main import cli, main
@@ -90,7 +91,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     repository(tmp_path)
-    (tmp_path / ".gitignore").write_text("hogels\nkept/history\nkept/history.html\n")
+    (tmp_path / ".gitignore").write_text("hogels\n")
     (tmp_path / "tetrahedron.obj").write_text(TETRAHEDRON)
     (tmp_path / "scene.toml").write_text(SCENE)
     return tmp_path
@@ -118,9 +119,6 @@ def test_over_five_commits_of_a_toy_renderer_one_regression_is_found_named_and_a
     assert (named_first["measure"], named_first["aperture"]) == ("wrong_surfaces", [2, 1])
     assert named_first["now"] > named_first["accepted"] == 0
     assert {tuple(one["aperture"]) for one in told[2]["changes"] if one["aperture"]} == {(2, 1)}
-    page = Path("kept/history.html").read_text()
-    assert all(name[:7] in page for name in commits)
-    assert "wrong surfaces of hogel 2,1: 0 accepted" in page
     assert Path("summary.md").read_text().count("### xfrustum verify: two tetrahedra") == 5
 
 
@@ -128,7 +126,6 @@ def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(
     toy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The verification is a stand-in, so that nothing is traced; one hogel in three exceeds a limit."""
-    monkeypatch.setattr("xfrustum.reports.baselines.baseline.write_page", lambda _: None)
     wrong: dict[tuple[int, int], int | None] = {(0, 0): 0, (1, 0): 90, (2, 0): 3}
     monkeypatch.setattr(
         "xfrustum.reports.verification.verification.verify", lambda *_, **__: verification(wrong)
@@ -156,6 +153,25 @@ def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(
     wrong[2, 0] = 4
     assert told("--baseline-tolerance", "50%")[0] == 0
     assert told("--baseline-tolerance", "10%")[0] == 1
+
+
+@pytest.mark.parametrize("largest", [0, 512, 64 << 10])
+def test_what_fails_on_a_full_disk_leaves_no_approval(
+    toy: Path, monkeypatch: pytest.MonkeyPatch, largest: int
+) -> None:
+    """No file may be larger, as on a full disk: whatever could not be written, nothing is accepted then."""
+    monkeypatch.setattr(
+        "xfrustum.reports.verification.verification.verify", lambda *_, **__: verification({(0, 0): 0})
+    )
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, limits[1]))
+    try:
+        status = main([*KEPT, "--approve"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    kept = [path for path in (toy / "kept").rglob("*") if path.is_file()]
+    assert status in (0, 2)
+    assert len(kept) == (status == 0)
 
 
 @pytest.mark.parametrize(

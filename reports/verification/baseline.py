@@ -1,0 +1,569 @@
+"""`verify --baseline`: a verification is held to the measures that were accepted before.
+
+    DIR/accepted/RUN.json    a file for each accepted run; nobody writes it again
+
+A run that is approved begins a new accepted state; approved as repeated, it joins the newest one, and the
+spread of the runs of one state is the renderer's noise. Branches that accept different runs merge without
+conflict: the state that was begun last counts.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import secrets
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from enum import StrEnum
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from xfrustum.reports.common.formatting import digits
+from xfrustum.reports.common.json_ready import json_object
+from xfrustum.reports.common.outputs import check_writable_folder, write_output
+from xfrustum.reports.common.provenance import machine
+from xfrustum.reports.verification.figures import DISPLACEMENT
+from xfrustum.reports.verification.verdict import Hogel, Verification
+from xfrustum.scenes.errors import InputError
+
+ACCEPTED, OPTION = "accepted", "--baseline"
+
+WORDS = {
+    "missing": "missing hogels",
+    "wrong_surfaces": "wrong surfaces",
+    "wrong_pixels": "wrong pixels",
+    "wrong_colors": "wrong colors",
+    "invalid": "claims of what does not exist",
+    "unexplained": "unexplained pixels after correction",
+    "displacement_rms_px": "displacement (rms)",
+    "displacement_p99_px": "displacement (p99)",
+    "displacement_max_px": "displacement (max)",
+}
+"""Measures of a hogel in words, what matters most first; all are the better the smaller they are."""
+
+ROUNDING_PX = 1e-6
+"""Largest difference between two displacements that is rounding, px: they are found from doubles of
+coordinates up to 1e3 px, with some hundred operations."""
+
+MAX_TOLD = 8
+"""Largest number of changes that the terminal names one by one."""
+
+MAX_ROWS = 20
+"""Largest number of changes in the summary for GitHub, which drops summaries of over a mebibyte."""
+
+GIT_SECONDS = 20.0
+"""Longest time that git may take, seconds."""
+
+Place = tuple[int, int]
+"""Column and row of a hogel."""
+
+
+class Change(StrEnum):
+    """How a measure, or a whole run, is beside what was accepted."""
+
+    WORSE = "worse"
+    BETTER = "better"
+    SAME = "same"
+    NEW = "new"
+    """Nothing is accepted that it could be compared with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """Tolerances that the user states: a share of the accepted value, and amounts by name of measure."""
+
+    share: float | None = None
+    amounts: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for name in self.amounts:
+            if name not in WORDS:
+                raise InputError(f"baseline tolerance: {name!r} is not one of {', '.join(WORDS)}")
+        numbers = (*self.amounts.values(), self.share or 0.0)
+        if not all(math.isfinite(number) and number >= 0 for number in numbers):
+            raise InputError("baseline tolerance: tolerances are numbers that are not negative")
+
+    @classmethod
+    def of(cls, text: str) -> Stated:
+        """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma.
+
+        Raises
+        ------
+        InputError
+            The text is none of these.
+        """
+        share, amounts = None, {}
+        for part in (part.strip() for part in text.split(",")):
+            name, equals, number = part.rpartition("=")
+            try:
+                if equals:
+                    amounts[name.strip().replace("-", "_")] = float(number)
+                elif part.endswith("%"):
+                    share = float(part[:-1]) / 100
+                else:
+                    raise ValueError
+            except ValueError as error:
+                raise InputError(
+                    f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such as "
+                    f"wrong_surfaces=3; names are {', '.join(WORDS)}"
+                ) from error
+        return cls(share=share, amounts=amounts)
+
+    def of_measure(self, name: str, accepted: float) -> float | None:
+        """Return the tolerance of a measure whose accepted value is known; None where none is stated."""
+        return self.amounts.get(name, None if self.share is None else self.share * accepted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureChange:
+    """One measure of a hogel beside the mean of what was accepted.
+
+    `limit` is the largest value that is not worse; it is None where nothing is accepted, and `now` where the
+    number cannot be known any more.
+    """
+
+    measure: str
+    aperture: Place
+    accepted: float | None
+    limit: float | None
+    now: float | None
+    change: Change
+
+    @property
+    def words(self) -> str:
+        """Which measure, where, and how much."""
+        was, now = in_units(self.measure, self.accepted), in_units(self.measure, self.now)
+        column, row = self.aperture
+        return f"{WORDS[self.measure]} of hogel {column},{row}: {was} accepted, {now} now"
+
+
+def in_units(measure: str, value: float | None) -> str:
+    """Return the value of a measure as people read it."""
+    if value is None:
+        return "unknown"
+    if measure.endswith("_px"):
+        return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
+    return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptHogel:
+    """One hogel of an accepted run; `by` says which kind of wrong pixels is counted."""
+
+    aperture: Place
+    by: str | None
+    measures: dict[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A verification as its file keeps it; runs of one scene, renderer, device and judging are comparable.
+
+    `began` is the name of the accepted state, which is the name of its first run.
+    """
+
+    run: str
+    began: str
+    time: str
+    scene: str
+    scene_hash: str
+    renderer: str
+    device: str
+    judged: str
+    commit: str | None
+    modified: bool
+    xfrustum: str
+    hogels: tuple[KeptHogel, ...]
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What runs must share to be comparable."""
+        return self.scene_hash, self.renderer, self.device, self.judged
+
+
+_RUN = TypeAdapter(Run)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineOptions:
+    """How a verification is held to accepted measures.
+
+    Attributes
+    ----------
+    renderer, device
+        Names under which measures are kept; the source of the images, and this machine's processor, where
+        None.
+    near, accept, encoding
+        As given to `verify`: images judged by other options are not comparable.
+    tolerance
+        Tolerances that go before the spread of repeated runs.
+    approve, repeated
+        Whether to accept the present measures, and whether they differ from those accepted by noise alone.
+    repository
+        Folder whose commit is noted; the current one where None.
+    """
+
+    renderer: str | None = None
+    device: str | None = None
+    near: float | None = None
+    accept: Sequence[str] = ()
+    encoding: str | None = None
+    tolerance: Stated | None = None
+    approve: bool = False
+    repeated: bool = False
+    repository: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Baseline:
+    """The answer to `xfrustum verify --baseline`.
+
+    Attributes
+    ----------
+    run, approved
+        The present run, and whether it was accepted.
+    changes
+        Every measure of each hogel beside what was accepted.
+    accepted_runs, tolerance
+        Largest number of accepted runs that a hogel is compared with; where the limits are from, in words.
+    new_hogels, new_beyond_limits, not_judged_hogels
+        Numbers of hogels that were not accepted before, of those among them that exceed the limits, and of
+        accepted ones that were not judged.
+    notes
+        What may be misunderstood otherwise.
+    """
+
+    run: Run
+    approved: bool
+    changes: tuple[MeasureChange, ...]
+    accepted_runs: int
+    tolerance: str
+    new_hogels: int
+    new_beyond_limits: int
+    not_judged_hogels: int
+    notes: tuple[str, ...]
+
+    @property
+    def change(self) -> Change:
+        """The worst of all changes."""
+        there = {one.change for one in self.changes}
+        return next((one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW)
+
+    @property
+    def compared(self) -> bool:
+        """Whether anything was accepted that the present measures could be compared with."""
+        return self.change is not Change.NEW
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing got worse and new hogels keep to the limits, or all was approved."""
+        return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
+
+    def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
+        """Return the changes of one kind by measure, the largest first."""
+
+        def rank(one: MeasureChange) -> tuple[int, float]:
+            increase = math.inf if one.now is None else abs(one.now - (one.accepted or 0.0))
+            return list(WORDS).index(one.measure), -increase
+
+        return tuple(sorted((one for one in self.changes if one.change is change), key=rank))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the JSON object; `changes` has what got worse, then what got better."""
+        told = {name: getattr(self.run, name) for name in ("run", "commit", "renderer", "device", "judged")}
+        kinds = (Change.WORSE, Change.BETTER)
+        changes = [json_object(one) for kind in kinds for one in self.of_kind(kind)]
+        rest = {name: value for name, value in vars(self).items() if name not in ("run", "changes", "notes")}
+        return {"change": str(self.change), **rest, **told, "changes": changes}
+
+
+def baseline(found: Verification, folder: Path | str, options: BaselineOptions | None = None) -> Baseline:
+    """Hold a verification to the measures accepted in a folder; keep it there where it is approved.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or holds what is no accepted run. Then nothing is approved.
+    """
+    options, folder = options or BaselineOptions(), Path(folder)
+    check_folder(folder)
+    everything = accepted_runs(folder)
+    run = _present(found, options)
+    states = _states(run, everything)
+    known = {one.aperture: states[one.aperture] for one in run.hogels if one.aperture in states}
+    changes = _changes(run.hogels, known, options.tolerance)
+    most = max((len(runs) for runs in known.values()), default=0)
+    new = [hogel for hogel in found.hogels if hogel.aperture.index not in known]
+    alike = [one for one in everything if one.key == run.key]
+    if options.approve:
+        # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
+        began = alike[-1].began if alike and options.repeated else run.run
+        run = replace(run, began=began)
+    held = Baseline(
+        run=run,
+        approved=options.approve,
+        changes=changes,
+        accepted_runs=most,
+        tolerance=_tolerance_words(options.tolerance, most),
+        new_hogels=len(new),
+        new_beyond_limits=sum(not hogel.passed for hogel in new),
+        not_judged_hogels=len(states.keys() - {one.aperture for one in run.hogels}),
+        notes=(),
+    )
+    held = replace(held, notes=tuple(_notes(held, everything, options)))
+    if options.approve:
+        content = json.dumps(json_object(run), allow_nan=False, indent=1) + "\n"
+        try:
+            (folder / ACCEPTED).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{OPTION} {folder}: cannot be made ({error.strerror})") from error
+        write_output(folder / ACCEPTED / f"{run.run}.json", content.encode(), OPTION)
+    return held
+
+
+def check_folder(folder: Path) -> None:
+    """Raise InputError where accepted runs cannot be kept in a folder; leaves nothing behind."""
+    try:
+        check_writable_folder(folder)
+        check_writable_folder(folder / ACCEPTED)
+    except InputError as error:
+        raise InputError(str(error).replace("--out", OPTION, 1)) from error
+
+
+def accepted_runs(folder: Path) -> list[Run]:
+    """Return all accepted runs of a folder; what was begun last comes last, and of that the last run."""
+    found = []
+    for path in sorted((folder / ACCEPTED).glob("*")):
+        try:
+            found.append(_RUN.validate_json(path.read_bytes()))
+        except (OSError, ValidationError) as error:
+            raise InputError(
+                f"{OPTION} {path}: is no accepted run of this version; remove it, and approve anew"
+            ) from error
+    return sorted(found, key=lambda run: (run.began, run.run))
+
+
+def _present(found: Verification, options: BaselineOptions) -> Run:
+    """Return the present run, which begins a state of its own."""
+    judging, now = found.limits.judging, datetime.now(UTC)
+    judged = [f"compare {judging.compared}", f"max-color {judging.color_tolerance:.6g}"]
+    judged += [f"near {options.near:.9g}"] if options.near else []
+    judged += [f"encoding {options.encoding}"] if options.encoding else []
+    judged += [f"accept {','.join(sorted(options.accept))}"] if options.accept else []
+    commit, modified = commit_of(options.repository or Path())
+    # Names sort by time.
+    name = f"{now:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"
+    return Run(
+        run=name,
+        began=name,
+        time=now.isoformat(timespec="seconds"),
+        scene=found.scene.name,
+        scene_hash=found.scene.content_hash,
+        renderer=options.renderer or found.source,
+        device=options.device or machine()["processor"],
+        judged=", ".join(judged),
+        commit=commit,
+        modified=modified,
+        xfrustum=metadata.version("xfrustum"),
+        hogels=tuple(map(_kept, found.hogels)),
+    )
+
+
+def _kept(hogel: Hogel) -> KeptHogel:
+    """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
+    found, corrected = hogel.as_found, hogel.corrected
+    measures: dict[str, float | None] = dict.fromkeys(WORDS)
+    if found is None or corrected is None:
+        return KeptHogel(aperture=hogel.aperture.index, by=None, measures={**measures, "missing": 1.0})
+    spread = found.displacement_px
+    # An image that shows nothing displaces nothing; `Limits.checks` knows which image that is.
+    still = any(check.figure == DISPLACEMENT and check.value == 0 for check in hogel.checks)
+    measures |= {
+        "missing": 0.0,
+        "wrong_surfaces": None if found.surface is None else float(found.surface.wrong),
+        "wrong_pixels": float(found.wrong),
+        "wrong_colors": None if found.radiance is None else float(found.radiance.wrong),
+        "invalid": float(found.invalid),
+        "unexplained": None if corrected.causes is None else float(corrected.causes["unexplained"]),
+    }
+    for name in ("rms", "p99", "max"):
+        unknown = 0.0 if still else None
+        measures[f"displacement_{name}_px"] = unknown if spread is None else getattr(spread, name)
+    return KeptHogel(aperture=hogel.aperture.index, by=found.by, measures=measures)
+
+
+def _states(run: Run, everything: Iterable[Run]) -> dict[Place, list[KeptHogel]]:
+    """Return the runs of the newest state of each hogel that is accepted, whether it is judged now or not."""
+    began: dict[Place, str] = {}
+    found: dict[Place, list[KeptHogel]] = {}
+    for one in (one for one in everything if one.key == run.key):
+        for hogel in one.hogels:
+            if began.get(hogel.aperture) != one.began:
+                began[hogel.aperture], found[hogel.aperture] = one.began, []
+            found[hogel.aperture].append(hogel)
+    return found
+
+
+def _changes(
+    hogels: Sequence[KeptHogel], known: Mapping[Place, Sequence[KeptHogel]], stated: Stated | None
+) -> tuple[MeasureChange, ...]:
+    """Compare hogels with their accepted runs."""
+    values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
+    for hogel in hogels:
+        runs = known.get(hogel.aperture, ())
+        # What counts another kind of wrong pixels is another measure.
+        alike = len({one.by for one in (hogel, *runs)} - {None}) <= 1
+        for name, now in hogel.measures.items():
+            before = [value for one in runs if (value := one.measures.get(name)) is not None]
+            before = before if alike or name != "wrong_pixels" else []
+            # A missing hogel is counted as such, and not once more for each of its other measures.
+            if now is not None or (before and not hogel.measures["missing"]):
+                values[name, hogel.aperture] = before, now
+    # The spread of few runs is uncertain: it is no less than that of all hogels together.
+    ranges = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
+    floors = {name: _rms([size for (one, _), size in ranges.items() if one == name]) for name in WORDS}
+    return tuple(
+        _judged(name, place, before, now, stated, max(ranges.get((name, place), 0.0), floors[name]))
+        for (name, place), (before, now) in values.items()
+    )
+
+
+def _rms(sizes: Sequence[float]) -> float:
+    """Return the root of the mean square; 0 of nothing."""
+    return math.sqrt(math.fsum(size * size for size in sizes) / len(sizes)) if sizes else 0.0
+
+
+def _judged(
+    name: str, place: Place, before: Sequence[float], now: float | None, stated: Stated | None, spread: float
+) -> MeasureChange:
+    """Compare one measure: worse is what exceeds all accepted runs by more than their spread."""
+    if not before:
+        return MeasureChange(
+            measure=name, aperture=place, accepted=None, limit=None, now=now, change=Change.NEW
+        )
+    mean = math.fsum(before) / len(before)
+    amount = None if stated is None else stated.of_measure(name, mean)
+    low, high = min(before) - spread, max(before) + spread
+    if amount is not None:
+        low, high = mean - amount, mean + amount
+    slack = ROUNDING_PX if name.endswith("_px") else 0.0
+    change = Change.WORSE if now is None or now > high + slack else Change.SAME
+    if now is not None and now < low - slack:
+        change = Change.BETTER
+    return MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
+
+
+def _tolerance_words(stated: Stated | None, runs: int) -> str:
+    if stated is not None:
+        return "tolerance as stated"
+    several = "one accepted run" if runs == 1 else f"the spread of {runs} accepted runs"
+    return f"compared exactly, with {several}" if runs == 1 else f"beyond {several}"
+
+
+def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterable[str]:
+    run = held.run
+    alike = [one for one in everything if one.key == run.key]
+    told = []
+    if held.new_hogels and (held.compared or held.not_judged_hogels):
+        told.append(f"{_counted(held.new_hogels)} not accepted before")
+        if held.new_beyond_limits:
+            told[0] += f", {held.new_beyond_limits:,} of them beyond the limits"
+    if held.not_judged_hogels:
+        told.append(f"{_counted(held.not_judged_hogels)} accepted, and not judged now")
+    if told:
+        yield f"Not compared: {'; '.join(told)}."
+    same = any(one.commit == run.commit and not one.modified for one in alike)
+    if held.change in (Change.WORSE, Change.BETTER) and not options.repeated and run.commit and same:
+        yield "a run of this very commit is accepted: if the renderer has noise, give --approve --repeated"
+    if not alike:
+        for other in {one.key: one for one in everything if one.scene_hash == run.scene_hash}.values():
+            differ = [
+                f"{name} {getattr(other, name)!r}, not {getattr(run, name)!r}"
+                for name in ("renderer", "device", "judged")
+                if getattr(other, name) != getattr(run, name)
+            ]
+            yield f"of this scene, measures are accepted for {'; '.join(differ)}"
+
+
+def _counted(number: int) -> str:
+    return f"{number:,} {'hogel' if number == 1 else 'hogels'}"
+
+
+def commit_of(folder: Path) -> tuple[str | None, bool]:
+    """Return the commit that a folder is at, None without a repository, and whether files differ from it."""
+
+    def git(*arguments: str) -> str:
+        line = ["git", "-C", str(folder), *arguments]
+        return subprocess.check_output(
+            line, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True, timeout=GIT_SECONDS
+        ).strip()
+
+    try:
+        return git("rev-parse", "HEAD"), bool(git("status", "--porcelain", "--untracked-files=no"))
+    except (OSError, subprocess.SubprocessError):
+        return None, False
+
+
+def sentence(held: Baseline) -> str:
+    """Return in one sentence how the measures are beside those that were accepted before."""
+    if held.change is Change.NEW:
+        if held.approved:
+            return "Baseline: these measures are the first that are accepted."
+        return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
+    if held.change is Change.SAME:
+        return f"Baseline: as accepted ({held.tolerance}){', and accepted now' if held.approved else ''}."
+    first, *more = held.of_kind(held.change)
+    others = f"; and {len(more)} more" if more else ""
+    before = " before, and accepted now" if held.approved else ""
+    return f"Baseline: {held.change} than accepted{before}: {first.words}{others} ({held.tolerance})."
+
+
+def lines(held: Baseline) -> str:
+    """Return what changed as lines for the terminal."""
+    found = [sentence(held)]
+    for change in (Change.WORSE, Change.BETTER):
+        changed = held.of_kind(change)
+        found += [f"  {change}: {one.words}" for one in changed[:MAX_TOLD]]
+        found += [f"  {change}: {len(changed) - MAX_TOLD} more"] if len(changed) > MAX_TOLD else []
+    return "\n".join([*found, *(f"  note: {note}" for note in held.notes)])
+
+
+def append_step_summary(held: Baseline) -> str | None:
+    """Append the changes to the summary that GitHub shows, if it asks for one; return what went wrong."""
+    name = os.environ.get("GITHUB_STEP_SUMMARY")
+    if not name:
+        return None
+    try:
+        with Path(name).open("a", encoding="utf-8") as file:
+            file.write(markdown(held) + "\n")
+    except OSError as error:
+        return f"the summary for GitHub was not written: {name}: {error.strerror}"
+    return None
+
+
+def markdown(held: Baseline) -> str:
+    """Return a sentence and what changed, as Markdown."""
+    changed = [one for kind in (Change.WORSE, Change.BETTER) for one in held.of_kind(kind)]
+    told = [f"* {one.change}: {_plain(one.words)}" for one in changed[:MAX_ROWS]]
+    commit = f"commit {held.run.commit[:7]}" if held.run.commit else "no commit"
+    made = f"{commit}, {held.run.renderer} on {held.run.device}, xfrustum {held.run.xfrustum}"
+    return "\n".join(
+        [
+            f"### xfrustum verify: {_plain(held.run.scene)}",
+            *("", _plain(sentence(held)), "", *told),
+            *(f"* note: {_plain(note)}" for note in held.notes),
+            *("", _plain(made), ""),
+        ]
+    )
+
+
+def _plain(text: str) -> str:
+    """Return text that Markdown shows as it is, on one line."""
+    return re.sub(r"([\\`*_{}\[\]<>&#|~])", r"\\\1", " ".join(text.split()))

@@ -1,0 +1,243 @@
+"""A baseline tells what got worse since what was accepted, and loses nothing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from tests.reports.verification.synthetic import commit, repository, verification
+from xfrustum.reports.verification.baseline import (
+    ACCEPTED,
+    Baseline,
+    BaselineOptions,
+    Change,
+    Stated,
+    accepted_runs,
+    append_step_summary,
+    baseline,
+    commit_of,
+    lines,
+    markdown,
+    sentence,
+)
+from xfrustum.scenes.errors import InputError
+
+RIGHT = {(0, 0): 3, (1, 0): 0, (2, 0): 5}
+WORSE = {(0, 0): 3, (1, 0): 8, (2, 0): 5}
+
+
+def held(
+    folder: Path,
+    wrong: Mapping[tuple[int, int], int | None],
+    p99: float = 0.1,
+    *,
+    approve: bool = False,
+    repeated: bool = False,
+    device: str = "toy",
+    tolerance: str | None = None,
+) -> Baseline:
+    options = BaselineOptions(
+        device=device,
+        approve=approve,
+        repeated=repeated,
+        tolerance=None if tolerance is None else Stated.of(tolerance),
+        repository=folder,
+    )
+    return baseline(verification(wrong, p99), folder / "kept", options)
+
+
+def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Path) -> None:
+    repository(tmp_path)
+    subjects = ("First", "Faster", "Simpler", "Comments", "Faster still")
+    runs = []
+    commits = []
+    for subject, wrong, approve in zip(
+        subjects, (RIGHT, RIGHT, WORSE, WORSE, WORSE), (True, False, False, True, False), strict=True
+    ):
+        commits.append(commit(tmp_path, subject))
+        runs.append(held(tmp_path, wrong, approve=approve))
+    assert [one.change for one in runs] == ["new", "same", "worse", "worse", "same"]
+    assert [one.passed for one in runs] == [True, True, False, True, True]
+    assert [one.run.commit for one in runs] == commits
+    assert sentence(runs[2]) == (
+        "Baseline: worse than accepted: wrong surfaces of hogel 1,0: 0 accepted, 8 now; and 1 more "
+        "(compared exactly, with one accepted run)."
+    )
+    assert len(list((tmp_path / "kept" / ACCEPTED).iterdir())) == 2
+
+
+def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
+    kept = held(tmp_path, RIGHT, approve=True)
+    held(tmp_path, WORSE)
+    assert accepted_runs(tmp_path / "kept") == [kept.run]
+    assert [one.measures["wrong_surfaces"] for one in kept.run.hogels] == [3.0, 0.0, 5.0]
+
+
+def test_runs_kept_at_once_are_all_kept(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: held(tmp_path, RIGHT, approve=True), range(3)))
+    kept = accepted_runs(tmp_path / "kept")
+    assert {one.run for one in kept} == {one.run.run for one in found} and len(kept) == 3
+    assert held(tmp_path, RIGHT).change is Change.SAME
+
+
+def test_worse_is_what_exceeds_repeated_runs_by_more_than_their_spread(tmp_path: Path) -> None:
+    for wrong in (40, 44, 38, 41, 43):
+        held(tmp_path, {(0, 0): wrong}, approve=True, repeated=True)
+    same = held(tmp_path, {(0, 0): 50})
+    assert same.passed and "beyond the spread of 5 accepted runs" in sentence(same)
+    worse = held(tmp_path, {(0, 0): 51})
+    assert not worse.passed
+    assert worse.of_kind(Change.WORSE)[0].limit == 44 + 6
+    assert held(tmp_path, {(0, 0): 31}).change is Change.BETTER
+    # What is approved without saying that it is repeated begins anew.
+    held(tmp_path, {(0, 0): 90}, approve=True)
+    assert held(tmp_path, {(0, 0): 90}).accepted_runs == 1
+    assert not held(tmp_path, {(0, 0): 91}).passed
+
+
+def test_a_hogel_whose_runs_are_alike_by_chance_has_the_spread_of_all(tmp_path: Path) -> None:
+    for column in (3, 7):
+        held(tmp_path, {(0, 0): 5, (1, 0): column, (2, 0): column}, approve=True, repeated=True)
+    # The root of the mean square of 0, 4 and 4 is 3.27.
+    assert held(tmp_path, {(0, 0): 8, (1, 0): 7, (2, 0): 7}).passed
+    assert not held(tmp_path, {(0, 0): 9, (1, 0): 7, (2, 0): 7}).passed
+
+
+def test_what_is_worse_at_the_same_commit_is_no_noise_unless_the_user_says_so(tmp_path: Path) -> None:
+    """A clean commit may have been built by another compiler: its 5,000 wrong pixels are not forgiven."""
+    repository(tmp_path)
+    commit(tmp_path, "A renderer")
+    held(tmp_path, {(0, 0): 40}, approve=True)
+    worse = held(tmp_path, {(0, 0): 500}, approve=True)
+    assert "a run of this very commit is accepted" in lines(worse)
+    assert not held(tmp_path, {(0, 0): 501}).passed
+    held(tmp_path, {(0, 0): 503}, approve=True, repeated=True)
+    noisy = held(tmp_path, {(0, 0): 501})
+    assert noisy.passed and noisy.accepted_runs == 2
+
+
+def test_of_states_that_two_branches_accepted_the_later_one_counts(tmp_path: Path) -> None:
+    """After a merge, what differs between the two is no noise."""
+    held(tmp_path, {(0, 0): 10}, approve=True)
+    shutil.copytree(tmp_path / "kept", tmp_path / "other" / "kept")
+    for branch, wrong in ((tmp_path, 12), (tmp_path / "other", 40)):
+        held(branch, {(0, 0): wrong}, approve=True)
+    for path in (tmp_path / "other" / "kept" / ACCEPTED).iterdir():
+        shutil.copy(path, tmp_path / "kept" / ACCEPTED)
+    merged = held(tmp_path, {(0, 0): 40})
+    assert merged.change is Change.SAME and merged.accepted_runs == 1
+    assert not held(tmp_path, {(0, 0): 41}).passed
+
+
+def test_images_judged_by_other_options_are_not_compared(tmp_path: Path) -> None:
+    for encoding in ("triangle-id", "object-id"):
+        options = BaselineOptions(device="toy", approve=True, encoding=encoding)
+        assert not baseline(verification(RIGHT), tmp_path / "kept", options).compared
+
+
+def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_counted(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    fine = held(tmp_path, {(0, 0): 3, (1, 0): 0, (3, 0): 2})
+    assert fine.passed
+    assert "note: Not compared: 1 hogel not accepted before; 1 hogel accepted, and not judged now." in lines(
+        fine
+    )
+    found = held(tmp_path, {**RIGHT, (3, 0): 900, (4, 0): None, (5, 0): 1})
+    assert found.change is Change.SAME and not found.passed
+    words = "3 hogels not accepted before, 2 of them beyond the limits"
+    assert words in lines(found) and words in markdown(found)
+    told = found.summary()
+    assert (told["new_hogels"], told["new_beyond_limits"], told["not_judged_hogels"]) == (3, 2, 0)
+    assert held(tmp_path, {**RIGHT, (3, 0): 900}, approve=True).passed
+
+
+def test_approving_some_hogels_leaves_the_others_accepted(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    held(tmp_path, {(1, 0): 8}, approve=True)
+    assert held(tmp_path, WORSE).passed
+    again = held(tmp_path, {**WORSE, (2, 0): 6})
+    assert [one.aperture for one in again.of_kind(Change.WORSE)] == [(2, 0), (2, 0)]
+
+
+def test_a_missing_hogel_is_told_and_a_stated_tolerance_holds(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    gone = held(tmp_path, {**RIGHT, (2, 0): None})
+    assert "missing hogels of hogel 2,0: 0 accepted, 1 now" in lines(gone)
+    assert held(tmp_path, {**RIGHT, (1, 0): 2}, tolerance="wrong_surfaces=2,wrong_pixels=4").passed
+    assert not held(tmp_path, {**RIGHT, (1, 0): 3}, tolerance="wrong_surfaces=2,wrong_pixels=4").passed
+
+
+def test_measures_of_another_device_are_new_and_the_accepted_one_is_named(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    other = held(tmp_path, WORSE, device="other")
+    assert other.change is Change.NEW and not other.compared
+    assert "measures are accepted for device 'toy', not 'other'" in lines(other)
+
+
+def test_uncommitted_changes_are_noted(tmp_path: Path) -> None:
+    repository(tmp_path)
+    (tmp_path / "renderer.py").write_text("pass")
+    name = commit(tmp_path, "One")
+    assert commit_of(tmp_path) == (name, False)
+    (tmp_path / "renderer.py").write_text("fail")
+    assert commit_of(tmp_path) == (name, True)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b'{"run": 1}'])
+def test_what_is_no_accepted_run_is_named_and_nothing_is_kept(content: bytes, tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    (tmp_path / "kept" / ACCEPTED / "20260101-damaged.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"20260101-damaged\.json: is no accepted run of this version"):
+        held(tmp_path, RIGHT, approve=True)
+    assert len(list((tmp_path / "kept" / ACCEPTED).iterdir())) == 2
+
+
+def test_a_baseline_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "kept").write_text("no folder")
+    with pytest.raises(InputError, match=r"^--baseline .*kept"):
+        held(tmp_path, RIGHT)
+
+
+def test_the_summary_for_github_is_appended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    summary = tmp_path / "summary.md"
+    summary.write_text("what another step wrote\n")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
+    held(tmp_path, RIGHT, approve=True)
+    found = held(tmp_path, WORSE)
+    assert append_step_summary(found) is None
+    text = summary.read_text()
+    assert text.startswith("what another step wrote\n### xfrustum verify: asymmetric\n")
+    assert "Baseline: worse than accepted: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text
+    assert "* worse: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text.splitlines()
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "nowhere" / "summary.md"))
+    assert "was not written" in (append_step_summary(found) or "")
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY")
+    assert append_step_summary(found) is None
+
+
+def test_no_name_becomes_markup(tmp_path: Path) -> None:
+    found = held(tmp_path, RIGHT, device="a|b <img src=x> `c` [d](e)")
+    assert r"a\|b \<img src=x\> \`c\` \[d\](e)" in markdown(found)
+
+
+def test_the_json_object_names_what_changed(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    told = json.loads(json.dumps(held(tmp_path, WORSE, p99=0.3).summary(), allow_nan=False))
+    assert (told["change"], told["approved"], told["accepted_runs"]) == ("worse", False, 1)
+    assert told["changes"][0] == {
+        "measure": "wrong_surfaces",
+        "aperture": [1, 0],
+        "accepted": 0.0,
+        "limit": 0.0,
+        "now": 8.0,
+        "change": "worse",
+    }
+    assert {one["measure"] for one in told["changes"]} == {
+        "wrong_surfaces", "wrong_pixels", "displacement_rms_px", "displacement_p99_px", "displacement_max_px"
+    }  # fmt: skip
