@@ -1,8 +1,9 @@
-"""A release: the wheel, built from the source distribution, runs where the checkout cannot be seen."""
+"""An installation holds every file once and runs where the checkout cannot be seen, however it was made."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -23,73 +24,130 @@ for module in pkgutil.walk_packages(xfrustum.__path__, "xfrustum."):
 
 
 @dataclass(frozen=True)
-class Installation:
-    wheel: Path
-    environment: Path
+class Environment:
+    """A fresh virtual environment that sees the dependencies of this one.
 
-    def run(self, program: str, *arguments: str) -> str:
-        """Run a program of the environment from a folder outside the checkout; return what it prints."""
+    A path file adds the folders of the dependencies to the search path only: the path files *in* them are not
+    read, so the editable install there stays out of sight.
+    """
+
+    folder: Path
+
+    @classmethod
+    def made(cls, folder: Path) -> Environment:
+        venv.create(folder, symlinks=True)
+        (site_packages,) = folder.glob("lib/python*/site-packages")
+        seen = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+        (site_packages / "dependencies.pth").write_text("\n".join(sorted(seen)))
+        return cls(folder)
+
+    def run(self, program: str | Path, *arguments: str | Path) -> str:
+        """Run a program, by name one of this environment, outside the checkout; return what it prints."""
         clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
         done = subprocess.run(
-            [self.environment / "bin" / program, *arguments],
-            cwd=self.environment.parent,
+            [self.folder / "bin" / program, *arguments],
+            cwd=self.folder.parent,
             env=clean,
             capture_output=True,
             text=True,
             check=False,
         )
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
+    def install(self, *what: str | Path, uv: str | None = None) -> None:
+        """Install without a network, by this environment's pip or by uv."""
+        python = self.folder / "bin" / "python"
+        offline = ("--no-deps", "--no-build-isolation", "--no-index")
+        if uv is not None:
+            self.run(uv, "pip", "install", "--offline", "--python", python, *offline, *what)
+        else:
+            self.run(sys.executable, "-m", "pip", "--python", python, "install", *offline, *what)
 
-def packaged_files() -> set[str]:
+    def installed_files(self) -> list[str]:
+        (site_packages,) = self.folder.glob("lib/python*/site-packages")
+        return sorted(
+            path.relative_to(site_packages).as_posix()
+            for path in (site_packages / "xfrustum").rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts
+        )
+
+
+def packaged_files() -> list[str]:
     """Every file under the import name, through the links to the folders at the top."""
     source = CHECKOUT / "src"
-    return {
+    return sorted(
         (Path(folder) / file).relative_to(source).as_posix()
         for folder, _, files in os.walk(source / "xfrustum", followlinks=True)
         for file in files
         if "__pycache__" not in folder
-    }
+    )
 
 
 @pytest.fixture(scope="module")
-def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
-    """A fresh environment with the wheel in it, and the dependencies of this one in sight.
-
-    A path file adds the folder of the dependencies to the search path only: the path files
-    *in* that folder are not read, so the editable install there stays out of sight.
-    """
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of a release, built from the source distribution."""
     place = tmp_path_factory.mktemp("release")
     build: list[str | Path]
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", place, CHECKOUT]
     subprocess.run(build, check=True, capture_output=True)
-    (wheel,) = place.glob("*.whl")
-
-    environment = place / "environment"
-    venv.create(environment, symlinks=True)
-    pip: list[str | Path] = [sys.executable, "-m", "pip", "--python", environment / "bin" / "python"]
-    subprocess.run([*pip, "install", "--no-index", "--no-deps", wheel], check=True, capture_output=True)
-
-    (site_packages,) = environment.glob("lib/python*/site-packages")
-    seen = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
-    (site_packages / "dependencies.pth").write_text("\n".join(sorted(seen)))
-    return Installation(wheel, environment)
+    (made,) = place.glob("*.whl")
+    return made
 
 
-def test_the_wheel_holds_every_file_once(installation: Installation) -> None:
-    held = [name for name in zipfile.ZipFile(installation.wheel).namelist() if name.startswith("xfrustum/")]
-    assert sorted(held) == sorted(packaged_files())
+@pytest.fixture(scope="module")
+def installation(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    environment = Environment.made(tmp_path_factory.mktemp("installed") / "environment")
+    environment.install(wheel)
+    return environment
+
+
+def test_the_wheel_of_the_source_distribution_holds_every_file_once(wheel: Path) -> None:
+    held = [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("xfrustum/")]
+    assert sorted(held) == packaged_files()
     suffixes = {Path(name).suffix for name in held}
     assert {".vert", ".frag", ".j2", ".typed"} <= suffixes
 
 
+def test_pip_wheel_makes_the_same_wheel_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
+    offline = ["--no-deps", "--no-build-isolation", "--no-index"]
+    made: list[str | Path] = [sys.executable, "-m", "pip", "wheel", *offline, "-w", tmp_path, CHECKOUT]
+    subprocess.run(made, check=True, capture_output=True)
+    (direct,) = tmp_path.glob("*.whl")
+    names = [sorted(zipfile.ZipFile(one).namelist()) for one in (direct, wheel)]
+    assert names[0] == names[1]
+
+
 @pytest.mark.slow
-def test_every_module_comes_from_the_wheel(installation: Installation) -> None:
+@pytest.mark.parametrize(
+    "way", ["pip install", "pip install --editable", "pip install git+file", "uv pip install"]
+)
+def test_a_checkout_is_installed_in_every_usual_way(way: str, tmp_path: Path) -> None:
+    environment = Environment.made(tmp_path / "environment")
+    if way == "uv pip install":
+        uv = shutil.which("uv", path=f"{CHECKOUT}/build/uv/bin:{os.environ['PATH']}")
+        if uv is None:
+            pytest.skip("there is no uv")
+        environment.install(CHECKOUT, uv=uv)
+    elif way == "pip install git+file":
+        if not (CHECKOUT / ".git").exists():
+            pytest.skip("this is no clone")
+        environment.install(f"git+file://{CHECKOUT}")
+    else:
+        environment.install(*way.split()[2:], CHECKOUT)
+    assert "car" in environment.run("xfrustum", "scenes")
+    if way == "pip install git+file":  # what is committed may differ from what lies here
+        assert "xfrustum/scenes/__init__.py" in environment.installed_files()
+    else:
+        assert environment.installed_files() == ([] if "editable" in way else packaged_files())
+
+
+@pytest.mark.slow
+def test_every_module_comes_from_the_wheel(installation: Environment) -> None:
     files = [Path(line) for line in installation.run("python", "-c", PRINT_FILE_OF_EVERY_MODULE).splitlines()]
-    assert len(files) == len({name for name in packaged_files() if name.endswith(".py")})
-    assert [file for file in files if not file.is_relative_to(installation.environment)] == []
+    assert len(files) == len([name for name in packaged_files() if name.endswith(".py")])
+    assert [file for file in files if not file.is_relative_to(installation.folder)] == []
 
 
-def test_the_installed_command_lists_the_scenes(installation: Installation) -> None:
+def test_the_installed_command_lists_the_scenes(installation: Environment) -> None:
     assert "car" in installation.run("xfrustum", "scenes")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_color import colored
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
-from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, trace_drawn
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, OneCamera
+from xfrustum.compare.renderer_model.drawn_trace import Layers, as_image, drawn_layers, trace_drawn
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
 from xfrustum.reference.layers import overlaid
@@ -31,20 +31,42 @@ class Way:
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
+    back_missing: bool = False
+    flipped: OneCamera | None = None
+    """The camera whose film is mirrored, where only one is."""
 
     def of(self, model: DrawnModel) -> DrawnModel:
         """Return a guess with the halves put together in this way."""
-        return replace(model, front=self.front, overlaid=self.overlaid, culled=self.culled)
+        one = model.one_camera
+        if self.flipped is not None:
+            one = replace(self.flipped, other_near=model.near)
+        return replace(
+            model,
+            front=self.front,
+            overlaid=self.overlaid,
+            culled=self.culled,
+            back_missing=self.back_missing,
+            one_camera=one,
+        )
 
+
+FLIPPED = tuple(
+    OneCamera(side, flip_x=x, flip_y=y)
+    for side in (-1, 1)
+    for x, y in ((True, True), (True, False), (False, True))
+)
+"""Cameras whose film alone is mirrored: C* is not turned by 180 degrees, or turned and mirrored."""
 
 WAYS = (
     Way(),
     Way(front=Front.MISSING),
+    Way(back_missing=True),
     Way(front=Front.NEAREST),
     Way(overlaid=False),
     Way(front=Front.NEAREST, overlaid=False),
     Way(culled=Culled.COUNTERCLOCKWISE),
     Way(culled=Culled.CLOCKWISE),
+    *(Way(flipped=one) for one in FLIPPED),
 )
 """All ways to put the halves together, the right one first. Of ways that images cannot tell apart, the one
 that comes first here is named first."""
@@ -76,9 +98,10 @@ def find_composition(
     right = sum(int(_differ(*_shown(reference, model, WAYS[0], image)).sum()) for image in images)
     if right < MIN_DIFFERING_PIXELS:
         return (WAYS[0].of(model),)
-    wrong, differing = np.zeros(len(WAYS)), np.zeros(len(WAYS))
+    tried = [way for way in WAYS if way.flipped is None or model.one_camera is None]
+    wrong, differing = np.zeros(len(tried)), np.zeros(len(tried))
     for image in images:
-        shown, ways = _compared(reference, model, image)
+        shown, ways = _compared(reference, model, image, tried)
         wrong += [np.count_nonzero(_differ(picture, shown)) for picture in ways]
         differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
     # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
@@ -106,8 +129,9 @@ def _compared(
     """Return an image, upright, and what each of some ways would draw: numbers (H, W), or colors."""
     scene, upright = reference.scene, model.orientation.upright
     aperture = model.answers(scene, image.camera.aperture)
+    known: Layers = {}
     models = [way.of(model) for way in ways]
-    layers = [overlaid(drawn_layers(scene, one, aperture)) for one in models]
+    layers = [overlaid(drawn_layers(scene, one, aperture, known)) for one in models]
     if (image.triangle != NOTHING).any():
         return upright(image.triangle), [shown.triangle for shown in layers]
     if (image.object != NOTHING).any() or image.color is None:

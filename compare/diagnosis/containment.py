@@ -58,24 +58,27 @@ def inside_px(claims: Claims, scene: Scene, model: DrawnModel) -> tuple[Floats, 
     outside
         (2, N) distances by which the centers lie outside, px; infinite behind the camera.
     """
-    # Step 1: the sampled points, the apertures and the films as the guess has them.
-    film = claims.film(model.orientation)
+    # Step 1: the apertures as the guess has them, and the scene.
     places = claims.apertures(model.order, scene.plate.size) * np.asarray(model.pitch)
     places = places + np.asarray(model.aperture_offset)
-    shear, half = _windows(scene, places, model)
-    per_px = 2 / np.asarray(claims.size, dtype=np.float64)
-    sampled = film + np.asarray(model.shift) * per_px * (1, -1)
-    films = _Films(
-        points=sampled,
-        places=places,
-        shear=shear,
-        half=half,
-        per_px=per_px,
-    )
-    # Step 2: the scene as the guess has it, seen by C and by C*.
     corners = claims.corners * model.scene_scale + np.asarray(model.scene_offset)
-    both = [_one_camera(corners, films, model, side) for side in (1, -1)]
+    # Step 2: the film of each camera, and the scene on it.
+    both = []
+    for side in (1, -1):
+        films = _films(claims, scene, model.camera(side), places)
+        both.append(_one_camera(corners, films, model.camera(side), side))
     return np.stack([one[0] for one in both]), np.stack([one[1] for one in both])
+
+
+def _films(claims: Claims, scene: Scene, camera: DrawnModel, places: Floats) -> _Films:
+    """Return the films of one camera; one that is mirrored shows its picture at the mirrored point."""
+    film, one = claims.film(camera.orientation), camera.one_camera
+    per_px = 2 / np.asarray(claims.size, dtype=np.float64)
+    sampled = film + np.asarray(camera.shift) * per_px * (1, -1)
+    if one is not None:
+        sampled = sampled * (-1.0 if one.flip_x else 1.0, -1.0 if one.flip_y else 1.0)
+    shear, half = _windows(scene, places, camera)
+    return _Films(points=sampled, places=places, shear=shear, half=half, per_px=per_px)
 
 
 def outside_px(claims: Claims, scene: Scene, model: DrawnModel, cap: float) -> Floats:

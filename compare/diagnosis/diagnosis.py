@@ -10,7 +10,13 @@ import numpy as np
 from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.composition import exchanged_light, find_composition, unconjugated_share
 from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
-from xfrustum.compare.diagnosis.faults import MISTAKEN_UNITS, Fault, faults_of, lights_fault
+from xfrustum.compare.diagnosis.faults import (
+    MISTAKEN_UNITS,
+    Fault,
+    faults_of,
+    lights_fault,
+    with_joint_numbers,
+)
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Judging
@@ -112,7 +118,7 @@ def _of_wrong(test: ExplanationTest) -> Diagnosis:
     guess = fit
     model, fit = _best(test, fit)
     faults, share = _named(test, model, fit), test.share(model)
-    if share is None or (faults and share >= MIN_EXPLAINED_FRACTION):
+    if share is None or (faults and share >= MIN_EXPLAINED_FRACTION and test.spares(model)):
         if share is None or not test.pays(model):
             # The wrong pixels have causes that are nobody's fault, and need no other guess.
             model, faults = nominal, ()
@@ -130,6 +136,7 @@ def _named(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[
     if not model.conjugated:
         faults = (*faults, lights_fault(*exchanged_light(test.reference, model, test.images)))
     share = test.share(model) if faults else None
+    faults = with_joint_numbers(faults, test.joint_groups(model) if len(faults) > 1 else (), model)
     return tuple(replace(fault, explains=share) for fault in faults)
 
 
@@ -187,6 +194,9 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         # Where too little is seen to be fitted, orientation and order may be wrong as well.
         for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
             tried += [[one] for one in (size, *_twins(test, size))]
+    if fit.by_color and nominal not in (model, plain) and not _enough(test.share(plain)):
+        # Where one half alone is mirrored, registration may have turned the picture to suit that half.
+        tried.append(_composed(test, nominal))
     if fit.by_color and test.reference.scene.frustum.recentered and not _enough(test.share(plain)):
         # Registration moves pictures and makes them larger; it does not shear one aperture unlike another.
         for way in dict.fromkeys((plain, nominal)):
@@ -204,7 +214,7 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
 
 def _not_fitted(model: DrawnModel) -> tuple[object, ...]:
     """Return what of a guess may have been tried instead of fitted."""
-    return model.scene_scale, model.pitch, model.recentering
+    return model.scene_scale, model.pitch, model.recentering, model.one_camera
 
 
 MAX_PITCH_DIFFERENCE = 1e-3
@@ -323,11 +333,12 @@ def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage
 
 
 def doubtful(fault: Fault) -> Fault:
-    """Return a fault whose words say that it explains too little."""
+    """Return a fault whose words say that it explains too little, or makes wrong what was right."""
     assert fault.explains is not None
-    return replace(
-        fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong"
-    )
+    would = f"would explain only {100 * fault.explains:.0f} % of what is wrong"
+    if fault.explains >= MIN_EXPLAINED_FRACTION:
+        would = "would make pixels wrong that are right"
+    return replace(fault, words=f"{fault.words}: {would}")
 
 
 def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:

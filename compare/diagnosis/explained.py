@@ -25,6 +25,11 @@ in which outlines are not excused, and for a small second fault. A wrong guess l
 unexplained.
 """
 
+MAX_SPOILED_FRACTION = 0.02
+"""Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share of those
+that it makes right. Under the renderer's true conventions there are none: what remains is a small second
+fault. A fault of one camera or of one object that is blamed on all of them spoils what was right."""
+
 MAX_TESTED_HOGELS = 9
 """Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
 pixels: the share of one hogel is that of all within a few percent."""
@@ -105,6 +110,19 @@ class ExplanationTest:
         )
         return max(0.0, 1.0 - after / before) if before else 1.0
 
+    def spares(self, model: DrawnModel) -> bool:
+        """Return whether pixels that are right as asked for stay right by a guess, rounding excused.
+
+        Only numbers of triangles tell rounding from errors; in other images the share alone decides.
+        """
+        gained = spoiled = 0
+        triples = (self._wrong(self.nominal), self._wrong(model), self._wrong(model, explained=True))
+        for image, before, after, left in zip(self.tested, *triples, strict=True):
+            if (image.triangle != NOTHING).any():
+                gained += int((before & ~after).sum())
+                spoiled += int((left & ~before).sum())
+        return spoiled <= MAX_SPOILED_FRACTION * gained
+
     def reduced(self, model: DrawnModel) -> DrawnModel:
         """Return a guess without the faults that add nothing to what the others explain."""
         while True:
@@ -117,6 +135,30 @@ class ExplanationTest:
     def pays(self, model: DrawnModel) -> bool:
         """Return whether a guess makes more pixels right than what was asked for does."""
         return self._pays(model, self.nominal)
+
+    def joint_groups(self, model: DrawnModel) -> tuple[str, ...]:
+        """Return the groups of a guess's numbers of which none makes pixels right without the others.
+
+        Groups are added to the guess's conventions one after another, each the one that mends most; those
+        that are left when none of them pays explain only together.
+        """
+        found = [group for group in parameters.GROUPS if self._off(model, group.field)]
+        left = [group.field for group in found]
+        if len(left) < 2:
+            return ()
+        known = model.with_parameters(self.nominal.parameters)
+        while left:
+            tried = {name: replace(known, **{name: getattr(model, name)}) for name in left}
+            paying = [name for name in left if self._pays(tried[name], known)]
+            if not paying:
+                break
+            best = min(paying, key=lambda name: self.wrong(tried[name]))
+            left.remove(best)
+            known = tried[best]
+        return tuple(group.name for group in found if group.field in left) if len(left) > 1 else ()
+
+    def _off(self, model: DrawnModel, name: str) -> bool:
+        return bool(getattr(model, name) != getattr(self.nominal, name))
 
     def _pays(self, model: DrawnModel, simpler: DrawnModel) -> bool:
         gained = lost = 0
@@ -158,10 +200,11 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
         ("recentering",),
         ("pivot",),
         ("fit",),
-        ("front", "overlaid", "culled"),
+        ("front", "overlaid", "culled", "back_missing"),
         ("conjugated",),
     ]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
+    groups += [("one_camera", "near", "fov", "shift")] if model.one_camera is not None else []
     for fields in groups:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
         if simpler != model:

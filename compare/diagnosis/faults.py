@@ -11,7 +11,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
 from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, Recentering
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, OneCamera, Recentering
 from xfrustum.compare.renderer_model.parameters import Kind
 from xfrustum.scenes.model.scene import Scene
 
@@ -22,8 +22,19 @@ SCENE_OFFSET = ("scene-offset-x", "scene-offset-y", "scene-offset-z")
 SCENE_SCALE = "scene-scale"
 SCREEN_CENTER, SCREEN_HEIGHT = ("screen-center-x", "screen-center-y"), "screen-height"
 NOT_RECENTERED, SHEAR_SIGN = "not-recentered", "shear-sign"
-FRONT_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
+BACK_NAMES, FRONT_NAMES = (
+    tuple(
+        f"{side}-{fault}"
+        for fault in ("near-offset", "fov-x", "fov-y", "shift-x", "shift-y", "mirrored", "unturned")
+    )
+    for side in ("back", "front")
+)
+"""Faults of C alone (the half behind the plate), and of C* alone (the half before it)."""
+TOGETHER = "together"
+"""Several numbers none of which explains anything without the others."""
+FRONT_MISSING, BACK_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
     "front-missing",
+    "back-missing",
     "front-nearest",
     "not-overlaid",
     "culling",
@@ -96,10 +107,35 @@ def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometr
     """
     return (
         *_conventions(nominal, found),
+        *_flipped(found),
         *_shear(scene, nominal, found, fit),
         *_numbers(scene, nominal, found, fit),
         *_halves(found, fit.alternatives),
     )
+
+
+def with_joint_numbers(
+    faults: Sequence[Fault], groups: Sequence[str], model: DrawnModel
+) -> tuple[Fault, ...]:
+    """Return faults with the numbers of some groups as one finding, for none explains anything alone."""
+    names = [
+        one_camera_name(name, model)
+        for group in parameters.GROUPS
+        if group.name in groups
+        for name in group.faults
+    ]
+    joint = [fault for fault in faults if fault.fault in names]
+    if len(joint) < 2:
+        return tuple(faults)
+    numbers = ", ".join(f"{fault.fault} {fault.value:.4g}" for fault in joint)
+    words = "; ".join(fault.words for fault in joint)
+    together = Fault(
+        fault=TOGETHER,
+        value=numbers,
+        words=f"only together these numbers explain, and may stand for something else: {words}",
+        alternatives=tuple(dict.fromkeys(other for fault in joint for other in fault.alternatives)),
+    )
+    return (*(fault for fault in faults if fault not in joint), together)
 
 
 def lights_fault(back: float, front: float) -> Fault:
@@ -128,6 +164,34 @@ def _conventions(nominal: DrawnModel, found: DrawnModel) -> Iterator[Fault]:
     if found.near and found.fit is not nominal.fit:
         words = f"the film is fitted to the {found.fit}, not to the {nominal.fit}"
         yield Fault(fault=FIT, value=str(found.fit), words=words)
+
+
+def one_camera_name(name: str, model: DrawnModel) -> str:
+    """Return the name of a fault of a guess's number: that of one camera alone says so."""
+    one = model.one_camera
+    if one is None or name not in (NEAR, *FOV, *SHIFT):
+        return name
+    return f"{_half(one)}-{'near-offset' if name == NEAR else name}"
+
+
+def _half(one: OneCamera) -> str:
+    return "back" if one.side > 0 else "front"
+
+
+def _flipped(found: DrawnModel) -> Iterator[Fault]:
+    """Yield the fault of one camera whose film is mirrored, if there is one."""
+    one = found.one_camera
+    if one is None or not one.flipped:
+        return
+    half = "behind" if one.side > 0 else "before"
+    if one.flip_x and one.flip_y:
+        how = "C* looks back, so that its picture is to be turned by 180 degrees, and is not"
+        words = f"the half {half} the plate is turned by 180 degrees" + (f": {how}" if one.side < 0 else "")
+        yield Fault(fault=f"{_half(one)}-unturned", value="turned by 180 degrees", words=words)
+        return
+    axis = "left to right" if one.flip_x else "upside down"
+    words = f"the half {half} the plate is mirrored {axis}"
+    yield Fault(fault=f"{_half(one)}-mirrored", value=f"mirrored {axis}", words=words)
 
 
 def _shear(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
@@ -184,12 +248,18 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
             unit_of = scene.units if name in places else units.get(kind, scene.units)
             named[name] = unit_of, stated, nominally, min(ends), max(ends)
     for name, (unit, value, should, least, most) in named.items():
-        others = _alternatives(name, scene, nominal, fit.alternatives, frozenset(named))
+        own = one_camera_name(name, found)
+        named_so = frozenset(one_camera_name(one, found) for one in named)
+        others = _alternatives(own, scene, nominal, fit.alternatives, named_so)
         words = _number_words(name, scene, value, should)
+        if own != name:
+            camera = "C" if own.startswith("back") else "C*"
+            words = words.replace("both cameras step", f"{camera} alone steps")
+            words = words if name == NEAR else f"by {camera} alone, {words}"
         if name == SCENE_SCALE:
             words += _unit_words(value, least, most)
         yield Fault(
-            fault=name,
+            fault=own,
             value=value,
             low=least if math.isfinite(least) else None,
             high=most if math.isfinite(most) else None,
@@ -220,6 +290,8 @@ def _alternatives(
 ) -> tuple[str, ...]:
     """Return the faults that other guesses have instead of the named one, preferably along the same axis."""
     kind: dict[str, Kind] = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    kind |= {f"{half}-{fault}": kind[fault] for half in ("front", "back") for fault in (*FOV, *SHIFT)}
+    kind |= {"front-near-offset": Kind.NEAR, "back-near-offset": Kind.NEAR}
     ratios = (Kind.FACTOR, Kind.SIZE)
     found: dict[str, None] = {}
     for model in models:
@@ -248,7 +320,10 @@ def _others_words(others: tuple[str, ...], scene: Scene, nominal: DrawnModel, fi
 def _odd(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
     """Return the names of the faults of a guess in its shear and in its numbers."""
     off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
-    names = [fault for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd]
+    names = [
+        one_camera_name(fault, model) for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd
+    ]
+    names = [*(fault.fault for fault in _flipped(model)), *names]
     if model.recentering is nominal.recentering:
         return names
     return [_shear_words(model.recentering)[0], *names]
@@ -340,6 +415,8 @@ def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and words of each fault in the way the halves are put together."""
     if found.front is Front.MISSING:
         yield FRONT_MISSING, "missing", "the half on the viewer's side is missing: only C is drawn"
+    if found.back_missing:
+        yield BACK_MISSING, "missing", "the half behind the plate is missing: only C* is drawn"
     if found.front is Front.NEAREST:
         words = "on the viewer's side the surface nearest to the plate wins; C* must keep the farthest"
         yield FRONT_NEAREST, "nearest wins", words

@@ -55,6 +55,9 @@ USUAL_GROUPS = ("shift", "fov", "pitch", "near", *parameters.SCREEN_GROUPS)
 """Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
 fitted."""
 
+CAMERA_GROUPS = ("shift", "fov", "near")
+"""Groups that one camera may have off nominal alone."""
+
 MAX_GROUPS = 4
 """Largest number of groups that may be off nominal together; with more of them free, the fit follows
 noise."""
@@ -143,14 +146,16 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
         if one is None:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.
-            freest = _freest(few, scene, nominal, starts)
+            alone = [one for one in starts if one.one_camera is not None]
+            plain = [one for one in starts if one.one_camera is None or one.one_camera.flipped]
+            freest = _freest(few, scene, nominal, plain)
             claims, spoiled = _without_spoiled(claims, scene, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
             freest = _fitted(some, scene, nominal, freest, _freest_groups(claims, scene))
             noise = _noise(some, scene, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
-                one = _simplest(some, scene, nominal, [freest], counts, limit)
+                one = _simplest(some, scene, nominal, [freest, *alone], counts, limit)
             starts = [freest, *starts]
         found = one or _least_wrong(some, scene, nominal, starts)
     # Step 4: an interval for each number that is off nominal.
@@ -266,9 +271,11 @@ def _simplest(
     """
     few = claims.thinned(MAX_SCREENED_CLAIMS)
     for count in counts:
-        passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
+        passing: dict[tuple[object, ...], tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
         for free in itertools.combinations(_groups(claims, scene), count):
             for start in _variants(scene, nominal, starts, free):
+                if (free, start.one_camera) in passing and not scene.frustum.recentered:
+                    continue
                 # Three fits, each more expensive: a rough one on few claims already rejects most sets.
                 model = _fitted(few, scene, nominal, start, free, roughly=True)
                 if _noise(few, scene, model) > max(MAX_NOISE_PX, limit_px):
@@ -280,14 +287,12 @@ def _simplest(
                 if _noise(claims, scene, model) > limit_px:
                     continue
                 rank = _rank(claims, scene, model, nominal, free)
-                if free not in passing or rank < passing[free][0]:
-                    passing[free] = rank, model
-                if not scene.frustum.recentered:
-                    break
+                key = (free, model.one_camera)
+                if key not in passing or rank < passing[key][0]:
+                    passing[key] = rank, model, free
         if passing:
-            (free, (_, model)), *others = sorted(passing.items(), key=lambda item: item[1][0])
-            alternatives = tuple(other for _, (_, other) in others)
-            return _Found(model=model, free=free, alternatives=alternatives)
+            (_, model, free), *others = sorted(passing.values(), key=lambda found: found[0])
+            return _Found(model=model, free=free, alternatives=tuple(other for _, other, _ in others))
     return None
 
 
@@ -333,6 +338,7 @@ def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, 
         (model.pivot, nominal.pivot),
         (model.fit, nominal.fit),
         (model.recentering, nominal.recentering),
+        (model.one_camera, nominal.one_camera),
     )
     return int(off.sum()), sum(one is not other for one, other in chosen)
 
@@ -348,6 +354,9 @@ def _variants(
     """
     variants: dict[tuple[object, ...], DrawnModel] = {}
     for start in starts:
+        one = start.one_camera
+        if one is not None and not one.flipped and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
+            continue
         x, y, _ = start.scene_offset
         spoken = start
         if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
@@ -375,7 +384,8 @@ def _variants(
                 replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
             ]
         for choice in choices:
-            variants.setdefault((choice.orientation, choice.order, choice.pivot, choice.fit, *values), choice)
+            key = (choice.orientation, choice.order, choice.pivot, choice.fit, choice.one_camera, *values)
+            variants.setdefault(key, choice)
     return list(variants.values())
 
 

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from xfrustum.compare.diagnosis.claims import Claims
+from xfrustum.compare.diagnosis.composition import FLIPPED
 from xfrustum.compare.diagnosis.containment import outside_px
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera, Recentering
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
 from xfrustum.scenes.model.scene import Scene
 
@@ -48,6 +49,11 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
         tried = [
             replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
         ]
+        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
+        tried += [
+            replace(upright, near=reach * n, one_camera=one) for one in sides for n in START_NEARS[4::4]
+        ]
+        tried += [replace(upright, one_camera=replace(one, other_near=nominal.near)) for one in FLIPPED]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
         tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
         if scene.frustum.recentered:
@@ -59,7 +65,8 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
     ranked.sort(key=lambda pair: (pair[0], _changes(pair[1])))
     # Step 2: the best conventions, each with all values of near.
     conventions = {
-        (model.orientation, model.order, model.recentering): model for _, model in reversed(ranked[:6])
+        (model.orientation, model.order, model.recentering, model.one_camera): model
+        for _, model in reversed(ranked[:6])
     }
     finely = [
         (float(outside_px(claims, scene, fine, cap).mean()), fine)
@@ -70,14 +77,28 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
     finely.sort(key=lambda pair: (pair[0], _changes(pair[1])))
     scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
     filmed = [model for _, model in ranked if model.fov != nominal.fov]
-    plainly = [model for _, model in ranked if model.recentering is nominal.recentering]
+    plainly = [
+        model for _, model in ranked if model.recentering is nominal.recentering and model.one_camera is None
+    ]
+    # One camera alone: the best near offset of each, and the best start of its other numbers.
+    upright = plainly[0]
+    alone = [
+        min(
+            (replace(upright, near=reach * n, one_camera=one) for n in START_NEARS),
+            key=lambda model: float(outside_px(claims, scene, model, cap).mean()),
+        )
+        for one in sides
+    ]
     raised = [model for _, model in ranked if model.screen_height != nominal.screen_height]
     best = [model for _, model in finely[:MAX_STARTS]]
     # Step 3: the best starts, and the best one of each group that was searched.
-    return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1], *plainly[:1], *raised[:1]]))
+    of_groups = (*scaled[:1], *filmed[:1], *plainly[:1], *raised[:1], *alone)
+    return list(dict.fromkeys([*best, ranked[0][1], *of_groups]))
 
 
 def _changes(model: DrawnModel) -> tuple[int, int]:
     """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
     shears = tuple(Recentering).index(model.recentering)
-    return model.orientation.changes + model.order.changes, shears
+    one = model.one_camera
+    flips = 0 if one is None else 1 + one.flip_x + one.flip_y
+    return model.orientation.changes + model.order.changes + flips, shears

@@ -42,10 +42,13 @@ def foreign_cameras(scene: Scene, model: DrawnModel, aperture: Aperture) -> tupl
     aperture
         Aperture of the scene that is drawn.
     """
-    precision = OFFSET_PRECISION if model.near else CENTERED_PRECISION
+    # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any ratio.
+    offset = all(model.camera(side).near for side in (1, -1))
     return tuple(
         RoundingCamera(
-            pencil=_with_near_plane(scene, model, aperture, side), precision=precision, film_shift=model.shift
+            pencil=_with_near_plane(scene, model, aperture, side),
+            precision=OFFSET_PRECISION if offset else CENTERED_PRECISION,
+            film_shift=model.camera(side).shift,
         )
         for side in (1, -1)
     )
@@ -54,7 +57,7 @@ def foreign_cameras(scene: Scene, model: DrawnModel, aperture: Aperture) -> tupl
 def _with_near_plane(scene: Scene, model: DrawnModel, aperture: Aperture, side: int) -> Pencil:
     """Return the lines of C (side 1) or C* (side -1), which have a near plane even where near is 0."""
     pencil = model.pencil(scene, aperture, side)
-    if model.near:
+    if model.camera(side).near:
         return pencil
     end = max(abs(s) for s in pencil.s_range)
     begin = NEAR_PLANE_PER_REACH * scene.frustum.longest_reach / model.scene_scale

@@ -36,7 +36,7 @@ from xfrustum.compare.metrics.surface import (
     other_surfaces,
     outside_film,
 )
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, unflipped
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -420,7 +420,7 @@ def wrong_surfaces(
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     outside = np.zeros_like(wrong)
     for side, asked in sides:
-        pencil = question.pencil(scene, answer.camera.aperture, side)
+        pencil = unflipped(question.pencil(scene, answer.camera.aperture, side))
         outside |= outside_film(asked, image, scene, pencil)
     wrong |= outside
     for side, asked in sides if question.plain else ():
@@ -433,7 +433,7 @@ def _hides(
     reference: Reference, question: DrawnModel, answer: HogelImage, side: int, points: SurfacePoints
 ) -> Mask:
     """Return which surface points a camera, or for C the viewer's half in front of it, does not show."""
-    pencil = question.pencil(reference.scene, answer.camera.aperture, side)
+    pencil = unflipped(question.pencil(reference.scene, answer.camera.aperture, side))
     behind = reference.sight.hidden(pencil, points)
     if side == 1:
         behind |= _covered_by_front(question, reference, answer, points.position)

@@ -71,6 +71,31 @@ _SHEAR_FACTORS = {
 """Factors of the shear k of C and of C*."""
 
 
+@dataclass(frozen=True)
+class OneCamera:
+    """The camera that alone draws otherwise than asked.
+
+    Attributes
+    ----------
+    side
+        1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it.
+    flip_x, flip_y
+        Whether its film is mirrored left to right, and upside down.
+    other_near
+        Near offset of the other camera, scene units.
+    """
+
+    side: int
+    flip_x: bool = False
+    flip_y: bool = False
+    other_near: float = 0.0
+
+    @property
+    def flipped(self) -> bool:
+        """Whether its film is mirrored at all."""
+        return self.flip_x or self.flip_y
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrawnModel:
     """How a plate was drawn.
@@ -105,6 +130,10 @@ class DrawnModel:
         What became of the viewer's half, and whether it covers the other.
     culled
         Which faces its cameras leave out.
+    back_missing
+        Whether nothing of the half behind the plate is drawn.
+    one_camera
+        The camera to which alone shift, fov and near apply; None where they apply to both.
     conjugated
         Whether the lights of the viewer's half are conjugated.
     """
@@ -126,17 +155,29 @@ class DrawnModel:
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
+    back_missing: bool = False
+    one_camera: OneCamera | None = None
     conjugated: bool = True
 
     @property
     def plain(self) -> bool:
         """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
-        return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
+        whole = not self.back_missing and self.culled is Culled.NONE
+        return whole and self.front is Front.FARTHEST and self.overlaid
 
     @property
     def one_pencil(self) -> bool:
-        """Whether C and C* share their lines: both stand in the aperture, with the same shear."""
-        return not self.near and self.recentering.factor(1) == self.recentering.factor(-1)
+        """Whether C and C* share their lines: both stand in the aperture, with the same film and shear."""
+        if self.near or self.one_camera is not None:
+            return False
+        return self.recentering.factor(1) == self.recentering.factor(-1)
+
+    def camera(self, side: int) -> DrawnModel:
+        """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""
+        one = self.one_camera
+        if one is None or one.side == side:
+            return self
+        return replace(self, shift=(0.0, 0.0), fov=(1.0, 1.0), near=one.other_near, one_camera=None)
 
     @property
     def parameters(self) -> Floats:
@@ -184,26 +225,29 @@ class DrawnModel:
         """Return the lines of C (side 1), of C* (side -1), or of both where they share them (side 0).
 
         They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
-        the cameras are moved and made smaller instead.
+        the cameras are moved and made smaller instead. The half-extents of a mirrored film are negative.
         """
-        frustum = self.frustum(scene)
+        camera, frustum = self.camera(side), self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
-        factor = self.recentering.factor(side)
+        factor, one = self.recentering.factor(side), camera.one_camera
+        signs = (-1.0 if one and one.flip_x else 1.0, -1.0 if one and one.flip_y else 1.0)
         crossed = replace(
             crossed,
             shear=_products(crossed.shear, (factor, factor)),
-            half_extent=_products(crossed.half_extent, self.fov),
+            half_extent=_products(_products(crossed.half_extent, camera.fov), signs),
         )
         fitted = None
         if self.fit is Fit.SCREEN and frustum.screen is not None:
             fitted = abs(frustum.screen.height)
-        drawn = stepped_back(crossed, side * self.near, pivot=self.pivot, fitted=fitted)
+        near = camera.near
+        drawn = stepped_back(crossed, side * near, pivot=self.pivot, fitted=fitted)
         viewer, back = frustum.reach
-        ranges = {1: (self.near, self.near + back), -1: (-self.near - viewer, -self.near), 0: (-viewer, back)}
+        ranges = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}
         first, last = ranges[side]
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
         width, height = frustum.resolution
-        sheared = _products((2 * self.shift[0] / width, -2 * self.shift[1] / height), drawn.half_extent)
+        shift = camera.shift
+        sheared = _products((2 * shift[0] / width, -2 * shift[1] / height), drawn.half_extent)
         x, y, z = (
             (place - moved) / self.scene_scale
             for place, moved in zip(drawn.center, self.scene_offset, strict=True)
@@ -223,6 +267,12 @@ class DrawnModel:
             pencil = self.pencil(scene, aperture, side)
             found[here] = pixel_places(points[here], pencil)
         return found
+
+
+def unflipped(pencil: Pencil) -> Pencil:
+    """Return the same lines on a film that is not mirrored: its pixels are in another order."""
+    tx, ty = pencil.half_extent
+    return replace(pencil, half_extent=(abs(tx), abs(ty)))
 
 
 def _products(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

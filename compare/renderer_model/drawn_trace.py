@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.layers import Layer, overlaid
@@ -23,34 +23,71 @@ def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> 
     return as_image(reference, aperture, overlaid(layers))
 
 
-def drawn_layers(scene: Scene, model: DrawnModel, aperture: Aperture) -> list[Layer]:
-    """Return what the cameras of a guess show, in drawing order: what comes later covers."""
+Layers = dict[tuple[Pencil, bool, Culled], Layer]
+"""Layers that cameras showed, by their lines, whether the nearest surface won, and the faces left out."""
+
+
+def drawn_layers(
+    scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | None = None
+) -> list[Layer]:
+    """Return what the cameras of a guess show, in drawing order: what comes later covers.
+
+    `known` keeps the layers of one aperture for other guesses about it.
+    """
+    known = {} if known is None else known
+
+    def shown(side: int, *, nearest: bool = False) -> Layer:
+        pencil = model.pencil(scene, aperture, side)
+        key = (pencil, nearest, model.culled)
+        if key not in known:
+            known[key] = layer(scene, pencil, nearest=nearest, culled=model.culled)
+        return known[key]
+
     if model.plain and model.one_pencil:
-        return [layer(scene, model.pencil(scene, aperture, 0))]
-    back = layer(scene, model.pencil(scene, aperture, 1), culled=model.culled)
-    if model.front is Front.MISSING:
-        return [back]
-    nearest = model.front is Front.NEAREST
-    front = layer(scene, model.pencil(scene, aperture, -1), nearest=nearest, culled=model.culled)
-    return [back, front] if model.overlaid else [front, back]
+        return [shown(0)]
+    layers = [] if model.back_missing else [shown(1)]
+    if model.front is not Front.MISSING:
+        layers.append(shown(-1, nearest=model.front is Front.NEAREST))
+    return layers if model.overlaid else layers[::-1]
 
 
 def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
     """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
-    rows, triangles = range(pencil.resolution[1]), scene.triangles
+    rows, triangles, film = range(pencil.resolution[1]), scene.triangles, unflipped(pencil)
     drawn = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        drawn = np.flatnonzero(facing(triangles, pencil) != _CULLED_SIGN[culled])
+        drawn = np.flatnonzero(facing(triangles, film) != _CULLED_SIGN[culled])
         triangles = triangles[drawn]
     if nearest:
         # Seen through a point mirror in its center, what was last along a line is first.
-        low, high = pencil.s_range
-        mirrored = 2 * np.asarray(pencil.center) - triangles
-        decided = Certifier(mirrored, replace(pencil, s_range=(-high, -low))).decide(rows)
+        low, high = film.s_range
+        mirrored = 2 * np.asarray(film.center) - triangles
+        decided = Certifier(mirrored, replace(film, s_range=(-high, -low))).decide(rows)
         decided = replace(decided, s=-decided.s)
     else:
-        decided = Certifier(triangles, pencil).decide(rows)
-    return Layer.of(pencil, decided.renumbered(drawn), rows)
+        decided = Certifier(triangles, film).decide(rows)
+    return _mirrored(Layer.of(film, decided.renumbered(drawn), rows), pencil)
+
+
+def _mirrored(shown: Layer, pencil: Pencil) -> Layer:
+    """Return a layer with its pixels in the order of a film whose negative half-extents mirror it."""
+    ways = tuple(slice(None, None, 1 if t > 0 else -1) for t in reversed(pencil.half_extent))
+    if all(way.step == 1 for way in ways):
+        return shown
+    width, height = pencil.resolution
+    row, column, number = shown.companions.T
+    row, column = (
+        (height - 1 - row if ways[0].step < 0 else row),
+        (width - 1 - column if ways[1].step < 0 else column),
+    )
+    return replace(
+        shown,
+        triangle=shown.triangle[ways],
+        certainty=shown.certainty[ways],
+        companions=np.stack((row, column, number), axis=1),
+        position=shown.position[ways],
+        directions=shown.directions[ways],
+    )
 
 
 _CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}

@@ -23,7 +23,6 @@ from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.terminal import messages
 
 MAX_TASK_PIXELS = 1 << 13
 """Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
@@ -237,4 +236,4 @@ def _pool(processes: int) -> Iterator[Executor]:
 
 def _progress_bar(chosen: list[View], shown: bool) -> Any:
     pixels = sum(int(np.prod(view.scene.frustum.resolution)) for view in chosen)
-    return tqdm(file=messages(), total=pixels, unit="px", unit_scale=True, disable=not shown)
+    return tqdm(total=pixels, unit="px", unit_scale=True, disable=not shown)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from xfrustum.interrupts import delayed
 from xfrustum.scenes.disk.durable import (
     Aside,
     put,
@@ -43,11 +44,12 @@ class Staged:
     def commit(self) -> tuple[Path, ...]:
         """Move the staged files to `out` and return their paths, sorted by name."""
         try:
-            files = sorted(self.folder.iterdir())
-            if not put_folder(self.folder, self.place):
-                for file in files:
-                    put(file, self.place / file.name)
-                sync_folder(self.place)
+            with delayed():
+                files = sorted(self.folder.iterdir())
+                if not put_folder(self.folder, self.place):
+                    for file in files:
+                        put(file, self.place / file.name)
+                    sync_folder(self.place)
         except OSError as error:
             raise InputError(
                 f"--out {self.out}: cannot put files there ({_reason(error)}); choose another place"

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from tqdm import tqdm
-
-from xfrustum.terminal import messages
 
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
@@ -22,5 +21,6 @@ def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqd
         Whether to draw the bar.
     """
     # A log keeps every line that a terminal would overwrite.
-    seconds = 0.1 if messages().isatty() else 5.0
-    return tqdm(file=messages(), total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)
+    shown = shown and sys.stderr is not None
+    seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
+    return tqdm(total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)

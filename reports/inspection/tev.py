@@ -23,7 +23,7 @@ def check_tev() -> None:
         It is not installed.
     """
     if importlib.util.find_spec("tevclient") is None:
-        raise InputError("--tev: needs the package tevclient; install it with: pip install 'xfrustum[tev]'")
+        raise InputError("--tev needs the package tevclient: pip install '.[tev]' in the checkout")
 
 
 def send_page(page: Path, title: str, address: str) -> int:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.sources import Problem, fields_of
 from xfrustum.scenes.errors import InputError
@@ -70,7 +71,7 @@ class Command:
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read what it wrote."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
-        values = {"x": repr(aperture.x), "y": repr(aperture.y), "i": aperture.column, "j": aperture.row}
+        values = {"x": float(aperture.x), "y": float(aperture.y), "i": aperture.column, "j": aperture.row}
         self._run([argument.format(**values, out=out) for argument in self._arguments])
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
@@ -86,14 +87,16 @@ class Command:
         log = self.folder / "stderr"
         started: list[subprocess.Popen[bytes]] = []
         try:
-            _start(arguments, self.working, log, started)
+            with delayed():  # a process that was started is noted before a signal is obeyed
+                _start(arguments, self.working, log, started)
             status = started[0].wait(self.timeout_s)
         except subprocess.TimeoutExpired as error:
             raise Problem(
                 f"the command ran longer than {self.timeout_s:g} s and was ended{_told(log)}"
             ) from error
         finally:
-            _end(started)
+            with delayed():
+                _end(started)
         if status:
             how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
             raise Problem(f"the command {how}{_told(log)}")
@@ -102,7 +105,7 @@ class Command:
 def _start(
     arguments: list[str], working: Path | None, log: Path, started: list[subprocess.Popen[bytes]]
 ) -> None:
-    """Start a process and note it; no signal comes between, see `cli.termination`."""
+    """Start a process and note it."""
     try:
         with log.open("wb") as told:
             # A session of its own, so that children of a hanging command end with it.

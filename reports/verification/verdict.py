@@ -10,7 +10,6 @@ from pathlib import Path
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
-from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
@@ -350,7 +349,7 @@ class Verification(Shown, Summarized[VerificationRecord]):
 
 
 def with_correction_tested(found: Verification) -> Verification:
-    """Return a verification without the faults whose correction makes more pixels wrong than it makes right.
+    """Return a verification without the faults whose correction does not make all judged hogels better.
 
     A diagnosis is made of some hogels, of which few may be wrong: another fault may show these the same and
     all others otherwise. Faults that the corrected figures of all judged hogels refute become guesses, which
@@ -362,7 +361,7 @@ def with_correction_tested(found: Verification) -> Verification:
     before, after = (sum(map(_wrong, numbers)) for numbers in (list(zip(*pairs, strict=True)) or ((), ())))
     left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
     share = max(0.0, 1.0 - left / before) if before else 0.0
-    if after <= before or share >= MIN_EXPLAINED_FRACTION:
+    if after < before or not before:
         return found
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
     refuted = tuple(

@@ -21,9 +21,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from xfrustum.scenes.disk.quiet import STDERR
+from xfrustum.interrupts import delayed
 from xfrustum.scenes.errors import InputError
-from xfrustum.terminal import messages
 
 _PREFIX = ".xfrustum-"
 _MADE_BY_US = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
@@ -66,7 +65,8 @@ class Aside:
         while True:
             self.path, self.descriptor = host / f"{_PREFIX}{secrets.token_hex(4)}", -1
             try:
-                self.descriptor = self._made()
+                with delayed():  # what was made is noted before a signal is obeyed
+                    self.descriptor = self._made()
                 # Before it was locked, another process may have removed it as abandoned: then try again.
                 if _locked(self.descriptor) is not False and _is(self.path, self.descriptor):
                     return
@@ -90,11 +90,12 @@ class Aside:
         """Remove what still has this name, and release the lock."""
         if self.descriptor < 0:
             return
-        try:
-            clear(self.path)
-        finally:
-            descriptor, self.descriptor = self.descriptor, -1
-            os.close(descriptor)
+        with delayed():
+            try:
+                clear(self.path)
+            finally:
+                descriptor, self.descriptor = self.descriptor, -1
+                os.close(descriptor)
 
     def __enter__(self) -> Self:
         return self
@@ -355,20 +356,12 @@ def _descriptor(path: Path) -> int | None:
     for _ in range(_MAX_LINKS):
         found = _DESCRIPTOR.fullmatch(name)
         if found:
-            return _own(int(found.group(1)))
+            return int(found.group(1))
         link = Path(name)
         if not link.is_symlink():
             return None
         name = os.path.normpath(link.parent / link.readlink())
     return None
-
-
-def _own(number: int) -> int:
-    """Return the descriptor that users mean by a number; the command line gives number 2 to libraries."""
-    if number == STDERR:
-        with suppress(OSError, ValueError):  # the stream may be no file
-            return messages().fileno()
-    return number
 
 
 def _copy(source: int, path: Path) -> None:

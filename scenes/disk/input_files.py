@@ -2,16 +2,15 @@
 
 A scene names meshes, textures and maps, and people name scenes and pictures. A name may lead to a pipe, on
 which reading waits for ever, to a device without end, or to a file of a few bytes that declares gigabytes.
-Every file goes through `regular_size` before it is read; libraries read files within `bounded_memory`.
+Every file goes through `regular_size` before it is read, and the memory that it declares through
+`check_declared`.
 """
 
 from __future__ import annotations
 
-import resource
 import stat
-import threading
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from xfrustum.scenes.errors import InputError
@@ -26,6 +25,9 @@ The readers of meshes need up to 30 times the file's size (for a text such as OF
 Python objects, then arrays); twice that lets every honest file through, however large it is. A file that
 takes more is compressed, or declares more than it holds.
 """
+
+MEMORY_PER_PIXEL = 16
+"""Bytes of memory that a pixel of a picture takes: four channels as read, and three copies."""
 
 MAX_HOGELS = 20_000_000
 """Largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million."""
@@ -49,10 +51,6 @@ class _Bound:
 
     memory = DEFAULT_MEMORY
     hogels = MAX_HOGELS
-
-
-_BOUNDING = threading.RLock()
-"""Lock for changing the process's limit: two threads at once would restore each other's value."""
 
 
 @contextmanager
@@ -186,30 +184,33 @@ def check_declared(path: Path, declared: int, what: str) -> None:
         raise _too_much(path, f"{what}, {in_words(declared)} of memory")
 
 
-@contextmanager
-def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file within a bound of memory, on systems that can set one.
-
-    The bound limits the address space of the process, which other threads share.
+def check_picture_size(path: Path, width: int, height: int) -> None:
+    """Refuse a picture that declares more pixels than memory allows.
 
     Raises
     ------
     InputError
-        Reading took more memory than `allowed_memory`.
+        See `check_declared`.
     """
-    allowed = allowed_memory(regular_size(path, "file"))
-    with _BOUNDING, _address_space(allowed), _pictures_of_any_size():
-        try:
-            yield
-        except MemoryError as error:
-            raise _too_much(path, f"more than {in_words(allowed)} of memory") from error
+    check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
 
 
-def _pictures_of_any_size() -> AbstractContextManager[None]:
-    """Lift Pillow's own bound on pixels, which no option raises, in favor of the bound on memory."""
+@contextmanager
+def bounded_memory(path: Path) -> Iterator[None]:
+    """Let a library read a file whose declared size was checked; running out of memory is the file's fault.
+
+    Raises
+    ------
+    InputError
+        There is not enough memory to read the file.
+    """
     from PIL import Image  # noqa: PLC0415 - a scene file is checked without it
 
-    return _set_within_block(Image, "MAX_IMAGE_PIXELS", None)
+    Image.MAX_IMAGE_PIXELS = None  # `check_picture_size` bounds them, by a number that an option raises
+    try:
+        yield
+    except MemoryError as error:
+        raise _too_much(path, "more memory than there is") from error
 
 
 def _too_much(path: Path, what: str) -> InputError:
@@ -218,32 +219,6 @@ def _too_much(path: Path, what: str) -> InputError:
         f"{path}: reading it takes {what}; a file of {in_words(size)} should take at most "
         f"{in_words(allowed_memory(size))}; mend the file, or raise the bound with {RAISING_OPTION}"
     )
-
-
-@contextmanager
-def _address_space(more: int) -> Iterator[None]:
-    """Let the process's address space grow by at most this many bytes within a block."""
-    used = _address_space_used()
-    if used is None:
-        yield
-        return
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = used + more
-    for other in (soft, hard):
-        limit = limit if other == resource.RLIM_INFINITY else min(limit, other)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-
-
-def _address_space_used() -> int | None:
-    """Return the bytes of this process's address space; None where the system does not say."""
-    with suppress(OSError, ValueError, IndexError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        return pages * resource.getpagesize()
-    return None
 
 
 def _article(what: str) -> str:

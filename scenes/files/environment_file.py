@@ -9,7 +9,11 @@ import OpenImageIO as oiio
 
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.disk.input_files import bounded_memory, check_environment_file
+from xfrustum.scenes.disk.input_files import (
+    bounded_memory,
+    check_environment_file,
+    check_picture_size,
+)
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
 
@@ -58,6 +62,7 @@ def _read_rgb(path: Path) -> Singles:
         raise InputError(f"{path}: is a part of a picture only; an environment map has all directions")
     if spec.get_int_attribute("Orientation", 1) != 1:
         raise InputError(f"{path}: is not stored row by row from the top left; write it so")
+    check_picture_size(path, spec.width, spec.height)
     pixels = picture.read_image(oiio.FLOAT)
     if pixels is None:
         reason = " ".join(picture.geterror().split())

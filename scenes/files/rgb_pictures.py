@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.disk.input_files import bounded_memory
+from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size
 from xfrustum.scenes.errors import InputError
 
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
@@ -38,6 +38,7 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
             if resolution is not None and picture.size != resolution:
                 found, said = (" x ".join(map(str, size)) for size in (picture.size, resolution))
                 raise InputError(f"{path}: is {found}, but the scene says {said}")
+            check_picture_size(path, *picture.size)
             if picture.mode not in RGB_MODES:
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
             return np.asarray(picture.convert("RGB")), picture.format in LOSSY_FORMATS

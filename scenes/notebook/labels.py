@@ -87,7 +87,7 @@ def dataset(
     except ImportError as error:
         raise InputError(
             "labelled arrays need the package xarray, which is not installed: "
-            "pip install 'xfrustum[notebook]'"
+            "pip install '.[notebook]' in the checkout of xfrustum"
         ) from error
     known = {name: one.variable for name, one in images.items() if one is not None}
     height, width = next(iter(known.values()))[1].shape[:2]

@@ -28,7 +28,8 @@ The public API on one page; each command of `xfrustum` is one of these:
 
 Modules that every layer may use:
 
-    terminal     The stream of the program's messages, and text from outside made fit for a terminal
+    interrupts   Ctrl-C and SIGTERM: an exception in the main thread, and exit status 130 or 143
+    terminal     The program's messages on standard error, and text from outside made fit for a terminal
     tolerances   Limits that pictures are held to where nobody states others: the one place for these numbers
 
 Names are imported when they are first used, so that `import xfrustum` costs nothing.

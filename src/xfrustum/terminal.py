@@ -1,10 +1,10 @@
-"""The stream of the program's messages, and text from outside made fit for a terminal."""
+"""The program's messages on standard error, and text from outside made fit for a terminal."""
 
 from __future__ import annotations
 
 import re
 import sys
-from typing import IO
+from contextlib import suppress
 
 _UNPRINTABLE = re.compile(
     "["
@@ -19,21 +19,20 @@ _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 """Code points that Python puts for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
 
 
-_messages: IO[str] | None = None
+MAX_MESSAGE = 500
+"""Largest number of characters of a message; the middles of long words go, then that of the message."""
 
 
-def messages() -> IO[str]:
-    """Return the stream that the program's messages and progress bars go to.
-
-    It is `sys.stderr`, unless the command line has given that stream to the libraries.
-    """
-    return sys.stderr if _messages is None else _messages
-
-
-def send_messages_to(stream: IO[str]) -> None:
-    """Send the program's messages and progress bars to another stream than `sys.stderr`."""
-    global _messages
-    _messages = stream
+def say(message: str) -> None:
+    """Write one line of the program to standard error; errors of that stream are ignored."""
+    line = one_line(f"xfrustum: {message}")
+    if len(line) > MAX_MESSAGE:
+        line = re.sub(r"\S{101,}", lambda long: f"{long[0][:48]}..{long[0][-48:]}", line)  # names, mostly
+        half = (MAX_MESSAGE - len(" .. ")) // 2
+        line = line if len(line) <= MAX_MESSAGE else f"{line[:half]} .. {line[-half:]}"
+    with suppress(OSError, ValueError, AttributeError):  # sys.stderr may be None
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
 
 
 def printable(text: str) -> str:

@@ -12,8 +12,9 @@ import pytest
 import trimesh
 
 from xfrustum.cli import completion
+from xfrustum.cli.app import cli
 from xfrustum.cli.help import EXAMPLES, OTHERS, USES
-from xfrustum.cli.main import cli, main
+from xfrustum.cli.main import main
 
 CHEAP = ("scenes", "new", "check", "camera", "explain")
 """Examples that take about a second together; all others run with the slow tests."""

@@ -10,14 +10,12 @@ import sys
 import textwrap
 import time
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, part
-from xfrustum.cli import termination as cli_termination
 
 FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
 SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
@@ -43,27 +41,28 @@ def program(body: str) -> list[str]:
     return [
         "-c",
         "import sys\n"
-        "from xfrustum.cli import termination as cli_termination\n"
-        "cli_termination.of_process()\n"
-        "import click, xfrustum.cli.main\n"
+        "import click, xfrustum.cli.app\n"
         "def work():\n" + textwrap.indent(textwrap.dedent(body), "    ") + "\n"
-        "xfrustum.cli.main.cli.add_command(click.Command('work', callback=work))\n"
+        "xfrustum.cli.app.cli.add_command(click.Command('work', callback=work))\n"
         "sys.argv[1:] = ['work']\n"
-        "from xfrustum.__main__ import run\n"
+        "from xfrustum.cli.main import run\n"
         "sys.exit(run())\n",
     ]
 
 
 def from_the_first_moment(arguments: Sequence[str]) -> list[str]:
-    """Return arguments of a Python that says when signals are taken over, then runs the command line."""
+    """Return arguments of a Python that says when signals are obeyed, then runs the command line."""
     return [
         "-c",
         "import sys\n"
-        "from xfrustum.cli import termination as cli_termination\n"
-        "cli_termination.of_process()\n"
-        "print('ready', flush=True)\n"
+        "from xfrustum import interrupts\n"
+        "from xfrustum.cli.main import run\n"
+        "def obeyed(*, ignored_afterwards, obeyed=interrupts.obeyed):\n"
+        "    with obeyed(ignored_afterwards=ignored_afterwards):\n"
+        "        print('ready', flush=True)\n"
+        "        yield\n"
+        "import contextlib; interrupts.obeyed = contextlib.contextmanager(obeyed)\n"
         f"sys.argv[1:] = {list(arguments)!r}\n"
-        "from xfrustum.__main__ import run\n"
         "sys.exit(run())\n",
     ]
 
@@ -109,17 +108,12 @@ BODIES = {
     "an import": """
         from pathlib import Path
         import sys
-        Path("slow.py").write_text("import time; print('ready', flush=True); time.sleep(0.3); whole = True")
+        Path("slow.py").write_text(
+            "import time\\nprint('ready', flush=True)\\nuntil = time.process_time() + 60\\n"
+            "while time.process_time() < until: pass\\n"
+        )
         sys.path.insert(0, ".")
-        try:
-            import slow
-        finally:
-            import os, time
-            module = sys.modules.get("slow")
-            os.remove("slow.py")
-            if not getattr(module, "whole", False):
-                print("half a module", file=sys.stderr)
-        time.sleep(60)
+        import slow
         """,
 }
 
@@ -231,20 +225,10 @@ def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path)
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-def test_what_runs_to_its_end_is_there_under_the_name_that_is_listed() -> None:
-    """Every listed name exists: a module or a function that moved would be interrupted again."""
-    for name in cli_termination.UNINTERRUPTED_MODULES:
-        import_module(name)
-    listed = cli_termination.UNINTERRUPTED_FUNCTIONS | cli_termination.WAITING_FUNCTIONS
-    for module, function in listed:
-        if module.startswith("xfrustum."):
-            assert callable(getattr(import_module(module), function))
-
-
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its status stands, and no exception comes out of what Python still has to do."""
     leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
-    arguments = ["-c", leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.__main__ import run\n"]
+    arguments = ["-c", leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.cli.main import run\n"]
     arguments[1] += "sys.exit(run())"
     for stop in ENDED:
         with start(arguments, tmp_path) as process:
@@ -269,6 +253,32 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 70 and "went on" in said
+
+
+@pytest.mark.parametrize("begun_s", [0.2, 0.6, 1.0])
+def test_ctrl_c_is_obeyed_within_a_second_of_cpu_time_while_modules_load(
+    begun_s: float, tmp_path: Path
+) -> None:
+    loading = from_the_first_moment(["report", "car", "--quiet", "--out", "out"])
+    with start(loading, tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        until = cpu_s(process.pid) + begun_s
+        while (spent := cpu_s(process.pid)) < until:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            time.sleep(0.01)  # a process that has ended and was not waited for still tells its time
+        after = cpu_s(process.pid)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGINT]
+    assert after - spent < 1.0
+
+
+def cpu_s(pid: int) -> float:
+    """Return the CPU time that a process has taken, in seconds; proc(5), /proc/pid/stat."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def assert_stopped_traces_leave_nothing(count: int, seed: int, folder: Path) -> None:
@@ -309,21 +319,3 @@ def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path
 @pytest.mark.slow
 def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
     assert_stopped_traces_leave_nothing(40, 14, tmp_path)
-
-
-@pytest.mark.parametrize("stop", ENDED)
-def test_a_signal_that_comes_while_the_program_is_loaded_waits_until_it_can_be_answered(
-    stop: signal.Signals, tmp_path: Path
-) -> None:
-    body = (
-        "import sys\n"
-        "from xfrustum import __main__ as program\n"  # loads nothing that takes signals over
-        "import os\n"
-        f"os.kill(os.getpid(), {int(stop)})\n"
-        "sys.argv[1:] = ['scenes']\n"
-        "sys.exit(program.run())\n"
-    )
-    with start(["-c", body], tmp_path) as process:
-        out, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == ENDED[stop]
-    assert out == ""

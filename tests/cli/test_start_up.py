@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.main import cli
+from xfrustum.cli.app import cli
 
 HEAVY = (
     "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly", "zarr",

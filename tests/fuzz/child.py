@@ -95,8 +95,8 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         sys.argv = ["xfrustum", *command]
         # Imported after the fork, because importing it holds signals back until it runs.
         from tests.fuzz.entries import ENTRIES
-        from xfrustum.__main__ import run
-        from xfrustum.cli.main import cli
+        from xfrustum.cli.app import cli
+        from xfrustum.cli.main import run
 
         for entry in ENTRIES:
             cli.add_command(entry)

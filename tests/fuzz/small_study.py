@@ -6,9 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-# Signals are taken over before anything else is imported, as in the program itself.
-from xfrustum import __main__ as program
-from xfrustum.cli import termination as cli_termination
+from xfrustum.cli.main import run
 
 
 def small(out: Path) -> None:
@@ -23,11 +21,10 @@ def small(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    cli_termination.of_process()
     import click
 
     from xfrustum.cli.commands import study as cli_study
 
     parameters: list[click.Parameter] = [click.Argument(["out"], type=click.Path(path_type=Path))]
     cli_study.study.add_command(click.Command("small", callback=small, params=parameters))
-    sys.exit(program.run())
+    sys.exit(run())

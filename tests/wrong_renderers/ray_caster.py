@@ -47,6 +47,8 @@ class Mistakes:
     """Offset of the projection screen's center, mm."""
     shear: tuple[float, float] = (1.0, 1.0)
     """Factors of the shears of C and of C*."""
+    only: int | None = None
+    """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*."""
     winner: str = "first"
     """Rule for the surface that wins; `rank` has the names."""
     cull: int = 0
@@ -95,6 +97,7 @@ def lines(
     """
     (columns, rows), (width, height) = world.hogels, world.resolution
     sx, sy = world.size
+    wrong = of_camera(wrong, camera)
     x = ((i + 0.5) * sx / columns - sx / 2) * wrong.plate[0] + wrong.aperture[0] * sx / columns
     y = (sy / 2 - (j + 0.5) * sy / rows) * wrong.plate[1] + wrong.aperture[1] * sy / rows
     k, t = np.zeros(2), np.tan(np.radians(world.fov_deg) / 2)
@@ -110,23 +113,29 @@ def lines(
     return np.array([x, y, 0.0]), np.stack(grid, axis=-1).reshape(-1, 3), np.array([k[0], k[1], 0.0])
 
 
+def of_camera(wrong: Mistakes, camera: int) -> Mistakes:
+    """Return the mistakes of one camera: the film, the sampling points and near are right in the other."""
+    right = wrong.only not in (None, camera)
+    return replace(wrong, film=(1.0, 1.0), sample=(0.0, 0.0), near=0.0) if right else wrong
+
+
 def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
     """Return all meetings of the two cameras' lines within their halves, and these lines' directions."""
     center, directions, shear = lines(world, i, j, wrong)
     _, directions_star, shear_star = lines(world, i, j, wrong, 1)
     triangles = world.triangles[world.seen] * wrong.scale + wrong.move
-    n = wrong.near
-    if n == 0 and wrong.shear[0] == wrong.shear[1]:
+    n, n_star = (of_camera(wrong, camera).near for camera in (0, 1))
+    if n == n_star == 0 and wrong.shear[0] == wrong.shear[1] and wrong.only is None:
         hits = cast(triangles, center, directions)
         s = hits.s
     else:
         up = np.array([0.0, 0.0, 1.0])
         behind, before = (
             cast(triangles, center + n * (up - shear), directions),
-            cast(triangles, center - n * (up - shear_star), directions_star),
+            cast(triangles, center - n_star * (up - shear_star), directions_star),
         )
-        keep, keep_star = behind.s > n, before.s < -n
-        s = np.concatenate([behind.s[keep] - n, before.s[keep_star] + n])
+        keep, keep_star = behind.s > n, before.s < -n_star
+        s = np.concatenate([behind.s[keep] - n, before.s[keep_star] + n_star])
         hits = Hits(
             pixel=np.concatenate([behind.pixel[keep], before.pixel[keep_star]]),
             triangle=np.concatenate([behind.triangle[keep], before.triangle[keep_star]]),

@@ -300,7 +300,7 @@ add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale", scene="attic"
 # Halves.
 add("nearest", "the nearest surface wins in C*", Mistakes(winner="nearest in C*"), "front-nearest")
 add("no-front", "the viewer's half is missing", Mistakes(winner="no front"), "front-missing")
-add("no-back", "the half behind the plate is missing", Mistakes(winner="no back"))
+add("no-back", "the half behind the plate is missing", Mistakes(winner="no back"), "back-missing")
 add("back-over-front", "C is drawn over C*", Mistakes(winner="back over front"), "not-overlaid")
 add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"))
 add("culled", "faces seen counterclockwise are culled", Mistakes(cull=1))
@@ -312,6 +312,18 @@ add("near-small", "both cameras step back by 0.3", Mistakes(near=0.3), "near")
 add("fov", "the film is 5 % too wide and high", Mistakes(film=(1.05, 1.05)), "fov-x fov-y")
 add("half-angle", "the full field of view is taken for half of it", half_angle, "fov-x fov-y")
 add("square-film", "the horizontal field of view for the vertical one", square_film, "fov-y")
+
+# One camera alone, the other is right.
+for _camera, _half, _which in ((0, "back", "C"), (1, "front", "C*")):
+    for _name, _words, _one in (
+        ("near-offset", "steps back by 1", Mistakes(near=1.0)),
+        ("fov", "has a film 5 % too wide and high", Mistakes(film=(1.05, 1.05))),
+        ("shift", "samples pixels at their corners", Mistakes(sample=(-0.5, -0.5))),
+        ("mirrored", "is mirrored", Mistakes(film=(-1.0, 1.0))),
+        ("unturned", "is turned by 180 degrees", Mistakes(film=(-1.0, -1.0))),
+    ):
+        _expected = f"{_half}-{_name}"
+        add(_expected, f"{_which} alone {_words}", replace(_one, only=_camera), _expected)
 
 # The projection screen, which only a recentered frustum has.
 SCREEN_MISTAKES = {

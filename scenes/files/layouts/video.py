@@ -28,8 +28,8 @@ def _av() -> Any:
         return import_module("av")
     except ImportError as error:
         raise InputError(
-            "videos need the package av, which is not installed: pip install 'xfrustum[video]', "
-            "or convert the videos to pictures"
+            "videos need the package av, which is not installed: pip install '.[video]' in the checkout "
+            "of xfrustum, or convert the videos to pictures"
         ) from error
 
 

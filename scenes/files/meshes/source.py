@@ -16,14 +16,17 @@ from typing import Any
 from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
-from xfrustum.scenes.disk.input_files import allowed_memory, check_declared, check_mesh_file, regular_size
+from xfrustum.scenes.disk.input_files import (
+    allowed_memory,
+    check_declared,
+    check_mesh_file,
+    check_picture_size,
+    regular_size,
+)
 from xfrustum.scenes.errors import InputError
 
 MEMORY_PER_UNPACKED_BYTE = 16
 """Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies."""
-
-MEMORY_PER_PIXEL = 16
-"""Bytes of memory that a pixel of a texture takes: four channels as read, and three copies."""
 
 _PIECE = 1 << 20
 """Bytes that are unpacked at once where a format does not declare its size."""
@@ -90,7 +93,7 @@ def _check_picture(path: Path) -> None:
             width, height = picture.size
     except (OSError, SyntaxError, ValueError):
         return
-    check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
+    check_picture_size(path, width, height)
 
 
 def check_mesh_source(path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.scenes.arrays import Bytes, Numbers
+from xfrustum.scenes.disk.input_files import check_picture_size
 from xfrustum.scenes.files.meshes.parts import MeshPart, material_libraries
 
 _GRAY_OF_16_BITS = "I;16"
@@ -54,6 +55,8 @@ def read_textures(path: Path, parts: Sequence[MeshPart]) -> Textures:
     indices = []
     for part in parts:
         if part.name not in index_of_name:
+            if part.picture is not None:
+                check_picture_size(path, *part.picture.size)  # pictures within glTF files too
             pixels = None if part.picture is None else _decoded(part.picture)
             index_of_name[part.name] = -1 if pixels is None else len(pictures)
             pictures += [] if pixels is None else [pixels]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xfrustum.cli.numbers import AUTO, Samples, SubApertures
-from xfrustum.cli.streams import say
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.effects import Effect

@@ -1,381 +1,49 @@
-"""The command line: from arguments to a command and its exit status.
+"""The command line as a process: from arguments to an exit status, whatever happens on the way.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
-a signal; all but the first two say why in one line on standard error.
+a signal; all but the first two say why in one line on standard error. Nothing heavy is imported before
+signals are obeyed.
 """
 
 from __future__ import annotations
 
-import json
+import faulthandler
+import logging
+import os
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO
 
-import click
+from xfrustum import interrupts
+from xfrustum.terminal import say
 
-from xfrustum.cli import completion as cli_completion
-from xfrustum.cli import light as cli_light
-from xfrustum.cli import options
-from xfrustum.cli import termination as cli_termination
-from xfrustum.cli.commands import camera as cli_camera
-from xfrustum.cli.commands import checks as cli_checks
-from xfrustum.cli.commands import convert as cli_convert
-from xfrustum.cli.commands import cost as cli_cost
-from xfrustum.cli.commands import explain as cli_explain
-from xfrustum.cli.commands import figure7 as cli_figure7
-from xfrustum.cli.commands import plan as cli_plan
-from xfrustum.cli.commands import plate as cli_plate
-from xfrustum.cli.commands import scene as cli_scene
-from xfrustum.cli.commands import study as cli_study
-from xfrustum.cli.commands import survey as cli_survey
-from xfrustum.cli.commands import verify as cli_verify
-from xfrustum.cli.commands import view as cli_view
-from xfrustum.cli.failure import report_unexpected
-from xfrustum.cli.files import ADVICE, check_encoding, in_words
-from xfrustum.cli.help import CommandsByUse
-from xfrustum.cli.numbers import Size
-from xfrustum.cli.process import keep_loaded_objects
-from xfrustum.cli.streams import printable_output, say
-from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
+BAD_INPUT, UNEXPECTED_ERROR = 2, 70
+"""Exit status where the user can mend what is wrong; after an error of the program itself (EX_SOFTWARE)."""
 
-if TYPE_CHECKING:
-    from xfrustum.cli.light import Light
-    from xfrustum.scenes.plate.double_frustum import (
-        Cull,
-        DepthFormat,
-        DepthMapping,
-        DoubleFrustum,
-        Fit,
-        Offset,
-        Pivot,
-    )
-
-BAD_INPUT = 2
-"""Exit status where the user can mend what is wrong."""
+TRACEBACK_OPTION = "--traceback"
 
 
-@click.group(
-    cls=CommandsByUse,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    invoke_without_command=True,
-    epilog="`xfrustum COMMAND --help` lists the options of a command and ends with an example.",
-)
-@click.version_option(package_name="xfrustum", message="%(version)s")
-@click.option(
-    "--max-input-memory",
-    type=Size(),
-    help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
-)
-@click.option(
-    "--max-hogels",
-    type=click.IntRange(min=1),
-    help="Largest number of hogels of a scene file's plate.  [default: 20000000]",
-)
-@click.option(
-    "--traceback",
-    is_flag=True,
-    help="Show the traceback of an unexpected error, and what libraries print; stands before COMMAND.",
-)
-@click.pass_context
-def cli(
-    context: click.Context, *, max_input_memory: int | None, max_hogels: int | None, traceback: bool
-) -> None:
-    """Measure how far renderers of full-parallax spatial displays are from the truth.
-
-    SCENE is the path of a scene file (TOML) or the name of a built-in scene.
-    """
-    del traceback  # `main` reads this option before anything else can fail
-    if context.invoked_subcommand is None:
-        click.echo(context.get_help())
-    elif max_input_memory is not None or max_hogels is not None:
-        from xfrustum.scenes.disk import input_files
-
-        if max_input_memory is not None:
-            context.with_resource(input_files.input_memory(max_input_memory))
-        if max_hogels is not None:
-            context.with_resource(input_files.largest_plate(max_hogels))
-
-
-_decided_by_option = click.option(
-    "--decided-by",
-    type=click.Choice(["certified", "embree", "mitsuba"]),
-    default="certified",
-    show_default=True,
-    help="Certified truth, or a tracer's own picture, of which nothing is examined.",
-)
-
-
-@cli.command()
-@options.scene_argument
-@click.option(
-    "--near",
-    "nears",
-    type=options.Numbers(),
-    help="Offsets in scene units.  [default: 25 values from 1e-1 to 1e-8 of the reach]",
-)
-@click.option(
-    "--apertures",
-    type=options.IndicesOrAuto(),
-    help="Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
-)
-@click.option(
-    "--depth",
-    "depths",
-    type=options.Depths(),
-    help="Depth buffers, such as d24,d32f:reversed.  [default: five]",
-)
-@click.option(
-    "--pivot",
-    "pivots",
-    type=options.NameList("Pivot"),
-    help="Centers of the shear.  [default: aperture; if recentered, both]",
-)
-@click.option(
-    "--fit",
-    "fits",
-    type=options.FitHeights(),
-    help="Heights |z| drawn exactly, such as angle,screen,15.  [default: the first cut, or angle]",
-)
-@click.option(
-    "--offset",
-    "offsets",
-    type=options.NameList("Offset"),
-    help="Whether cameras step back; none leaves a gap of near at the plate.  [default: plate]",
-)
-@click.option(
-    "--slabs",
-    type=options.CutLists(),
-    help="Heights |z| at which both frusta are cut, such as '15,40;20;none'.  [default: none]",
-)
-@click.option("--cull", type=options.Name("Cull"), default="none", help="Faces left out.  [default: none]")
-@options.tracer_option
-@_decided_by_option
-@cli_light.light_options(*cli_light.ALL)
-@click.option(
-    "--causes/--no-causes",
-    default=True,
-    help="Whether wrong pixels are charged to causes, and errors predicted.  [default: causes]",
-)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
-@tev_option
-@options.quiet_option
-@options.json_option
-def report(
-    *,
-    scene: str,
-    nears: tuple[float, ...] | None,
-    apertures: tuple[tuple[int, int], ...] | str | None,
-    depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
-    pivots: tuple[Pivot, ...] | None,
-    fits: tuple[Fit | float, ...] | None,
-    offsets: tuple[Offset, ...] | None,
-    slabs: tuple[tuple[float, ...], ...] | None,
-    cull: Cull,
-    tracer: str,
-    decided_by: str,
-    light: Light,
-    causes: bool,
-    out: Path | None,
-    tev: str | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
-    """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
-
-    Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
-    measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
-    chooses the worst ones, and the page has a map of the plate. Without causes it takes a third of the time:
-    wrong pixels are counted and shown, and not explained.
-    """
-    _check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
-    opened = light.applied(options.open_scene(scene))
-    from xfrustum.reports.error_report.report import make_report
-
-    check_tev(tev)
-    chosen = options.several_or_auto(opened, apertures, quiet=quiet)
-    keep_loaded_objects()
-    files = make_report(
-        opened,
-        out,
-        nears=nears,
-        apertures=chosen,
-        depths=depths,
-        pivots=pivots,
-        fits=fits,
-        offsets=offsets,
-        slabs=slabs,
-        tracer=tracer,
-        effects=light.effects,
-        cull=cull,
-        decided_by=decided_by,
-        causes=causes,
-        progress=not quiet,
-    )
-    options.tell(
-        as_json,
-        lambda: {"files": files.places, **files.content},
-        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
-    )
-    send_to_tev(tev, files.inspection, opened.name)
-
-
-def _check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
-    """Refuse a tracer for second opinions where another one decides alone."""
-    if decided_by != "certified" and tracer not in (None, decided_by):
-        raise click.UsageError(
-            f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
-        )
-
-
-@cli.command()
-@options.scene_argument
-@options.aperture_option
-@options.free_tracer_option
-@_decided_by_option
-@cli_light.light_options(*cli_light.REFERENCE)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
-@options.quiet_option
-@options.json_option
-def trace(
-    *,
-    scene: str,
-    aperture: tuple[int, int] | None,
-    tracer: str | None,
-    decided_by: str,
-    light: Light,
-    out: Path,
-    quiet: bool,
-    as_json: bool,
-) -> None:
-    """Trace the truth of one aperture and write it as EXR.
-
-    With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
-
-    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
-    their variance in the channels variance.R, variance.G and variance.B.
-    """
-    opened = light.applied(options.open_scene(scene))
-    chosen = options.chosen_aperture(opened, aperture)
-    from xfrustum.reference import Reference
-    from xfrustum.reports.commands.tracing import forecast, trace_alone, trace_to_file
-    from xfrustum.reports.commands.transported import trace_transported
-    from xfrustum.reports.common.json_ready import json_object
-    from xfrustum.reports.common.outputs import check_writable_image
-
-    check_writable_image(out)
-    options.look_at(opened, [chosen], black_is_right=True)
-    effects = light.chosen(opened, (chosen,))
-    if decided_by != "certified":
-        _check_no_other_tracer(tracer, decided_by)
-        record = trace_alone(Reference(opened, tracer=decided_by, effects=effects), chosen, out)
-        if as_json:
-            options.print_json(json_object(record))
-        return
-    who, transported = light.tracer(opened, tracer)
-    ahead = None if quiet else forecast(opened, transported=transported)
-    if ahead is not None:
-        say(f"note: {ahead}")
-    reference = Reference(opened, tracer=who, effects=effects)
-    if not transported:
-        record = trace_to_file(reference, chosen, out, compared=as_json, progress=not quiet)
-        if as_json:
-            options.print_json(json_object(record))
-    else:
-        if as_json:
-            raise click.UsageError("--json counts pixels of the certified truth: leave out light transport")
-        trace_transported(reference, chosen, out, progress=not quiet)
-
-
-@cli.command()
-@options.scene_argument
-@options.aperture_option
-@options.double_frustum_options
-@cli_light.light_options(*cli_light.RASTER)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
-def raster(
-    *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
-) -> None:
-    """Draw one aperture with the two cameras and write it as EXR."""
-    opened = light.applied(options.open_scene(scene))
-    chosen = options.chosen_aperture(opened, aperture)
-    settings.check_against(opened.frustum)
-    from xfrustum.raster import Rasterizer
-    from xfrustum.reports.common.outputs import check_writable_image
-    from xfrustum.scenes.files.openexr.images import write_image
-
-    check_writable_image(out)
-    options.look_at(opened, [chosen], black_is_right=True)
-    with Rasterizer(opened, effects=light.chosen(opened, (chosen,), settings)) as rasterizer:
-        write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
-
-
-@cli.command()
-@click.argument("truth", type=click.Path(path_type=Path))
-@click.argument("raster", type=click.Path(path_type=Path))
-@options.json_option
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
-def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
-    """Compare a raster image with the truth, both EXR."""
-    from xfrustum.reports.common.outputs import check_writable_folder
-    from xfrustum.scenes.disk.input_files import check_image_file
-
-    if out is not None:
-        check_writable_folder(out, ())
-    for image in (truth, raster):
-        check_image_file(image)
-    from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
-
-    if out is not None:
-        check_writable_folder(out, FILES)
-    compared = compare_files(truth, raster)
-    for note in filter(None, (compared.note, compared.unexamined)):
-        say(f"note: {note}")
-    if out is not None:
-        write_comparison(compared, out)
-    options.tell(as_json, compared.comparison.summary, lambda: table(compared.comparison))
-
-
-@cli.command()
-@click.option("--hard", is_flag=True, help="List the hard cases instead.")
-@options.json_option
-def scenes(hard: bool, as_json: bool) -> None:
-    """List the built-in scenes, each with what it is for."""
-    if hard:
-        from xfrustum.scenes.library.hard.cases import listing as listed
-    else:
-        from xfrustum.scenes.library.builtin import listing as listed
-
-    listing = listed()
-    if as_json:
-        entries = [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in listing]
-        click.echo(json.dumps({"scenes": entries}))
-        return
-    width = max(len(entry.name) for entry in listing)
-    for entry in listing:
-        click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
-
-
-for _command in (
-    cli_camera.camera,
-    cli_checks.budget,
-    cli_checks.selfcheck,
-    cli_checks.bench,
-    cli_convert.convert,
-    cli_cost.cost,
-    cli_explain.explain,
-    cli_figure7.figure7,
-    cli_plan.plan,
-    cli_plate.plate,
-    cli_scene.check,
-    cli_scene.new,
-    cli_study.study,
-    cli_survey.survey,
-    cli_verify.verify,
-    cli_view.view,
-):
-    cli.add_command(_command)
+def run() -> int:
+    """Run the command line of this process and return its exit status."""
+    _open_closed_descriptors()
+    # To the true standard error, also where a library has taken its descriptor. Child processes inherit this.
+    faulthandler.enable(os.dup(2))
+    os.environ.setdefault("PYTHONFAULTHANDLER", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
+    if TRACEBACK_OPTION not in sys.argv[1:2]:
+        logging.disable()
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+    status = main()
+    _flush(sys.stdout)
+    _flush(sys.stderr)
+    if interrupts.received is not None:
+        os._exit(status)  # at once: threads may be at work, and interrupted libraries in any state
+    return status
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -384,63 +52,83 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments
-        Arguments without the program's name; None for those of the process.
+        Arguments without the program's name; None for those of the process, which ends with this command.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with cli_termination.current() as termination:
-        try:
-            # A signal may have come while the program was loaded.
-            status = 0 if termination.received else termination.call(lambda: _invoke(given))
-        except BaseException as error:
-            # After a signal, a library that was interrupted may raise any exception.
-            status = 0 if termination.received else _status_of(error, traceback="--traceback" in given[:1])
-        if termination.received is not None:
-            say(termination.word)
-            status = termination.status
+    try:
+        with interrupts.obeyed(ignored_afterwards=arguments is None):
+            from xfrustum.cli.app import invoke
+
+            status = invoke(given)
+    except BaseException as error:
+        # After a signal, a library that was interrupted may raise any exception.
+        status = 0 if interrupts.received else _status_of(error, shown=TRACEBACK_OPTION in given[:1])
+    if interrupts.received is not None:
+        say(interrupts.WORDS[interrupts.received])
+        status = 128 + interrupts.received
     return status
 
 
-def _invoke(arguments: list[str]) -> int:
-    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
-    check_encoding(arguments)
-    asked = cli_completion.instruction()
-    if asked is not None:
-        return cli_completion.answer(cli, asked)
-    with printable_output():
-        try:
-            with cli.make_context("xfrustum", list(arguments)) as context:
-                status = cli.invoke(context)
-        except click.exceptions.Exit as ended:
-            status = ended.exit_code
-        finally:
-            if sys.stdout is not None:
-                sys.stdout.flush()
-    return status if isinstance(status, int) else 0
+def _status_of(error: BaseException, *, shown: bool) -> int:
+    """Print an error in one line and return the exit status."""
+    import click
 
+    from xfrustum.cli.files import ADVICE, in_words
 
-def _status_of(error: BaseException, *, traceback: bool) -> int:
-    """Print the error in one line and return the exit status."""
-    if isinstance(error, click.ClickException):
-        return _refuse(error.format_message())
-    if isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
-        return 0
-    if isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
-        say(cli_termination.WORD_OF_SIGNAL[signal.SIGINT])
-        return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
-    if _is_input_error(error):
-        return _refuse(str(error))
-    if isinstance(error, OSError) and error.errno in ADVICE:
-        return _refuse(in_words(error))
-    return report_unexpected(error, shown=traceback)
-
-
-def _is_input_error(error: BaseException) -> bool:
-    """Return whether an error is one that the user can mend."""
     # The class is looked up and not imported: where it is not loaded, nothing has raised it.
     errors = sys.modules.get("xfrustum.scenes.errors")
-    return errors is not None and isinstance(error, errors.InputError)
-
-
-def _refuse(message: str) -> int:
-    say(f"error: {message}")
+    if isinstance(error, click.ClickException):
+        say(f"error: {error.format_message()}")
+    elif errors is not None and isinstance(error, errors.InputError):
+        say(f"error: {error}")
+    elif isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
+        return 0
+    elif isinstance(error, OSError) and error.errno in ADVICE:
+        say(f"error: {in_words(error)}")
+    elif isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
+        say(interrupts.WORDS[signal.SIGINT])
+        return 128 + signal.SIGINT
+    else:
+        return _report_unexpected(error, shown=shown)
     return BAD_INPUT
+
+
+def _report_unexpected(error: BaseException, *, shown: bool) -> int:
+    """Say in one line that the program failed, and where its traceback is; return the exit status."""
+    import tempfile
+    import traceback
+
+    text = "".join(traceback.format_exception(error))
+    reason = str(error)[:200] or ("out of memory" if isinstance(error, MemoryError) else "")
+    what = f"unexpected error: {type(error).__name__}{reason and f': {reason}'}"
+    if shown:
+        if sys.stderr is not None:
+            sys.stderr.write(text)
+        say(what)
+        return UNEXPECTED_ERROR
+    try:
+        descriptor, name = tempfile.mkstemp(prefix="xfrustum-traceback-", suffix=".txt")
+        with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(text)
+        say(f"{what}; its traceback is in {name}")
+    except OSError:
+        say(f"{what}; its traceback could not be written: run `xfrustum --traceback ..` to see it")
+    return UNEXPECTED_ERROR
+
+
+def _open_closed_descriptors() -> None:
+    """Open those of 0, 1 and 2 that are closed: libraries would write to a file that got such a number."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+
+
+def _flush(stream: IO[str] | None) -> None:
+    """Flush a standard stream; what cannot be written is dropped, or Python would report it at its end."""
+    if stream is not None:
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

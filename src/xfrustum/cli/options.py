@@ -15,7 +15,7 @@ import click
 
 from xfrustum.cli import completion
 from xfrustum.cli.numbers import AUTO, Positive
-from xfrustum.cli.streams import say
+from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
@@ -452,7 +452,26 @@ def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[]
     if as_json:
         print_json(summary())
     else:
-        click.echo(text())
+        echo(text())
+
+
+def echo(text: str) -> None:
+    """Print text on standard output, its control characters escaped.
+
+    Raises
+    ------
+    click.ClickException
+        Standard output cannot be written, and not because its reader has stopped reading.
+    """
+    try:
+        click.echo(printable(text))
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        reason = error.strerror or "I/O error"
+        raise click.ClickException(
+            f"standard output: cannot be written ({reason}); send it to a place that has room"
+        ) from error
 
 
 scene_argument = click.argument("scene", shell_complete=completion.scenes)
@@ -488,4 +507,4 @@ def print_json(value: dict[str, Any]) -> None:
 
     text = json.dumps(json_ready(value), allow_nan=False)
     # JSON escapes all other control characters.
-    click.echo(text.replace("\x7f", "\\u007f"))
+    echo(text.replace("\x7f", "\\u007f"))

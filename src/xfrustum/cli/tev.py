@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from xfrustum.cli.streams import say
+from xfrustum.terminal import say
 
 USUAL_ADDRESS = "localhost:14158"
 """Address at which tev listens unless it is told otherwise."""

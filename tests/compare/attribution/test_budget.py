@@ -15,8 +15,8 @@ import pytest
 import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, view
+from xfrustum.cli.app import cli
 from xfrustum.cli.commands import checks as cli_checks
-from xfrustum.cli.main import cli
 from xfrustum.compare.attribution.budget import Budget, make_budget
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain

@@ -56,7 +56,7 @@ DISPLACED = frozenset(
 """Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
 
 QUICK = {
-    ("attic", "triangle-id"): (*("right", "black"),),
+    ("attic", "triangle-id"): ("right", "black", "front-near-offset"),
     ("attic", "object-id"): ("right", "blue-red"),
     ("attic", "rgb"): ("right",),
     ("harbor", "triangle-id"): ("right",),

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum import Judge, JudgedHogel
-from xfrustum.cli import termination
+from xfrustum import Judge, JudgedHogel, interrupts
 from xfrustum.compare import Comparison, compare_images, run
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.prediction.chain import make_chain
@@ -225,8 +224,8 @@ def test_ctrl_c_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     # Whoever starts the tests may ignore the signal.
     former = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with termination.current() as ending, pytest.raises(KeyboardInterrupt):
-            ending.call(judged_without_end)
+        with pytest.raises(KeyboardInterrupt), interrupts.obeyed():
+            judged_without_end()
     finally:
         signal.signal(signal.SIGINT, former)
     assert not threads()

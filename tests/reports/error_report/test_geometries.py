@@ -19,7 +19,8 @@ from click.testing import CliRunner
 from PIL import Image
 
 from tests.reports.error_report.test_reports import page_data
-from xfrustum.cli.main import cli, main
+from xfrustum.cli.app import cli
+from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid, geometry_names
 from xfrustum.reports.common.raster_command import raster_command

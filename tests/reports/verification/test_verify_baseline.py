@@ -17,8 +17,9 @@ import pytest
 
 from tests.reports.verification.synthetic import commit, repository, verification
 from tests.support.scene_file import film, named, part
+from xfrustum.cli.app import cli
 from xfrustum.cli.commands.verify import BaselineAsked
-from xfrustum.cli.main import cli, main
+from xfrustum.cli.main import main
 
 # This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")

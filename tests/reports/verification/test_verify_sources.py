@@ -174,6 +174,18 @@ def test_a_command_sees_the_aperture_and_no_shell(world: Scene, capsys: pytest.C
     assert f"--x {middle.x!r} --y {middle.y!r} 2 0 $HOME; ls" in found["hogels"][0]["problem"]
 
 
+def test_numbers_of_the_aperture_are_written_as_the_command_asks(
+    world: Scene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A wrong field is answered with `{i:03d}` and `{x:.6f}` as examples: these work."""
+    Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
+    command = f"{sys.executable} tell.py {{x:.6f}} {{y:.3e}} {{i:03d}} {{j:d}} {{out}}"
+    status, found = run(capsys, "--command", command, "--apertures", "2,0")
+    assert status == 1
+    middle = world.plate.aperture(2, 0)
+    assert f"{middle.x:.6f} {middle.y:.3e} 002 0" in found["hogels"][0]["problem"]
+
+
 def test_a_command_that_does_not_exist_is_reported(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     status, found = run(capsys, "--command", "no-such-renderer {out}", "--apertures", "0,0")
     assert status == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import struct
 import zipfile
 from pathlib import Path
@@ -21,6 +22,7 @@ from xfrustum.scenes.files.meshes.meshes import load_mesh
 from xfrustum.scenes.files.meshes.patches import load_patches
 from xfrustum.scenes.files.openexr.header import check_header
 from xfrustum.scenes.files.openexr.images import read_image, write_image
+from xfrustum.scenes.files.rgb_pictures import read_rgb
 
 GIBIBYTE = 1 << 30
 FILM = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
@@ -126,11 +128,21 @@ def test_the_bound_grows_with_the_file_and_can_be_raised() -> None:
     assert allowed_memory(10) == GIBIBYTE
 
 
-def test_memory_that_nothing_declares_is_bounded_too(tmp_path: Path) -> None:
+def test_a_picture_is_refused_by_the_pixels_that_it_declares(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    Image.new("1", (30_000, 30_000)).save(path)
+    with pytest.raises(InputError, match=r"30000 x 30000 pixels.*--max-input-memory"):
+        read_rgb(path)
+
+
+def test_no_limit_of_the_process_is_changed_while_a_file_is_read(tmp_path: Path) -> None:
+    """Threads of LLVM and Mesa would end the process where a limit of memory keeps them from starting."""
     path = tmp_path / "a.obj"
     path.write_text(TRIANGLE)
-    with input_memory(1), pytest.raises(InputError, match="--max-input-memory"), bounded_memory(path):
-        bytearray(GIBIBYTE)
+    before = [resource.getrlimit(limit) for limit in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    with input_memory(1), bounded_memory(path):
+        assert [resource.getrlimit(limit) for limit in (resource.RLIMIT_AS, resource.RLIMIT_DATA)] == before
+        bytearray(1 << 20)
 
 
 @pytest.mark.parametrize("name", [b"certainty", b"P.X", b"channels", b"dataWindow"])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.streams import say
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.reports.exchange.convert import Conversion

@@ -43,4 +43,4 @@ def figure7(
     check_writable_folder(folder, FILES)
     options.look_at(opened, [chosen])
     write_figure(draw_figure(opened, chosen, default_settings(opened, near), second), folder)
-    click.echo(folder / "index.html")
+    options.echo(str(folder / "index.html"))

@@ -12,8 +12,8 @@ import click
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
 from xfrustum.cli.commands.convert import layout_option, tell_losses
-from xfrustum.cli.streams import say
 from xfrustum.cli.where import Where, engine_options
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.streams import say
 from xfrustum.cli.where import Where, engine_options
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.reports.blocks import Engine

@@ -14,9 +14,9 @@ from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.commands.verify import Conventions, Share
 from xfrustum.cli.options import Command
-from xfrustum.cli.streams import say
 from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 from xfrustum.cli.where import Where, engine_options
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.reports.survey.foreign import ForeignPlate

@@ -14,7 +14,7 @@ from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
 from xfrustum.cli.options import Command
-from xfrustum.cli.streams import say
+from xfrustum.terminal import say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
