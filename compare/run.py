@@ -23,7 +23,7 @@ from typing import Any, Generic, Self, TypeVar
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
 from xfrustum.compare.metrics.comparison_facts import figures, said_of_numbers, table_of_numbers
-from xfrustum.compare.metrics.error_maps import JudgedImage
+from xfrustum.compare.metrics.error_maps import PixelErrors, pixel_errors
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Drawn, Rasterizer
@@ -429,7 +429,7 @@ class _Cameras:
     settings: list[DoubleFrustum]
     first: Future[tuple[Drawn, float]]
     start: Future[ChainStart] | None = None
-    beside: Future[JudgedImage] | None = None
+    beside: Future[PixelErrors] | None = None
 
 
 class _Loop(Generic[Result]):
@@ -554,8 +554,8 @@ class _Loop(Generic[Result]):
         start.find_shared()
         return start
 
-    def _beside(self, hogel: _Hogel, first: Future[tuple[Drawn, float]]) -> JudgedImage:
-        return JudgedImage.of(hogel.truth.result()[0], first.result()[0].image, self._reference)
+    def _beside(self, hogel: _Hogel, first: Future[tuple[Drawn, float]]) -> PixelErrors:
+        return pixel_errors(hogel.truth.result()[0], first.result()[0].image, self._reference)
 
     def _judged(
         self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]
@@ -572,7 +572,7 @@ class _Loop(Generic[Result]):
             self._reference,
             radiance=self._wanted.radiance,
             perceptual=self._wanted.perceptual,
-            judged=start.exact if start else beside,
+            beside=start.exact if start else beside,
         )
         compared = predicted = done = time.perf_counter()
         prediction = budget = None

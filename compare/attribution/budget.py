@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import differing_triangles, explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.attribution.steps import Steps, StepSize, shifts, step_lengths
-from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.attribution.steps import Steps, StepSize
+from xfrustum.compare.metrics.displacement import film_shifts, shifts_at
 from xfrustum.compare.metrics.error_maps import (
-    JudgedImage,
     PixelErrors,
+    differing_pixels,
     judged_pixels,
+    pixel_errors,
 )
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
@@ -191,20 +192,16 @@ class ChainStart(Brief):
         }
 
     @cached_property
-    def exact(self) -> JudgedImage:
-        """The frame with exact depth, R0, compared with the truth."""
-        return JudgedImage.of(self.truth, self.images[-1], self.reference)
+    def exact(self) -> PixelErrors:
+        """Errors of the frame with exact depth, R0."""
+        return pixel_errors(self.truth, self.images[-1], self.reference)
 
     @cached_property
     def exact_wrong(self) -> Mask:
         """(H, W) judged pixels at which R0 shows the wrong surface."""
-        wrong = self.exact.errors.surface
+        wrong = self.exact.surface
         assert wrong is not None, "the reference has the scene at hand"
         return wrong
-
-    def changed_by(self, drawn: HogelImage) -> Indices:
-        """Return the flat numbers of the pixels at which an image of these cameras shows other than R0."""
-        return self.exact.differing(drawn)
 
     @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
@@ -225,15 +222,15 @@ class ChainStart(Brief):
         return charge
 
     @cached_property
-    def moved(self) -> tuple[Floats, ...]:
-        """Displacement of each image in pixels, (H, W, 2), NaN where it shows no surface off the plate."""
-        found = {id(image): displacement(image, self.truth.camera) for image in dict.fromkeys(self.images)}
+    def shifts(self) -> tuple[Floats, ...]:
+        """Displacement of each image in pixels, (2, H W); see `film_shifts`."""
+        found = {id(image): film_shifts(image, self.truth.camera) for image in dict.fromkeys(self.images)}
         return tuple(found[id(image)] for image in self.images)
 
     @cached_property
     def steps(self) -> Steps:
         """What each link but the last adds to displacement, where all images show a surface off the plate."""
-        return Steps.between(self.images, shifts(self.truth, self.truth.camera))
+        return Steps.between(self.shifts)
 
     @cached_property
     def step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -268,6 +265,8 @@ class Budget(Shown):
     ----------
     start, drawn
         The images of the chain: all but the last, and the last.
+    changed
+        (N,) flat numbers of the pixels at which the last shows other than R0.
     charge
         (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
     surface_charge
@@ -280,6 +279,7 @@ class Budget(Shown):
 
     start: ChainStart
     drawn: HogelImage
+    changed: Indices
     charge: NDArray[np.int8]
     surface_charge: NDArray[np.int8]
     explanation: Causes
@@ -300,15 +300,17 @@ class Budget(Shown):
         """Number of judged pixels that are right in the end although some link changed them."""
         return int((self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)).sum())
 
-    @cached_property
+    @property
     def moved(self) -> Floats:
-        """Displacement (H, W, 2) of the last image, as in `ChainStart.moved`."""
-        return displacement(self.drawn, self.start.truth.camera)
+        """Lengths (H, W) of the displacement of the last image, NaN where it is undefined."""
+        shifts = film_shifts(self.drawn, self.start.truth.camera)
+        return np.asarray(np.hypot(*shifts).reshape(self.charge.shape))
 
     @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        return VectorBudget.of(np.stack((*self.start.moved, self.moved)))
+        shifts = np.stack((*self.start.shifts, film_shifts(self.drawn, self.start.truth.camera)))
+        return VectorBudget.of(np.moveaxis(shifts, 1, -1).reshape(len(shifts), *self.charge.shape, 2))
 
     @cached_property
     def height(self) -> VectorBudget:
@@ -341,15 +343,15 @@ class Budget(Shown):
 
     def _step_sizes(self) -> tuple[StepSize | None, ...]:
         """Return how far each link displaces what is shown."""
-        start = self.start
-        changed = start.changed_by(self.drawn)
+        start, changed, camera = self.start, self.changed, self.start.truth.camera
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
-        step = np.zeros(0)
-        if changed.size:
-            step = step_lengths(start.images[-1], self.drawn, start.truth.camera, changed)
+        off_plate = self.drawn.off_plate.reshape(-1)[changed]
+        step = np.full(changed.size, np.nan)
+        after = shifts_at(self.drawn, camera, changed[off_plate])
+        step[off_plate] = np.hypot(*(after - start.shifts[-1][:, changed[off_plate]]))
         steps = start.steps.with_last(changed, step)
-        if steps.count == start.steps.count:
-            last = Steps(known=steps.known, count=steps.count, lengths=steps.lengths[-1:])
+        if np.array_equal(steps.known, start.steps.known):
+            last = Steps(known=steps.known, lengths=steps.lengths[-1:])
             return (*start.step_sizes, *last.sizes())
         return steps.sizes()
 
@@ -427,13 +429,16 @@ def charged(
     predicted
         Prediction of each link.
     errors
-        Errors of the last image with its wrong surfaces, where it was compared with the truth already.
+        Errors of the last image, where it was compared with the truth beside R0 already.
     """
     charge = np.full(drawn.triangle.shape, RIGHT, dtype=np.int8)
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
     # A wrong pixel that no later link changes was made wrong by the first. Later links change few pixels.
     charge[wrong] = start.changing[0]
-    depth = differing_triangles(start.images[-1], drawn, start.changed_by(drawn))
+    exact = start.images[-1]
+    changed = errors.changed if errors else None
+    changed = differing_pixels(exact, drawn) if changed is None else changed
+    depth = differing_triangles(exact, drawn, changed)
     for link, pixels in (*start.changed.items(), (start.depth, depth)):
         charge.reshape(-1)[pixels[wrong.reshape(-1).take(pixels)]] = link
     rounding = start.rounding
@@ -443,6 +448,7 @@ def charged(
     return Budget(
         start=start,
         drawn=drawn,
+        changed=changed,
         charge=charge,
         surface_charge=_surface_charge(start, drawn, errors),
         explanation=by_rasterizing.joined(by_rounding_depth),

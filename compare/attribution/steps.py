@@ -8,11 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import percentiles, root_mean_square
-from xfrustum.compare.metrics.film import true_lines
-from xfrustum.reference.film_shifts import Vectors, film_shifts, film_steps, some_film_steps
+from xfrustum.compare.metrics.displacement import root_mean_square
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,43 +20,12 @@ class StepSize:
     p99: float
 
     @classmethod
-    def of(cls, values: Floats, count: int | None = None) -> StepSize | None:
-        """Return the size of some lengths (N,); None where there is none. `Spread` has the same numbers.
-
-        Where `count` is given, it is the number of lengths that are meant: those of `values` that are not
-        zero, and zeros.
-        """
-        count = len(values) if count is None else count
-        if count == 0:
+    def of(cls, values: Floats) -> StepSize | None:
+        """Return the size of lengths (N,), the numbers of a `Spread`; None where there is none."""
+        if not values.size:
             return None
-        if count > len(values):
-            # One zero stands for all that are left out.
-            values = np.append(values, 0.0)
-        largest = float(values.max())
-        if largest == 0 and float(values.min()) == 0:
-            return cls(rms=0.0, p99=0.0)
-        # Most pixels may not be displaced at all: then the percentile is zero, and nothing is selected.
-        zeros = count - int(np.count_nonzero(values > 0))
-        none = zeros > 0.99 * (count - 1) + 1
-        p99 = 0.0 if none else percentiles(values, (99,), largest, count)[0]
-        return cls(rms=root_mean_square(values, largest, count), p99=p99)
-
-
-def shifts(image: HogelImage, camera: HogelCamera) -> Vectors:
-    """Return the displacement (H W,) of an image, the numbers of `displacement`; see `film_shifts`.
-
-    `camera` is that of the true frustum.
-    """
-    return film_shifts(image.position, true_lines(camera))
-
-
-def step_lengths(before: HogelImage, after: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
-    """Return how far an image displaces what it shows beyond another image, at some pixels (N,).
-
-    Lengths are in pixels, and not finite where either image shows no surface off the plate. `camera` is that
-    of the true frustum.
-    """
-    return some_film_steps((before.position, after.position), true_lines(camera), pixels)[0]
+        with np.errstate(invalid="ignore"):
+            return cls(rms=root_mean_square(values), p99=float(np.percentile(values, 99)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,37 +36,35 @@ class Steps:
     ----------
     known
         (H W,) whether a pixel is one of these.
-    count
-        Number of these pixels.
     lengths
-        Lengths in pixels for each link: (H W,), zero at all other pixels, or those (N,) that are not zero;
-        None for a link that changes no image.
+        (H W,) lengths in pixels for each link; None for a link that changes no image.
     """
 
     known: Mask
-    count: int
     lengths: tuple[Floats | None, ...]
 
     @classmethod
-    def between(cls, images: Sequence[HogelImage], first: Vectors) -> Steps:
-        """Return the steps from image to image, given the displacement (H W,) of the first; see `shifts`.
+    def between(cls, shifts: Sequence[Floats]) -> Steps:
+        """Return the steps from image to image.
 
-        An image that is the one before it adds nothing.
+        Parameters
+        ----------
+        shifts
+            Displacement (2, H W) of each image, see `film_shifts`; that of the same image is the same array.
         """
-        distinct = [images[0], *(after for before, after in pairwise(images) if after is not before)]
-        pencil = true_lines(images[0].camera)
-        # Points very near the plate may be displaced beyond all numbers.
-        known, found = film_steps([image.position for image in distinct], pencil, first)
-        each = iter(found)
-        return cls(
-            known=known,
-            count=int(np.count_nonzero(known)),
-            lengths=tuple(None if after is before else next(each) for before, after in pairwise(images)),
+        lengths = tuple(
+            None if after is before else np.hypot(*(after - before)) for before, after in pairwise(shifts)
         )
+        known: Mask = np.asarray(np.isfinite(shifts[0]).all(axis=0))
+        for length in lengths:
+            if length is not None:
+                known &= np.isfinite(length)
+        return cls(known=known, lengths=lengths)
 
     def sizes(self) -> tuple[StepSize | None, ...]:
         """Return the size of the steps of each link."""
-        return tuple(StepSize.of(np.zeros(0) if one is None else one, self.count) for one in self.lengths)
+        still = StepSize(rms=0.0, p99=0.0) if self.known.any() else None
+        return tuple(still if one is None else StepSize.of(one[self.known]) for one in self.lengths)
 
     def with_last(self, pixels: Indices, step: Floats) -> Steps:
         """Return the steps with one more link, which displaces nothing but some pixels.
@@ -108,17 +72,11 @@ class Steps:
         Parameters
         ----------
         pixels
-            (M,) flat numbers of pixels that this link may displace, ascending.
+            (M,) flat numbers of pixels that this link may displace.
         step
             (M,) lengths; not finite where the image before or after the link shows no surface off the plate.
         """
-        inside = self.known[pixels]
-        pixels, step = pixels[inside], step[inside]
-        finite = np.isfinite(step)
-        if finite.all():
-            return Steps(known=self.known, count=self.count, lengths=(*self.lengths, step))
-        lost = pixels[~finite]
-        known = self.known.copy()
-        known[lost] = False
-        lengths = [None if one is None else np.where(known, one, 0.0) for one in self.lengths]
-        return Steps(known=known, count=self.count - len(lost), lengths=(*lengths, step[finite]))
+        known, last = self.known.copy(), np.zeros(self.known.size)
+        known[pixels] &= np.isfinite(step)
+        last[pixels] = step
+        return Steps(known=known, lengths=(*self.lengths, last))

@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.culled import culled_pixels
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     HeightError,
-    JudgedImage,
     PixelErrors,
+    names_triangles,
     pixel_errors,
-    pixel_errors_beside,
-    pixel_errors_of_each,
 )
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
+from xfrustum.compare.metrics.surface import culled_pixels
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
@@ -199,7 +197,7 @@ def compare_images(
     *,
     radiance: bool = True,
     perceptual: bool = False,
-    judged: JudgedImage | None = None,
+    beside: PixelErrors | None = None,
 ) -> Comparison:
     """Judge a raster image of an aperture by the truth.
 
@@ -214,9 +212,8 @@ def compare_images(
         without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
-    judged
-        Image of the same cameras that was judged by the same truth before, which saves time where both show
-        the same.
+    beside
+        Errors by the same truth of an image of the same cameras, which saves time where both show the same.
 
     Raises
     ------
@@ -225,71 +222,18 @@ def compare_images(
     """
     _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    numbered = _numbered(raster)
-    if judged is None:
-        errors = pixel_errors(truth, raster, reference, numbered=numbered)
-    else:
-        errors = pixel_errors_beside(truth, raster, reference, judged)
-    return _comparison(errors, colors, _TruthNumbers.of(truth), numbered=numbered)
-
-
-def compare_each(
-    truth: HogelImage,
-    images: Sequence[HogelImage],
-    reference: Reference,
-    *,
-    radiance: bool = True,
-    perceptual: bool = False,
-) -> list[Comparison]:
-    """Judge several images of an aperture by the truth, as `compare_images` does, in less time.
-
-    Parameters and exceptions are those of `compare_images`.
-    """
-    for image in images:
-        _check(truth, image, reference)
-    numbered = [_numbered(image) for image in images]
-    errors = pixel_errors_of_each(truth, images, reference, numbered)
-    colors = [compare_radiance(truth, image, perceptual=perceptual) if radiance else None for image in images]
-    numbers = _TruthNumbers.of(truth)
-    return [
-        _comparison(one, color, numbers, numbered=named)
-        for one, color, named in zip(errors, colors, numbered, strict=True)
-    ]
-
-
-def _numbered(raster: HogelImage) -> bool:
-    """Return whether an image names triangles, or shows nothing."""
-    return bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
-
-
-@dataclass(frozen=True, kw_only=True)
-class _TruthNumbers:
-    """Numbers of a comparison that its truth alone has."""
-
-    covered: int
-    certainty: dict[str, int]
-
-    @classmethod
-    def of(cls, truth: HogelImage) -> _TruthNumbers:
-        """Return those of a true image."""
-        return cls(covered=int(np.count_nonzero(truth.covered)), certainty=_certainty_counts(truth))
-
-
-def _comparison(
-    errors: PixelErrors, colors: RadianceError | None, true: _TruthNumbers, *, numbered: bool
-) -> Comparison:
-    truth, raster = errors.truth, errors.raster
+    errors = pixel_errors(truth, raster, reference, beside)
     return Comparison(
         pixels=errors.judged.size,
         judged=int(np.count_nonzero(errors.judged)),
-        covered=true.covered,
+        covered=int(np.count_nonzero(truth.covered)),
         at_plate=errors.at_plate,
         surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
-        triangle=Share.of(errors.triangle, errors.judged) if numbered else None,
+        triangle=Share.of(errors.triangle, errors.judged) if names_triangles(raster) else None,
         displacement_px=errors.spread,
-        height=errors.height,
+        height=errors.height_error,
         radiance=colors.numbers if colors else None,
-        certainty=dict(true.certainty),
+        certainty=_certainty_counts(truth),
         errors=errors,
         colors=colors,
     )
@@ -333,10 +277,5 @@ def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
 def _certainty_counts(truth: HogelImage) -> dict[str, int]:
     if truth.certainty is None:
         return {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
-    counts = dict.fromkeys((kind.name.lower() for kind in Certainty), 0)
-    # Most pixels are proven, which is 0.
-    others = truth.certainty[truth.certainty != Certainty.PROVEN]
-    counts[Certainty.PROVEN.name.lower()] = truth.certainty.size - others.size
-    for kind, count in zip(*np.unique(others, return_counts=True), strict=True):
-        counts[Certainty(kind).name.lower()] = int(count)
-    return counts
+    counts = np.bincount(truth.certainty.reshape(-1), minlength=len(Certainty))
+    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}

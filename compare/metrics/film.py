@@ -13,7 +13,6 @@ from xfrustum.reference.lines.lines import Pencil, pixel_places, places_off_cent
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.room import picked
 
 
 def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
@@ -81,8 +80,10 @@ class DrawnPoints:
         """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
         return cls(
             pixels=pixels,
-            coordinates=np.ascontiguousarray(picked(image.position.reshape(-1, 3), pixels).T, np.float64),
-            triangle=image.triangle.reshape(-1).take(pixels),
+            coordinates=np.stack(
+                [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)], dtype=np.float64
+            ),
+            triangle=image.triangle.reshape(-1)[pixels],
         )
 
     def at(self, some: Indices) -> DrawnPoints:

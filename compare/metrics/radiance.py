@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from xfrustum.compare.metrics.displacement import percentiles
+from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.noise import NoiseNumbers, compare_with_noise
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, perceptual_difference
 from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.notebook.shown import Brief
 
 STEP = 1 / 255
@@ -70,29 +70,21 @@ class RadianceSpread:
         count = len(error)
         if count == 0:
             return None
-        error = np.ascontiguousarray(error, dtype=np.float64)
-        # `einsum` adds row by row, as `mean` does along the first axis, in a fifth of the time.
-        scratch = error * error
-        squares = np.einsum("ij->j", scratch) / count
-        # Channel by channel, in the same memory: numpy is many times slower along rows of three numbers.
-        size = np.abs(error.T, out=scratch.reshape(3, count))
-        if np.array_equal(size[0], size[1]) and np.array_equal(size[0], size[2]):
-            # Most scenes are gray: all channels are off alike, and one is ranked for all.
-            size = size[:1]
-        worst: Floats = size[0] if len(size) == 1 else np.maximum(np.maximum(size[0], size[1]), size[2])
-        p99s = [percentiles(channel, (99,))[0] for channel in size]
+        error = error.astype(np.float64)
+        size = np.abs(error)
+        worst, squares = size.max(axis=1), np.mean(error**2, axis=0)
         return RadianceSpread(
             pixels=count,
             rms=float(np.sqrt(squares.mean())),
             mean=float(error.mean()),
-            p99=p99s[0] if len(size) == 1 else percentiles(worst, (99,))[0],
+            p99=float(np.percentile(worst, 99)),
             max=float(worst.max()),
-            above_step=float(np.count_nonzero(worst > STEP) / count),
+            above_step=float(np.mean(worst > STEP)),
             channels=ChannelSpread(
                 rms=_rgb(np.sqrt(squares)),
-                mean=_rgb(np.einsum("ij->j", error) / count),
-                p99=_rgb(np.resize(p99s, 3)),
-                max=_rgb(np.resize(size.max(axis=1), 3)),
+                mean=_rgb(error.mean(axis=0)),
+                p99=_rgb(np.percentile(size, 99, axis=0)),
+                max=_rgb(size.max(axis=0)),
             ),
         )
 
@@ -165,33 +157,22 @@ def compare_radiance(
     """
     if truth.color is None or raster.color is None:
         return None
-    error = raster.color.astype(np.float64, order="C")
-    error -= truth.color
-    error = error.reshape(-1, 3)
-    judged = np.ones(raster.triangle.shape, dtype=np.bool_)
-    if not np.isfinite(error).all():
-        judged.reshape(-1)[:] = np.isfinite(error[:, 0]) & np.isfinite(error[:, 1]) & np.isfinite(error[:, 2])
-    if truth.certainty is not None:
-        judged &= truth.certainty != Certainty.TIE
-    spread = RadianceSpread.of(_rows(error, judged))
+    error = raster.color.astype(np.float64) - truth.color
+    judged = np.isfinite(error).all(axis=-1) & judged_pixels(truth)
+    spread = RadianceSpread.of(error[judged])
     if spread is None:
         return None
     inside = judged & away_from_edges(truth, raster)
     looks = perceptual_difference(truth.color, raster.color) if perceptual else None
     numbers = RadianceNumbers(
         **vars(spread),
-        away_from_edges=RadianceSpread.of(_rows(error, inside)),
+        away_from_edges=RadianceSpread.of(error[inside]),
         flip=looks.flip if looks else None,
         ssim=looks.ssim if looks else None,
         pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
         noise=_noise(truth, raster, judged),
     )
     return RadianceError(numbers=numbers, truth=truth, raster=raster, judged=judged)
-
-
-def _rows(error: Floats, chosen: Mask) -> Floats:
-    """Return the rows of errors (H W, 3) at some pixels (H, W)."""
-    return error if chosen.all() else error.take(np.flatnonzero(chosen), axis=0)
 
 
 def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseNumbers | None:

@@ -12,18 +12,19 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import DrawnPoints, beyond_film, existing_triangles
-from xfrustum.compare.metrics.pixel_findings import SurfaceFindings, pixel_findings
+from xfrustum.compare.metrics.film import DrawnPoints, beyond_film, existing_triangles, true_lines
+from xfrustum.compare.rounding.positions import largest_tolerance, tolerance_by_size
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Cull
 
 
 def covered_by(image: HogelImage) -> Mask:
@@ -87,12 +88,22 @@ class SurfaceErrors:
     outside: Mask
 
 
+def in_plate(image: HogelImage) -> Mask:
+    """Return the pixels that show a surface point in the plate, (H, W)."""
+    return np.asarray(image.covered & (image.height == 0))
+
+
 def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
     """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
     return surface_errors(truth, raster, reference).wrong
 
 
-def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
+def surface_errors(
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference,
+    located: tuple[DrawnPoints, tuple[Floats, Floats]] | None = None,
+) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
     A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
@@ -109,59 +120,47 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
         The true image, and the image that is judged by it.
     reference
         Reference of the scene.
+    located
+        The raster's points off the plate and their places on the true film, where they are known already.
     """
-    found = pixel_findings(truth, raster, reference.scene).surface
-    assert found is not None, "the scene is at hand"
-    return decided([Undecided.of(found, raster, reference.scene)], truth, reference)[0]
+    scene, pencil = reference.scene, true_lines(truth.camera)
+    if located is None:
+        points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
+        located = points, points.places(pencil)
+    points, places = located
+    # Row by row in memory, whatever the order of the images' arrays is: pixels are marked by flat numbers.
+    wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
+    wrong |= in_plate(raster) & ~in_plate(truth)
+    seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
+    beyond = beyond_film(points, places, pencil, scene) & ~seen
+    outside = np.zeros_like(wrong)
+    outside.reshape(-1)[points.pixels[beyond]] = True
+    wrong |= outside
+    doubtful = points.at(np.flatnonzero(~seen & ~wrong.reshape(-1)[points.pixels]))
+    hidden = reference.hidden(truth.camera.aperture, doubtful.surface_points(scene))
+    wrong.reshape(-1)[doubtful.pixels[hidden]] = True
+    return SurfaceErrors(wrong=wrong, outside=outside)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Undecided:
-    """Surface errors without the points that another surface hides, and the points that may be hidden.
+def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
+    """Return which points (N,) are, within rounding, those of the truth, which are proven to be seen.
 
-    Attributes
-    ----------
-    errors
-        Errors that are known.
-    pixels
-        (N,) flat numbers of pixels that are right so far, and whose points may be hidden.
-    points
-        Their points.
+    With a tiny near these are most points.
     """
-
-    errors: SurfaceErrors
-    pixels: Indices
-    points: SurfacePoints
-
-    @classmethod
-    def of(cls, found: SurfaceFindings, image: HogelImage, scene: Scene) -> Undecided:
-        """Return what formulas have found of an image."""
-        pixels = np.flatnonzero(found.doubtful)
-        shape = image.triangle.shape
-        return cls(
-            errors=SurfaceErrors(wrong=found.wrong.reshape(shape), outside=found.outside.reshape(shape)),
-            pixels=pixels,
-            points=DrawnPoints.of(image, pixels).surface_points(scene),
-        )
-
-    def decided(self, hidden: Mask) -> SurfaceErrors:
-        """Return the errors, given which of the points (N,) are hidden."""
-        wrong = self.errors.wrong.copy()
-        wrong.reshape(-1)[self.pixels[hidden]] = True
-        return SurfaceErrors(wrong=wrong, outside=self.errors.outside)
-
-
-def decided(images: Sequence[Undecided], truth: HogelImage, reference: Reference) -> list[SurfaceErrors]:
-    """Return the surface errors of some images of one aperture; what hides points is asked once."""
-    points = [image.points for image in images]
-    together = SurfacePoints(
-        position=np.concatenate([one.position for one in points]),
-        triangle=np.concatenate([one.triangle for one in points]),
-        tolerance=np.concatenate([one.tolerance for one in points]),
-    )
-    hidden = reference.hidden(truth.camera.aperture, together)
-    ends = np.cumsum([len(image.pixels) for image in images])[:-1]
-    return [image.decided(behind) for image, behind in zip(images, np.split(hidden, ends), strict=True)]
+    found = np.zeros(len(points.pixels), dtype=np.bool_)
+    if truth.certainty is None:
+        return found
+    same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
+    same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
+    same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
+    # With a larger near hardly a point is left after its height alone.
+    height = truth.height.reshape(-1)[points.pixels]
+    some = np.flatnonzero(same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene)))
+    drawn = points.at(some)
+    apart = drawn.coordinates - DrawnPoints.of(truth, drawn.pixels).coordinates
+    tolerance = tolerance_by_size(scene.largest_coordinates[drawn.triangle])
+    found[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
+    return found
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
@@ -182,3 +181,27 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     found = np.zeros_like(asked)
     found.flat[points.pixels] = beyond_film(points, points.places(pencil), pencil, scene)
     return found
+
+
+def turned_away(truth: HogelImage) -> Mask:
+    """Return the pixels (H, W) whose true surface shows its back: its normal points away from the viewer.
+
+    With culling such a pixel shows nothing, or what lies behind that surface: the wrong surface either way.
+
+    Parameters
+    ----------
+    truth
+        True image with normals.
+    """
+    assert truth.normal is not None, "the reference gives normals"
+    directions = true_lines(truth.camera).directions()
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.einsum("hwi,hwi->hw", truth.normal, directions) > 0)
+
+
+def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
+    """Return the pixels (H, W) whose true surface the raster's cameras leave out; None where nothing is."""
+    settings = raster.camera.settings
+    if settings is None or settings.cull is Cull.NONE or truth.normal is None:
+        return None
+    return turned_away(truth)

@@ -11,9 +11,9 @@ from threading import Lock
 
 import numpy as np
 
-from xfrustum.compare.metrics.culled import turned_away
 from xfrustum.compare.metrics.displacement import Spread, lengths, root_mean_square
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.surface import turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth, with_named_fit
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements

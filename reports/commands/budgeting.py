@@ -15,7 +15,6 @@ from xfrustum.compare.attribution.budget import (
 )
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
@@ -98,7 +97,7 @@ class BudgetReport(Shown, Summarized[BudgetRecord]):
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = as_shown(drawn.color, drawn.covered, drawn.height)
         caption = "wrong surfaces red, displacement blue (full at 1 px)"
-        marks = marked(shown, wrong, lengths(self.geometry.moved))
+        marks = marked(shown, wrong, self.geometry.moved)
         return (Figure(caption=caption, content=png(marks)),)
 
 

@@ -11,13 +11,18 @@ from tests.support.views import view
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import ChainStart, charged, make_budget
 from xfrustum.compare.attribution.explain import explain
-from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage
+from xfrustum.compare.metrics.error_maps import (
+    ErrorMaps,
+    PixelErrors,
+    differing_pixels,
+    pixel_errors,
+)
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage
-from xfrustum.scenes.arrays import Floats, Mask, Singles
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.arrays import Mask
 
 NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
 """Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
@@ -38,9 +43,9 @@ class Drawn:
             self.again = rasterizer.render(self.aperture, with_exact_depth(self.settings))
         self.exact, self.starved = self.chain.images[-2:]
 
-    def judged(self) -> JudgedImage:
-        """Return the exact picture with its errors."""
-        return JudgedImage.of(self.truth, self.exact, self.reference)
+    def judged(self) -> PixelErrors:
+        """Return the errors of the exact picture."""
+        return pixel_errors(self.truth, self.exact, self.reference)
 
 
 @pytest.fixture(scope="module", params=NEARS_PER_REACH)
@@ -58,7 +63,7 @@ def assert_equal(found: ErrorMaps, expected: ErrorMaps) -> None:
 def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> None:
     alone = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False)
     beside = compare_images(
-        drawn.truth, drawn.starved, drawn.reference, radiance=False, judged=drawn.judged()
+        drawn.truth, drawn.starved, drawn.reference, radiance=False, beside=drawn.judged()
     )
     assert (drawn.starved.triangle != drawn.exact.triangle).any()
     assert beside.numbers == alone.numbers
@@ -66,26 +71,11 @@ def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> Non
 
 
 def test_a_picture_that_differs_nowhere_has_the_same_errors(drawn: Drawn) -> None:
-    judged = drawn.judged()
-    assert judged.differing(drawn.again).size == 0
-    found = compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False, judged=judged)
+    assert differing_pixels(drawn.exact, drawn.again).size == 0
+    beside = drawn.judged()
+    found = compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False, beside=beside)
+    assert found.errors.raster is drawn.again
     assert found.numbers == compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False).numbers
-
-
-def test_pixels_that_differ_are_found_in_images_stored_by_columns(drawn: Drawn) -> None:
-    def by_columns(image: HogelImage, position: Singles | Floats) -> HogelImage:
-        return replace(
-            image,
-            triangle=np.asfortranarray(image.triangle),
-            object=np.asfortranarray(image.object),
-            position=position,
-        )
-
-    moved = np.array(drawn.exact.position)
-    moved[3, 5] += 1
-    judged = replace(drawn.judged(), image=by_columns(drawn.exact, drawn.exact.position))
-    width = moved.shape[1]
-    assert judged.differing(by_columns(drawn.exact, moved)).tolist() == [3 * width + 5]
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -93,14 +83,13 @@ def test_a_pixel_differs_if_one_coordinate_does(drawn: Drawn, axis: int) -> None
     moved = np.array(drawn.exact.position)
     row, column = np.argwhere(drawn.exact.triangle >= 0)[0]
     moved[row, column, axis] += 1
-    judged = replace(drawn.judged(), image=drawn.exact)
-    found = judged.differing(replace(drawn.exact, position=moved))
+    found = differing_pixels(drawn.exact, replace(drawn.exact, position=moved))
     assert found.tolist() == [row * moved.shape[1] + column]
 
 
 def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:
     alone = make_budget(drawn.reference, drawn.chain)
-    errors = compare_images(drawn.truth, drawn.starved, drawn.reference, judged=drawn.judged()).errors
+    errors = compare_images(drawn.truth, drawn.starved, drawn.reference, beside=drawn.judged()).errors
     start = ChainStart(
         reference=drawn.reference, images=drawn.chain.images[:-1], subpixel_bits=drawn.chain.subpixel_bits
     )

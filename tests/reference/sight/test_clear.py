@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 from tests.reference.sight.test_sight import hidden_by_definition
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup, view
-from xfrustum.compare.metrics.pixel_findings import pixel_findings
-from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lane_formulas import evaluated
@@ -23,7 +21,7 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum, places_off_c
 from xfrustum.reference.sight import sight
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
-from xfrustum.scenes import DoubleFrustum, Frustum, Scene
+from xfrustum.scenes import Frustum, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM for Dr.Jit")
@@ -192,29 +190,6 @@ def test_a_point_far_beside_the_film_is_not_inside_a_triangle_that_is_seen_edge_
     )
     clear = clear_of(soup(edge_on[None], frustum), crossed_frustum(frustum, at(0.0, 0.0)))
     assert clear is not None and not surely_seen(clear, points).any()
-
-
-@pytest.mark.parametrize("name", ["car", "asymmetric"])
-def test_clear_triangles_leave_few_points_to_search_for_and_change_nothing(name: str) -> None:
-    scene = view(name, (160, 120))
-    reference = Reference(scene)
-    truth = reference.trace(scene.plate.middle)
-    with Rasterizer(scene) as rasterizer:
-        near = 1e-3 * scene.frustum.longest_reach
-        image = rasterizer.render(scene.plate.middle, DoubleFrustum(near=near), normals=False, color=False)
-    clear = reference.clear(truth, FEWEST_PICTURES)
-    without, with_clear = (pixel_findings(truth, image, scene, one).surface for one in (None, clear))
-    assert without is not None and with_clear is not None
-    spared = np.flatnonzero(without.doubtful & ~with_clear.doubtful)
-    assert not (with_clear.doubtful & ~without.doubtful).any()
-    points = SurfacePoints(
-        position=image.position.reshape(-1, 3)[spared].astype(np.float64),
-        triangle=image.triangle.ravel()[spared],
-        tolerance=np.zeros(len(spared)),
-    )
-    assert not reference.hidden(truth.camera.aperture, points).any()
-    if name == "car":
-        assert len(spared) > 0.4 * without.doubtful.sum()
 
 
 def test_clear_triangles_are_not_searched_for_where_they_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
