@@ -82,7 +82,7 @@ class Trial:
             return " | ".join([self.scene.name, tolerance, f"none: {self.reason}"])
         plate, worst = made.plate, self.survey.worst
         cuts = ", ".join(f"{cut:g}" for cut in made.slabs)
-        moved = "undefined" if worst.displacement_p99_px is None else f"{worst.displacement_p99_px:.3g} px"
+        moved = "none" if worst.displacement_p99_px is None else f"{worst.displacement_p99_px:.3g} px"
         cells = [
             self.scene.name,
             tolerance,
