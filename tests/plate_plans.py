@@ -142,8 +142,11 @@ def fitted(mesh: Path) -> Scene:
 
 def opened(name: str, resolution: int) -> Scene:
     """Return a scene by name or path, one of `SHAPES`, or a mesh beside the checkout, with a square film."""
-    mesh = SHARED / "data" / name
-    scene = shape(name) if name in SHAPES else fitted(mesh) if mesh.is_file() else open_scene(name)
+    mesh, file = SHARED / "data" / name, SHARED / "scenes" / f"{name}.toml"
+    if name in SHAPES:
+        scene = shape(name)
+    else:
+        scene = fitted(mesh) if mesh.is_file() else open_scene(str(file) if file.is_file() else name)
     return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
 
 

@@ -7,12 +7,13 @@ sight    Whether an aperture's image can show any of an object, and which apertu
 wording  Where a scene lies, in words: why nothing is seen, what the reach cuts off, units that do not fit
 """
 
-from xfrustum.compare.extent.facts import ObjectExtent, Sight, box, extents
+from xfrustum.compare.extent.facts import ObjectExtent, Sight, box, extents, in_plate
 from xfrustum.compare.extent.layers import triangles_in_chunks
 from xfrustum.compare.extent.sight import aside_of_frusta
 from xfrustum.compare.extent.wording import (
     heights,
     length,
+    plate_warnings,
     require_seen,
     unseen_facts,
     unseen_sentence,
@@ -26,7 +27,9 @@ __all__ = [
     "box",
     "extents",
     "heights",
+    "in_plate",
     "length",
+    "plate_warnings",
     "require_seen",
     "triangles_in_chunks",
     "unseen_facts",

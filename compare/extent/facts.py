@@ -15,6 +15,10 @@ from xfrustum.scenes.plate.plate import Plate
 
 Point = tuple[float, float, float]
 
+PLATE_ROUNDING = 2.0**-24
+"""Distance from the plate, as a share of an object's largest coordinate, that rounding makes of 0: half a
+unit in the last place of the single precision in which rasterizers and mesh files hold coordinates."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
@@ -112,6 +116,17 @@ def box(part: SceneObject) -> tuple[Point, Point]:
         high = np.maximum(high, triangles.max(axis=(0, 1)))
     (x0, y0, z0), (x1, y1, z1) = low.tolist(), high.tolist()
     return (x0, y0, z0), (x1, y1, z1)
+
+
+def in_plate(part: SceneObject) -> int:
+    """Return how many triangles of an object lie in the plate, within `PLATE_ROUNDING`."""
+    if not len(part.faces):
+        return 0
+    allowed = PLATE_ROUNDING * float(np.abs(part.vertices).max())
+    return sum(
+        int(np.count_nonzero((np.abs(one[..., 2]) <= allowed).all(axis=1)))
+        for one in triangles_in_chunks(part)
+    )
 
 
 def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.extent.facts import Point, box, share_in_reach
+from xfrustum.compare.extent.facts import Point, box, in_plate, share_in_reach
 from xfrustum.compare.extent.sight import apertures_in_sight, aside_of_frusta, in_sight
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
@@ -99,6 +99,21 @@ def scale_warnings(scene: Scene) -> tuple[str, ...]:
     return _first(found)
 
 
+def plate_warnings(scene: Scene) -> tuple[str, ...]:
+    """Return a sentence for each object with triangles in the plate, where displacement is undefined."""
+    found = []
+    for number, part in enumerate(scene.objects):
+        count = in_plate(part)
+        if count:
+            verb = "lies" if count == 1 else "lie"
+            found.append(
+                f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles {verb} in the plate, "
+                "within rounding: displacement is undefined there, and no plan holds for apertures that show "
+                "it; move it before or behind the plate"
+            )
+    return _first(found)
+
+
 def length(value: float) -> str:
     """Write a length in four digits, thousands between commas."""
     if value == 0 or 1e-3 <= abs(value) < 1e6:
@@ -110,6 +125,8 @@ def length(value: float) -> str:
 
 def heights(low: float, high: float, units: str) -> str:
     """Say between which heights something lies, as distances from the plate."""
+    if low == high == 0:
+        return "in the plate"
     if high <= 0:
         return f"{_range(-high, -low)} {units} behind the plate"
     if low >= 0:

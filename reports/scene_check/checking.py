@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, length, unseen_facts, warnings
+from xfrustum.compare.extent import (
+    ObjectExtent,
+    Sight,
+    extents,
+    heights,
+    length,
+    plate_warnings,
+    unseen_facts,
+    warnings,
+)
 from xfrustum.compare.extent.facts import Point
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
@@ -153,7 +162,7 @@ def check(scene: Scene) -> SceneCheck:
     if unseen is not None:
         told.append(unseen)
     else:
-        told += warnings(scene)
+        told += [*warnings(scene), *plate_warnings(scene)]
         told += [
             f"object {one.number} ({Path(one.name).name}) is outside the frusta of all apertures"
             for one in found

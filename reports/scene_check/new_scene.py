@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from xfrustum.compare.extent import box, heights, length
+from xfrustum.compare.extent import box, heights, in_plate, length
+from xfrustum.compare.extent.facts import PLATE_ROUNDING
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes.meshes import load_mesh
@@ -58,6 +59,8 @@ class NewScene:
         As in the file; the reach is the same on both sides.
     heights
         Lowest and highest z of the object.
+    warning
+        What was placed otherwise, or cannot be drawn where it was asked for; None where nothing was.
     """
 
     path: Path
@@ -70,6 +73,7 @@ class NewScene:
     reach: float
     units: str
     heights: tuple[float, float]
+    warning: str | None = None
 
     @property
     def sentence(self) -> str:
@@ -88,7 +92,7 @@ def new_scene(
     *,
     units: str | None = None,
     size: float | None = None,
-    place: Place | str = Place.THROUGH,
+    place: Place | str | None = None,
     force: bool = False,
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
@@ -105,7 +109,8 @@ def new_scene(
     size
         What the longest side of the mesh is scaled to, scene units; it keeps its own size where None.
     place
-        Placement of the mesh.
+        Placement of the mesh; None for through the plate, or behind it where the mesh is flat and would lie
+        in the plate, where displacement is undefined.
     force
         Whether an existing file is replaced.
 
@@ -115,7 +120,9 @@ def new_scene(
         The mesh cannot be read or has no size, the size is not positive, the file exists already or cannot
         be written.
     """
-    mesh, place = Path(mesh), _place(place)
+    mesh = Path(mesh)
+    if place is not None:
+        place = _place(place)
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
     if out.exists() and not force:
         raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
@@ -147,14 +154,17 @@ def _read(mesh: Path) -> SceneObject:
     return load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
 
 
-def _fitted(mesh: Path, out: Path, units: str, size: float | None, place: Place) -> NewScene:
+def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place | None) -> NewScene:
     """Choose everything from the box about a mesh."""
-    low, high = box(_read(mesh))
+    part = _read(mesh)
+    low, high = box(part)
     own = _sides(low, high)
     if not max(own) > 0:
         raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
     scale = 1.0 if size is None else _digits(size / max(own))
     width, height, depth = (side * scale for side in own)
+    flat = depth <= PLATE_ROUNDING * max(width, height)
+    place = asked or (Place.BEHIND if flat else Place.THROUGH)
     # A flat object behind or before the plate keeps the distance of its longest side.
     longest = max(width, height, depth)
     # From there on the middle aperture, of a plate no larger than the object, sees all of its nearest side.
@@ -165,6 +175,7 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, place: Place)
     bottom, top = scale * low[2] + z, scale * high[2] + z
     plate = _round_up(ROOM * max(width, longest / 4)), _round_up(ROOM * max(height, longest / 4))
     pitch = max(plate) / HOGELS
+    counted = in_plate(replace(part, vertices=scale * part.vertices + [x, y, z]))
     return NewScene(
         path=out,
         mesh=own,
@@ -176,7 +187,23 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, place: Place)
         reach=_round_up(ROOM * max(-bottom, top, longest / 2)),
         units=units,
         heights=(bottom, top),
+        warning=_warning(flat, asked, counted),
     )
+
+
+def _warning(flat: bool, asked: Place | None, in_plate: int) -> str | None:
+    """Say that a flat mesh was put behind the plate, or what lies in the plate."""
+    if flat and asked is None:
+        return (
+            "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
+            "no plan holds (--before places it on the viewer's side)"
+        )
+    if in_plate:
+        return (
+            f"{in_plate:,} triangles lie in the plate, within rounding: displacement is undefined there, and "
+            "no plan holds for apertures that show them; give --behind or --before, or another translate"
+        )
+    return None
 
 
 def _sides(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ import pytest
 
 from tests.plate_plans import SHAPES, opened, try_plan
 from tests.support.scene_file import film, part
-from tests.support.views import SHARED, view
+from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.planning.hogels import hogel_results
@@ -290,9 +290,9 @@ def test_where_no_aperture_has_a_plan_there_is_none_for_any_share(scouted: Scout
 
 SURVEYED = [
     *((name, 0.5) for name in (*builtin.names(), *SHAPES)),
-    ("stanford-bunny.obj", 2.0),
+    ("bunny-transfer", 2.0),
 ]
-"""Scenes and the tolerances of their plans; the mesh beside the checkout as `xfrustum new` places it."""
+"""Scenes and the tolerances of their plans."""
 
 
 @pytest.mark.parametrize(
@@ -304,8 +304,8 @@ SURVEYED = [
 )
 def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) -> None:
     """`python -m tests.plate_plans` prints the same as a table."""
-    if name.endswith(".obj") and not (SHARED / "data" / name).is_file():
-        pytest.skip(f"needs ../shared/data/{name}, in the folder of test data beside the checkout")
+    if name in SHARED_SCENES:
+        view(name)
     trial = try_plan(opened(name, 96), 40, Requirement(tolerance_px=tolerance_px))
     if trial.survey is None:
         assert "No plan" in trial.reason

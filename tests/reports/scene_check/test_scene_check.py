@@ -242,3 +242,38 @@ def test_a_mesh_of_one_point_fits_no_scene(tmp_path: Path) -> None:
     point.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
     with pytest.raises(InputError, match="one point"):
         xfrustum.new_scene(point, tmp_path / "a.toml")
+
+
+# Surfaces in the plate -----------------------------------------------------------------------------------
+
+TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\n"
+
+
+@pytest.mark.parametrize("off", ["0", "1e-7", "-1e-15"])
+def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
+    off: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As flat as rounding makes it; where it is asked into the plate, `new` and `check` warn of that."""
+    monkeypatch.chdir(tmp_path)
+    Path("flat.obj").write_text(TILED.replace("v 20 20 0", f"v 20 20 {off}"))
+    assert main(["new", "flat.obj", "--size", "60"]) == 0
+    said = capsys.readouterr()
+    assert "flat, and is placed behind the plate" in said.err and "behind the plate" in said.out
+    assert box(open_scene("flat.toml").objects[0])[1][2] < -10
+    assert main(["check", "flat.toml"]) == 0
+    assert "in the plate" not in capsys.readouterr().err
+    assert main(["new", "flat.obj", "--size", "60", "--through", "--force"]) == 0
+    assert "2 triangles lie in the plate" in capsys.readouterr().err
+    assert main(["check", "flat.toml"]) == 0
+    assert "2 of its 2 triangles lie in the plate" in capsys.readouterr().err
+
+
+def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_path: Path) -> None:
+    """A solid across the plate has no triangle in it; and a distance that single precision holds is one."""
+    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.obj")
+    assert xfrustum.new_scene(solid, tmp_path / "a.toml").warning is None
+    (tmp_path / "near.toml").write_text(
+        film((80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
+        + part("square", 40.0, (0.0, 0.0, 1e-4))
+    )
+    assert not xfrustum.check(open_scene(str(tmp_path / "near.toml"))).warnings

@@ -25,8 +25,7 @@ from xfrustum.cli.numbers import Positive
     "--through",
     "place",
     flag_value="through",
-    default=True,
-    help="Place the mesh across the plate.  [default]",
+    help="Place the mesh across the plate.  [default, unless it is flat]",
 )
 @click.option("--behind", "place", flag_value="behind", help="Place all of the mesh behind the plate.")
 @click.option("--before", "place", flag_value="before", help="Place all of the mesh on the viewer's side.")
@@ -38,7 +37,7 @@ def new(
     out: Path | None,
     units: str | None,
     size: float | None,
-    place: str,
+    place: str | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -49,6 +48,8 @@ def new(
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     written = new_scene(mesh, out, units=units, size=size, place=place, force=force)
+    if written.warning is not None:
+        options.warn(written.warning)
     options.tell(as_json, lambda: {**asdict(written), "path": str(written.path)}, lambda: written.sentence)
 
 
