@@ -118,9 +118,9 @@ class FoundEncoding:
         """Whether pixels that should be numbers are colors."""
         return self.reading is not None and self.reading.encoding not in NUMBER_ENCODINGS
 
-    def read(self, image: HogelImage) -> HogelImage:
+    def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image read in this way, with lost numbers restored."""
-        return self.plainly(image) if self.restoring is None else self.restoring.read(image)
+        return self.plainly(image) if self.restoring is None else self.restoring.read(reference, image)
 
     def plainly(self, image: HogelImage) -> HogelImage:
         """Return an image read in this way, without restoring lost numbers."""

@@ -57,7 +57,7 @@ def find_out(
         return Findings(
             encoding=encoding, diagnosis=diagnose(reference, images, nominal, judging), judging=judging
         )
-    read = [encoding.read(image) for image in images]
+    read = [encoding.read(reference, image) for image in images]
     # Where numbers were asked for and colors are found, shading was not asked for: only geometry counts.
     judged = replace(judging, compared=Compared.GEOMETRY) if encoding.as_colors else judging
     diagnosis = diagnose(reference, read, nominal, judged)

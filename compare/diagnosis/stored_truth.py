@@ -236,8 +236,6 @@ class Restoring:
 
     Attributes
     ----------
-    truth
-        Truth and images of the renderer.
     kind
         Kind of the damage.
     reading
@@ -248,16 +246,16 @@ class Restoring:
         Number of low bits of each number that were kept; only for `OVERFLOW`.
     """
 
-    truth: StoredTruth
     kind: str
     reading: Reading
     agreement: Agreement
     bits: int = 24
 
-    def read(self, image: HogelImage) -> HogelImage:
+    def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
         orientation = self.agreement.orientation
-        beside = self.truth.beside(image, orientation, self.agreement.order, thinned=False)
+        truth = StoredTruth(reference, (image,))
+        beside = truth.beside(image, orientation, self.agreement.order, thinned=False)
         as_read = read_again(image, self.reading)
         name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(orientation.upright(getattr(as_read, name)))
@@ -283,7 +281,7 @@ class Restoring:
 
 def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
     """Return a way to tell number 0 from nothing where both are stored alike."""
-    return Restoring(truth=truth, kind=FIRST_NUMBER, reading=reading, agreement=truth.agreement(reading))
+    return Restoring(kind=FIRST_NUMBER, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
@@ -311,7 +309,7 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
                 f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
             )
             fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
-            return fault, Restoring(truth=truth, kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
+            return fault, Restoring(kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
     return _mixed(truth, stated)
 
 
@@ -343,7 +341,7 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
                 LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
             }[kind]
             fault = Fault(fault=kind, value=mixed, unit="share", words=words)
-            return fault, Restoring(truth=truth, kind=kind, reading=stated, agreement=found)
+            return fault, Restoring(kind=kind, reading=stated, agreement=found)
     return None
 
 
@@ -369,7 +367,7 @@ def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
     words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
     fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
     agreement = truth.agreement(stated)
-    return fault, Restoring(truth=truth, kind=RESAMPLED, reading=stated, agreement=agreement)
+    return fault, Restoring(kind=RESAMPLED, reading=stated, agreement=agreement)
 
 
 def _repeated(images: Sequence[Numbers], axis: int) -> float:

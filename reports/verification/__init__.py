@@ -1,7 +1,6 @@
 """The verification of foreign renderers: sources, verdict, files.
 
 baseline      `verify --baseline`: a verification is held to the measures that were accepted before
-block_job     Blocks of hogels of a foreign renderer, judged by any process as `verify` does
 commands      A foreign renderer as a program that is run once for each aperture
 figures       Figures of all hogels together, and figures of one hogel or of all in words
 file_state    Digests of the files that a verification depends on: they change when any of these files is
@@ -9,13 +8,11 @@ file_state    Digests of the files that a verification depends on: they change w
 files         What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal
 laid_out      Hogel images from files in a layout, and other layouts in which the same files may be
               meant
-on_engine     Verifications on the engine of `reports.cluster`: blocks of hogels judged by any process, as
-              `verify` does
 sources       Where a foreign renderer's hogel images come from: files, or a function
-stored_question  The question of a verification on disk: what all its hogels are judged by, found out once by
-              one process
 verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together
 verification  `xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong
               with it?
+workers       `verify --workers`, `--scheduler` and `--part`: blocks of hogels that any process judges as
+              `verify` does
 worst_hogels  Pictures of the worst hogels, kept small while all hogels pass by
 """

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -186,11 +186,8 @@ def _files(reference: Reference, source: str, encoding: Encoding, layout: str | 
     return Files(pattern=source, reference=reference, encoding=encoding)
 
 
-class Kept(Protocol):
-    """What keeps something of hogels that pass by, such as pictures of the worst."""
-
-    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
-        """Keep what it wants of a hogel."""
+FiguresPair = tuple[Figures, Figures]
+"""Figures of a hogel as found, and as corrected."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,7 +242,9 @@ class Run:
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
             worst, hogels = WorstHogels(scene=self.reference.scene if self.channels else None), []
-            for hogel in self.hogels(question, self.asked, worst):
+            for hogel, figures in self.hogels(question, self.asked):
+                if figures is not None:
+                    worst.add(hogel.aperture, *figures)
                 hogels.append(hogel)
                 bar.update()
         return Verification(
@@ -279,15 +278,15 @@ class Run:
             read_as_found=ENCODING in accept and found.encoding.reading is not None,
         )
 
-    def hogels(self, question: Question, apertures: Iterable[Aperture], worst: Kept) -> Iterator[Hogel]:
-        """Judge some hogels and yield them in their order; `worst` is given the figures of each."""
+    def hogels(
+        self, question: Question, apertures: Iterable[Aperture]
+    ) -> Iterator[tuple[Hogel, FiguresPair | None]]:
+        """Judge some hogels; yield them in their order, each with its figures where it has an image."""
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
         with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-            tasks = (pool.submit(self._hogel, question, one) for one in self._images(apertures))
-            for hogel, figures in in_order(tasks, most):
-                if figures is not None:
-                    worst.add(hogel.aperture, *figures)
-                yield hogel
+            yield from in_order(
+                (pool.submit(self._hogel, question, one) for one in self._images(apertures)), most
+            )
 
     def _images(self, apertures: Iterable[Aperture]) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
         """Yield the image of each hogel; the renderer is asked in the caller's thread."""
@@ -301,24 +300,28 @@ class Run:
         except Problem as problem:
             return problem
 
-    def had(self, aperture: Aperture) -> bool:
-        """Return whether there is an image of a hogel, without keeping it."""
-        return isinstance(self._had(aperture), HogelImage)
-
-    def judged(self, question: Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+    def judged(self, question: Question, aperture: Aperture) -> tuple[Hogel, FiguresPair | None]:
         """Judge one hogel alone; see `_hogel`."""
         return self._hogel(question, (aperture, self._had(aperture)))
 
+    def pictured(self, question: Question, aperture: Aperture, *, channels: bool) -> Pictured | None:
+        """Return one hogel in pictures, with all its channels if asked; None where it is missing."""
+        worst = WorstHogels(scene=self.reference.scene if channels else None)
+        figures = self.judged(question, aperture)[1]
+        if figures is not None:
+            worst.add(aperture, *figures)
+        return worst.kept[0] if worst.kept else None
+
     def _hogel(
         self, question: Question, one: tuple[Aperture, HogelImage | Problem]
-    ) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+    ) -> tuple[Hogel, FiguresPair | None]:
         """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
         aperture, image = one
         if isinstance(image, Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
         encoding, found = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
-        read, judging = encoding.read(image), self.limits.judging
+        read, judging = encoding.read(self.reference, image), self.limits.judging
         same = question.asked == found and question.reads_all_as_found
         as_found = self._judged(question.asked, found, given, judging, explained=same)
         corrected = as_found
@@ -412,11 +415,7 @@ class HogelVerifier:
 
     def pictured(self, aperture: Aperture) -> Pictured | None:
         """Return one hogel in pictures and with all its channels; None where it is missing."""
-        worst = WorstHogels(scene=self._run.reference.scene)
-        figures = self._run.judged(self._question, aperture)[1]
-        if figures is not None:
-            worst.add(aperture, *figures)
-        return worst.kept[0] if worst.kept else None
+        return self._run.pictured(self._question, aperture, channels=True)
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

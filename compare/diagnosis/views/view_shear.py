@@ -70,7 +70,7 @@ def with_view_shear(
         Rules for what counts as wrong.
     """
     scene, diagnosis = reference.scene, found.diagnosis
-    read = [found.encoding.read(image) for image in images]
+    read = [found.encoding.read(reference, image) for image in images]
     claiming = [image for image in read if (image.triangle != NOTHING).any()]
     if diagnosis.faults or not claiming or scene.frustum.screen is None:
         return found

@@ -377,8 +377,8 @@ def _verified_on(
     **renderer: Any,
 ) -> Verification | None:
     """Judge where the options say; None where other parts are not finished yet."""
-    from xfrustum.reports.verification.on_engine import ForeignRenderer, verify_on
     from xfrustum.reports.verification.verification import limits_of
+    from xfrustum.reports.verification.workers import ForeignRenderer, verify_on
     from xfrustum.scenes.files.foreign_images import Encoding
 
     for option, value in (("--layout", layout), ("--tev", tev)):

@@ -6,7 +6,7 @@ import json
 import shutil
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -14,26 +14,14 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
-from xfrustum.compare.diagnosis.diagnosis import Diagnosis
-from xfrustum.compare.diagnosis.encodings import FoundEncoding
-from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.diagnosis.findings import Findings
-from xfrustum.compare.diagnosis.stored_truth import Restoring
-from xfrustum.compare.judging.judged import Judging
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.orientations import Orientation
 from xfrustum.reference import Reference
-from xfrustum.reports.cluster.blocks import ListedBlocks
-from xfrustum.reports.cluster.run import Engine, Team, open_team
-from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports import blocks
+from xfrustum.reports.blocks import Engine, Workers
 from xfrustum.reports.parts import Parts
-from xfrustum.reports.verification import on_engine
-from xfrustum.reports.verification.block_job import ForeignRenderer, VerifyJob, source_of
+from xfrustum.reports.verification import workers
 from xfrustum.reports.verification.file_state import require_same_images, state_of_command, state_of_images
-from xfrustum.reports.verification.on_engine import for_workers
-from xfrustum.reports.verification.stored_question import agreed_question
 from xfrustum.reports.verification.verdict import Hogel, Limits
-from xfrustum.reports.verification.verification import Question
+from xfrustum.reports.verification.workers import QUESTION, ForeignRenderer, VerifyJob
 from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")
@@ -127,21 +115,6 @@ def test_a_command_that_was_judged_to_the_end_is_judged_anew(
     assert (out / "inspect.html").exists()
 
 
-def test_hogels_that_could_not_be_had_are_asked_for_again_when_a_command_goes_on(
-    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    module, words = command_of(right_path, tmp_path)
-    out = tmp_path / "verified"
-    module.write_text('case "$1x$2" in 2x1) exit 3;; esac\n')
-    assert verified(right_path, out, *words, "--part", "2/2") == 0
-    # The diagnosis lacks a hogel that is there now: what was judged by it is not worth anything.
-    module.write_text("")
-    assert verified(right_path, out, *words, "--part", "1/2") == 0
-    assert files_of(out) == {}
-    assert verified(right_path, out, *words, "--part", "2/2") == 0
-    assert json.loads(capsys.readouterr().out)["verdict"] == "pass"
-
-
 def test_blocks_with_hogels_that_could_not_be_had_are_judged_again(right_path: Path, tmp_path: Path) -> None:
     module, words = command_of(right_path, tmp_path)
     out = tmp_path / "verified"
@@ -171,17 +144,16 @@ def test_a_command_runs_in_the_folder_of_the_caller(
     scene = open_scene(right_path)
     renderer = ForeignRenderer(command=command, folder=tmp_path)
     monkeypatch.chdir("/")
-    with source_of(Reference(scene), renderer) as source:
+    with renderer.opened(Reference(scene)) as source:
         assert source.image(scene.plate.aperture(0, 0)).covered.any()
     module.with_name("render").write_text("another\n")
     assert state_of_command(command, tmp_path) != before
 
 
 def job_of(path: Path, renderer: ForeignRenderer, out: Path) -> VerifyJob:
-    scene = open_scene(path)
     return VerifyJob(
-        ticket=SceneTicket.of(scene),
-        blocks=ListedBlocks(plate=scene.plate, indices=((0, 0),), size=1),
+        scene=open_scene(path),
+        hogels_per_block=1,
         parts=Parts(out=out, name="verification.parquet"),
         renderer=renderer,
         state="of the caller",
@@ -200,7 +172,7 @@ def test_a_worker_that_finds_another_program_than_the_command_refuses(
     renderer = ForeignRenderer(command="./render {i} {j} {out}", folder=tmp_path / folder)
     with (
         pytest.raises(InputError, match=told),
-        job_of(right_path, renderer, tmp_path).open(open_scene(right_path)),
+        job_of(right_path, renderer, tmp_path).open(),
     ):
         pass
 
@@ -210,36 +182,16 @@ def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
     assert state_of_command(f"sh -c '{script}'", tmp_path) == state_of_command("sh", tmp_path)
 
 
-def question_of(near: float, encoding: FoundEncoding | None = None) -> Question:
-    model = DrawnModel(near=near, shift=(0.1, 1 / 3), orientation=Orientation(flip_x=True))
-    fault = Fault(fault="near", value=near, low=0.1, unit="cm", words="near", explains=1.0)
-    diagnosis = Diagnosis(model=model, faults=(fault,), does_not_explain=(), means="guess")
-    found = Findings(encoding=encoding or FoundEncoding(), diagnosis=diagnosis, judging=Judging())
-    return Question(asked=DrawnModel(), found=found, read_as_found=False)
-
-
-def test_all_processes_judge_by_what_the_first_one_has_diagnosed(tmp_path: Path) -> None:
-    parts = Parts(out=tmp_path, name="verification.parquet")
-    parts.open({})
-    first, mine = agreed_question(parts, lambda: (question_of(0.5), ((2, 1),)))
-    second, theirs = agreed_question(parts, lambda: pytest.fail("was diagnosed before"))
-    assert first.digest == second.digest
-    assert first.missing == second.missing == ((2, 1),)
-    wanted = question_of(0.5)
-    for one in (mine, theirs):
-        assert one.asked == wanted.asked
-        assert vars(one.found.diagnosis) == vars(wanted.found.diagnosis)
-
-
-def test_a_diagnosis_that_cannot_be_stored_must_be_that_of_the_others(tmp_path: Path) -> None:
-    parts = Parts(out=tmp_path, name="verification.parquet")
-    parts.open({})
-    encoding = FoundEncoding(restoring=cast("Restoring", object()))
-    agreed_question(parts, lambda: (question_of(0.5, encoding), ()))
-    same = question_of(0.5, encoding)
-    assert agreed_question(parts, lambda: (same, ()))[1] is same
-    with pytest.raises(InputError, match="its images are not the same each time"):
-        agreed_question(parts, lambda: (question_of(0.6, encoding), ()))
+def test_what_another_diagnosis_judged_is_not_put_together(
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "verified"
+    words = (pattern_of(right_path), "--part")
+    assert verified(right_path, out, *words, "1/2") == 0
+    question = out / "verification.parquet" / QUESTION
+    question.write_bytes(question.read_bytes() + b" ")
+    assert verified(right_path, out, *words, "2/2") == 2
+    assert "was judged by another diagnosis than the rest" in capsys.readouterr().err
 
 
 def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
@@ -248,11 +200,11 @@ def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
     folder = shutil.copytree(right_path.parent, tmp_path / "br{a}ce")
     monkeypatch.chdir(folder)
 
-    def alone(engine: Engine, *arguments: Any, **options: Any) -> AbstractContextManager[Team]:
-        return open_team(Engine(workers=1), *arguments, **options)
+    def alone(engine: Engine, *arguments: Any, **options: Any) -> AbstractContextManager[Workers]:
+        return blocks.open_workers(Engine(workers=1), *arguments, **options)
 
-    monkeypatch.setattr(on_engine, "open_team", alone)
-    found = on_engine.verify_on(
+    monkeypatch.setattr(workers, "open_workers", alone)
+    found = workers.verify_on(
         Engine(scheduler="tcp://elsewhere:1"),
         open_scene(right_path),
         ForeignRenderer(source="{i}x{j}.exr"),
@@ -359,11 +311,11 @@ def test_workers_elsewhere_find_the_files_and_name_them_as_they_were_given(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     given = ForeignRenderer(source="{i}x{j}.exr")
-    sent = for_workers(given, elsewhere=True)
+    sent = given.for_workers(elsewhere=True)
     assert (sent.source, sent.named_from) == (f"{tmp_path}/{{i}}x{{j}}.exr", tmp_path)
-    assert sent.images == given.images
+    assert sent.description == given.description
     aperture = open_scene("car").plate.aperture(0, 0)
     missing = Hogel(aperture=aperture, problem=f"{tmp_path}/0x0.exr: is missing")
     assert missing.told_from(sent.named_from).problem == "0x0.exr: is missing"
     absolute = ForeignRenderer(source=str(tmp_path / "{i}x{j}.exr"))
-    assert for_workers(absolute, elsewhere=True) == absolute
+    assert absolute.for_workers(elsewhere=True) == absolute
