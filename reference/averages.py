@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from xfrustum.reference.bands import BAND_PIXELS, bands
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
-from xfrustum.reference.devices.bands import in_parallel
+from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -20,9 +21,6 @@ from xfrustum.scenes.plate.plate import Aperture
 BOX_SIDE = 8
 """Points along each side of a pixel with which the box of multisampling is integrated. A straight edge along
 the rows or columns of points is off by at most half a row, 1/16 of the pixel; other edges are off by less."""
-
-LEAST_PIXELS = 1 << 14
-"""Smallest number of points that are shaded at once: with fewer, starting costs more than shading."""
 
 AVERAGED_PIXELS = 1 << 22
 """Pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel."""
@@ -42,7 +40,9 @@ def points_per_side(sampling: Sampling) -> int:
     return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
 
 
-def mean_color(scene: Scene, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range) -> Floats:
+def mean_color(
+    scene: Scene, triangles: Triangles, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range
+) -> Floats:
     """Return linear RGB (rows, W, 3): the mean over some apertures and over side x side points per pixel.
 
     The points are the pixel centers of an image of `side` times the resolution.
@@ -51,19 +51,13 @@ def mean_color(scene: Scene, shader: Shader, apertures: Sequence[Aperture], side
     total = np.zeros((len(rows), width, 3))
     for aperture in apertures:
         fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width * side, height * side))
-        certifier = Certifier(scene.triangles, fine)
-
-        def band(some: range, fine: Pencil = fine, certifier: Certifier = certifier) -> Floats:
-            color = _color(scene, shader, certifier.decide(some), fine, some)
-            return np.asarray(color.reshape(len(some), width, side, -1).sum(axis=2))
-
-        row = 0
-        fine_rows = range(rows.start * side, rows.stop * side)
-        for part in in_parallel(band, fine.resolution, rows=fine_rows, least_pixels=LEAST_PIXELS):
+        certifier = Certifier(triangles, fine)
+        for some in bands(width, rows, BAND_PIXELS // side**2):
+            lines = range(some.start * side, some.stop * side)
+            color = _color(scene, shader, certifier.decide(lines), fine, lines)
             # The sums are taken row by row, so that they do not depend on how the bands were cut.
-            for line in part:
-                total[row // side] += line
-                row += 1
+            for row, line in zip(lines, color.reshape(len(lines), width, side, -1).sum(axis=2), strict=True):
+                total[row // side - rows.start] += line
     return total / (len(apertures) * side * side)
 
 

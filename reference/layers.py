@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -67,38 +66,17 @@ class NumberedLayer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer(NumberedLayer):
-    """What one camera shows in some rows of an image, or several cameras overlaid.
-
-    Attributes
-    ----------
-    position
-        (rows, W, 3) surface points in scene units, NaN where it shows none.
-    directions
-        (rows, W, 3) directions of the lines along which it sees.
-    """
+    """What one camera shows in some rows of an image, with surface points (rows, W, 3), NaN for none."""
 
     position: Floats
-    directions: Floats
 
     @classmethod
-    def of(
-        cls, pencil: Pencil, decided: FirstSurfaces, rows: range, directions: Floats | None = None
-    ) -> Layer:
-        """Return what a pencil's camera shows.
-
-        Parameters
-        ----------
-        pencil, decided, rows
-            Lines of the camera, and the surfaces that are first along them in some rows of the image.
-        directions
-            Directions of the pencil's lines in these rows, where they are at hand.
-        """
-        if directions is None:
-            directions = pencil.directions(slice(rows.start, rows.stop))
+    def of(cls, pencil: Pencil, decided: FirstSurfaces, rows: range) -> Layer:
+        """Return what a pencil's camera shows."""
+        directions = pencil.directions(slice(rows.start, rows.stop))
         return cls(
             **vars(NumberedLayer.of_decided(decided, rows)),
             position=np.asarray(pencil.center) + decided.s[..., None] * directions,
-            directions=directions,
         )
 
 
@@ -106,22 +84,6 @@ def overlaid(layers: Sequence[Layer]) -> Layer:
     """Return layers of the same rows as one, the last of them on top."""
     below, *others = layers
     for upper in others:
-        covers = upper.covers[..., None]
-        directions = below.directions
-        if upper.directions is not directions:
-            directions = np.where(covers, upper.directions, directions)
-        below = Layer(
-            **vars(below.under(upper)),
-            position=np.where(covers, upper.position, below.position),
-            directions=directions,
-        )
+        position = np.where(upper.covers[..., None], upper.position, below.position)
+        below = Layer(**vars(below.under(upper)), position=position)
     return below
-
-
-def overlaid_certainty(decided: Sequence[FirstSurfaces], rows: range) -> tuple[Bytes, Indices]:
-    """Return the certainty and the companions of decided layers of the same rows, the last of them on top."""
-    if not any(layer.certainty.any() for layer in decided):
-        # All are proven, and there are no ties.
-        return decided[0].certainty, decided[0].companions
-    top = reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in decided))
-    return top.certainty, top.companions

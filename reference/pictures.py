@@ -1,27 +1,51 @@
-"""The image of an aperture, made of decisions along its lines: points, normals, objects, light."""
+"""The image of an aperture, made of decisions along its lines: points, normals, objects, light.
+
+There is one lane of Dr.Jit for each pixel.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cached_property
-from importlib import import_module
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from functools import cached_property, reduce
+from typing import Any
 
+import drjit as dr
 import numpy as np
 
+from xfrustum.reference.backend import (
+    Float32,
+    Float64,
+    Int32,
+    Table,
+    UInt32,
+    constants,
+    interleaved,
+    on_device,
+    recording,
+    table,
+)
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.certify.processors import compiled
-from xfrustum.reference.layers import Layer, overlaid, overlaid_certainty
+from xfrustum.reference.layers import NumberedLayer
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
-from xfrustum.reference.shading.shading import Hits, Shader
-from xfrustum.scenes.arrays import Floats, Singles
+from xfrustum.reference.shading.light import Seen
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-if TYPE_CHECKING:
-    from xfrustum.reference.pictures_jit import JitPictures
+Decided = tuple[Pencil, FirstSurfaces]
+"""Lines of a camera, and what is first along those of some rows."""
+
+
+def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
+    """Return the coordinates of d of every pixel in some rows, row by row; see `Pencil.directions`."""
+    lane = dr.arange(UInt32, len(rows) * pencil.resolution[0])
+    width, start = dr.opaque(UInt32, pencil.resolution[0]), dr.opaque(UInt32, rows.start)
+    # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
+    row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
+    dx, dy = on_device(pencil.dx), on_device(pencil.dy)
+    return [dr.gather(Float64, dx, lane - row * width), dr.gather(Float64, dy, row + start), Float64(-1.0)]
 
 
 class Pictures:
@@ -29,46 +53,20 @@ class Pictures:
 
     Parameters
     ----------
-    scene
-        Scene that is seen.
-    shader
-        Shader of its surfaces.
+    scene, shader
+        Scene that is seen, and the shader of its surfaces.
     """
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
-        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
-        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
 
     @cached_property
-    def _compiled(self) -> JitPictures | None:
-        """The compiled maker of images; None where nothing can be compiled or seen."""
-        if not compiled() or not len(self._scene.faces):
-            return None
-        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
-        made: JitPictures = import_module("xfrustum.reference.pictures_jit").JitPictures(
-            self._scene, self._shader
-        )
-        return made
+    def _normals(self) -> Table:
+        return table(self._scene.normals)
 
-    def true_image(
-        self, aperture: Aperture, rows: range, pencil: Pencil, found: FirstSurfaces, *, colored: bool = True
-    ) -> HogelImage:
-        """Return what is first along the lines of the true frustum in some rows, with color or without."""
-        if self._compiled is None:
-            image = self.image(aperture, rows, [(pencil, found)])
-            return image if colored else replace(image, color=None)
-        shown = self._compiled.shown(pencil, rows, found, colored=colored)
-        return HogelImage(
-            camera=self.camera(aperture),
-            triangle=found.triangle,
-            object=shown.object,
-            position=shown.position,
-            normal=shown.normal,
-            color=shown.color,
-            certainty=found.certainty,
-            companions=found.companions,
-        )
+    @cached_property
+    def _objects(self) -> Table:
+        return table(self._scene.object_of_triangle)
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
         """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
@@ -87,79 +85,93 @@ class Pictures:
 
     def image(
         self,
-        aperture: Aperture,
+        camera: HogelCamera,
         rows: range,
-        decided: list[tuple[Pencil, FirstSurfaces]],
-        settings: DoubleFrustum | None = None,
+        layers: Sequence[Decided],
         *,
-        shaded: bool = True,
+        normals: bool = True,
+        colored: bool = True,
     ) -> HogelImage:
-        """Return what decided layers of some rows show, the last on top, with normals, objects and light.
+        """Return what decided layers of some rows show, the last on top.
 
         Parameters
         ----------
-        aperture
-            Aperture whose image it is.
+        camera
+            Camera that the image names.
         rows
             Rows of the image.
-        decided
-            Lines of each camera, and what is first along them.
-        settings
-            Settings of the offset cameras; None for the true frustum.
-        shaded
-            Whether the image has normals and color.
+        layers
+            What each camera shows, in drawing order.
+        normals, colored
+            Whether the image has normals, and whether it has color.
         """
-        if not shaded and self._compiled is not None:
-            return self._unshaded(self._compiled, self.camera(aperture, settings), rows, decided)
-        pencil = crossed_frustum(self._scene.frustum, aperture)
-        directions = pencil.directions(slice(rows.start, rows.stop))
-        layers = []
-        for lines, found in decided:
-            # What a camera fitted to some height shows, it sees along lines of its own.
-            own = None if lines.half_extent != pencil.half_extent else directions
-            layers.append(Layer.of(lines, found, rows, own))
-        shown = overlaid(layers)
-        normal, color = self._shaded(shown) if shaded else (None, None)
-        return HogelImage(
-            camera=self.camera(aperture, settings),
-            triangle=shown.triangle,
-            object=self._object_of_number[shown.triangle],
-            position=shown.position,
-            normal=normal,
-            color=color,
-            certainty=shown.certainty,
-            companions=shown.companions,
+        found = [decided for _, decided in layers]
+        certainty, companions = found[0].certainty, found[0].companions
+        if len(found) > 1:
+            top = reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in found))
+            certainty, companions = top.certainty, top.companions
+        triangle, objects, position, normal, color = self._shown(
+            layers, rows, normals=normals, colored=colored
         )
-
-    def _unshaded(
-        self,
-        made_by: JitPictures,
-        camera: HogelCamera,
-        rows: range,
-        decided: list[tuple[Pencil, FirstSurfaces]],
-    ) -> HogelImage:
-        """Return what `image` returns without normals and color, with points made by a kernel."""
-        found = [surfaces for _, surfaces in decided]
-        triangle, objects, position = made_by.points(decided, rows)
-        certainty, companions = overlaid_certainty(found, rows)
         return HogelImage(
             camera=camera,
             triangle=triangle,
             object=objects,
             position=position,
+            normal=normal,
+            color=color,
             certainty=certainty,
             companions=companions,
         )
 
-    def _shaded(self, shown: Layer) -> tuple[Floats, Singles]:
-        """Return the normals and the color (H, W, 3) of what a layer shows."""
-        normals = np.full(shown.position.shape, np.nan)
-        color = np.zeros(shown.position.shape, dtype=np.float32)
-        covered = np.flatnonzero(shown.triangle != NOTHING)
-        number = shown.triangle.ravel()[covered]
-        normal = self._scene.normals[number]
-        normals.reshape(-1, 3)[covered] = normal
-        position, direction = (v.reshape(-1, 3)[covered] for v in (shown.position, shown.directions))
-        hits = Hits(triangle=number, normal=normal, position=position, direction=direction)
-        color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
-        return normals, color
+    def _shown(
+        self, layers: Sequence[Decided], rows: range, *, normals: bool, colored: bool
+    ) -> tuple[Any, Any, Any, Any, Any]:
+        """Return triangle, object, position, normal and color of `image`."""
+        shape = len(rows), layers[0][0].resolution[0]
+        if not len(self._scene.faces):
+            nothing, nowhere = np.full(shape, NOTHING, dtype=np.int32), np.full((*shape, 3), np.nan)
+            black = np.zeros((*shape, 3), dtype=np.float32)
+            return (
+                nothing,
+                nothing.copy(),
+                nowhere,
+                nowhere.copy() if normals else None,
+                black if colored else None,
+            )
+        with recording():
+            number: Any = Int32(NOTHING)
+            position: list[Any] = [Float64(np.nan)] * 3
+            direction: list[Any] = []
+            lines: dict[object, list[Any]] = {}
+            for pencil, decided in layers:
+                # Cameras that were not fitted to a height have the same lines, from centers of their own.
+                film = pencil.shear, pencil.half_extent
+                own = lines[film] = lines.get(film) or pixel_directions(pencil, rows)
+                triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
+                covers = triangle != NOTHING
+                number = dr.select(covers, triangle, number)
+                here = [at + s * along for at, along in zip(constants(pencil.center), own, strict=True)]
+                position = [dr.select(covers, *both) for both in zip(here, position, strict=True)]
+                direction = [dr.select(covers, *both) for both in zip(own, direction or own, strict=True)]
+            covered, known = number != NOTHING, dr.maximum(number, 0)
+            (of_triangle,) = self._objects(known)
+            objects = dr.select(covered, of_triangle, NOTHING)
+            flat = self._normals(known)
+            normal = [dr.select(covered, part, np.nan) for part in flat] if normals else []
+            light: list[Any] = []
+            if colored:
+                seen = Seen(triangle=known, normal=flat, position=position, direction=direction)
+                light = [
+                    Float32(dr.select(covered, part, 0.0)) for part in self._shader.model.radiance(seen)
+                ]
+            # All in one kernel: they share the places of the points.
+            dr.eval(number, objects, position, normal, light)
+            return (
+                number.numpy().reshape(shape),
+                objects.numpy().reshape(shape),
+                interleaved(position, (*shape, 3)),
+                interleaved(normal, (*shape, 3)) if normals else None,
+                # Gray has one channel.
+                interleaved(light if len(light) == 3 else light * 3, (*shape, 3)) if colored else None,
+            )

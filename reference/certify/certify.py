@@ -1,31 +1,25 @@
-"""The decision: pixels that `narrow` settles are proven; contested ones proven, decided in integers, or ties.
+"""The decision: where a pixel is proven, decided in integers, or named a tie.
 
-The argument (docs/truth.md): `spans` leaves out no triangle that a line meets, and `narrow` bounds
-every rounding error. So a triangle that surely is met before the nearest possible point of every
-other triangle is first, whatever any tracer says. All other pixels are decided in integers.
+The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every rounding
+error. So a triangle that surely is met before the nearest possible point of every other triangle is first,
+whatever any tracer says: the pixel is proven. All other pixels are decided in integers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.footprints import Footprints, footprints, footprints_on_device
-from xfrustum.reference.certify.processors import compiled, narrow_phase
-from xfrustum.reference.certify.rows import boxed_rows
-from xfrustum.reference.certify.sides import Sides, sorted_by_side
+from xfrustum.reference.certify.filter import Filter
+from xfrustum.reference.certify.pairs import Pairs
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
-
-if TYPE_CHECKING:
-    from xfrustum.reference.lines.corners_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +53,7 @@ class FirstSurfaces:
         companions = self.companions.copy()
         companions[:, 2] = known[companions[:, 2]]
         return replace(
-            self, triangle=known.astype(np.int32)[self.triangle], companions=companions, device=None
+            self, triangle=known[self.triangle].astype(np.int32), companions=companions, device=None
         )
 
 
@@ -68,44 +62,24 @@ class Certifier:
 
     Parameters
     ----------
-    triangles, pencil
-        (F, 3, 3) corners of the scene's triangles, in scene units, and the lines that are decided.
-    sides
-        The triangles sorted by `sorted_by_side`, if the caller has done so; None to sort them here.
-    table
-        The triangles' corners on the device, see `corner_table`; None where they are not there.
-
-    Attributes
-    ----------
+    triangles
+        The scene's triangles on the device.
     pencil
         Lines that are decided.
     """
 
-    def __init__(
-        self,
-        triangles: Floats,
-        pencil: Pencil,
-        sides: Iterable[Sides] | None = None,
-        table: CornerTable | None = None,
-    ) -> None:
-        self._triangles = triangles
+    def __init__(self, triangles: Triangles, pencil: Pencil) -> None:
         self.pencil = pencil
-        self._exact = ExactPencil(triangles, pencil)
-        self._table = table
-        self._footprints = self._found(sides)
+        self._exact = ExactPencil(triangles.corners, pencil)
+        self._filter = Filter(triangles, pencil, self._exact)
 
-    def _found(self, sides: Iterable[Sides] | None) -> Footprints:
-        """Return the boxes in which triangles may show, found on the device where the corners lie there."""
-        if sides or self._table is None:
-            return footprints(sides or sorted_by_side(self._triangles, self.pencil), self.pencil, self._exact)
-        return footprints_on_device(self._table, self.pencil, self._exact)
+    def gaps(self, rows: range) -> Floats:
+        """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps`."""
+        return self._filter.gaps(rows).reshape(len(rows), -1)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
-        phase = narrow_phase(self.pencil, rows)
-        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows, self._table):
-            phase.add(boxed)
-        sifted = phase.finish()
+        sifted = self._filter.sift(rows)
         shape = (len(rows), self.pencil.resolution[0])
         found = FirstSurfaces(
             triangle=sifted.triangle.reshape(shape),
@@ -117,8 +91,9 @@ class Certifier:
         )
         if not len(sifted.contested.pixel):
             return found
+        found = replace(found, triangle=found.triangle.copy(), s=found.s.copy(), device=None)
         companions = self._settle(found, sifted.contested, rows.start * shape[1])
-        return replace(found, companions=companions, device=None)
+        return replace(found, companions=companions)
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
         """Fill in the pixels that the narrow phase left open; return the companions of ties.
@@ -162,18 +137,9 @@ class Certifier:
         return np.concatenate(companions)
 
 
-def corner_table(triangles: Floats) -> CornerTable | None:
-    """Return corners (F, 3, 3) on the device; None where nothing is compiled, or nothing is to be seen."""
-    if not compiled() or not len(triangles):
-        return None
-    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
-    table: CornerTable = import_module("xfrustum.reference.lines.corners_jit").CornerTable(triangles)
-    return table
-
-
-def first_surfaces(triangles: Floats, pencil: Pencil) -> FirstSurfaces:
-    """Decide the first surface of every pixel of an image at once."""
-    return Certifier(triangles, pencil).decide(range(pencil.resolution[1]))
+def first_surfaces(corners: Floats, pencil: Pencil) -> FirstSurfaces:
+    """Decide the first surface of every pixel of an image at once; `corners` are (F, 3, 3)."""
+    return Certifier(Triangles(corners), pencil).decide(range(pencil.resolution[1]))
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:

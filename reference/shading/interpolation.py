@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic import (
-    NUMPY,
-    Arithmetic,
-    Coordinates,
+from xfrustum.reference.backend import (
     Table,
+    Vector,
     cross,
     difference,
     dot,
+    on_device,
+    recording,
+    table,
+    vectors_on_device,
 )
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
@@ -51,16 +54,14 @@ class Corners:
 
     Parameters
     ----------
-    by
-        Arithmetic of the points.
     scene
         Scene with at least one triangle.
     """
 
-    def __init__(self, by: Arithmetic, scene: Scene) -> None:
-        self._vertices, self._faces = by.table(scene.vertices), by.table(scene.faces)
+    def __init__(self, scene: Scene) -> None:
+        self._vertices, self._faces = table(scene.vertices), table(scene.faces)
 
-    def places(self, triangle: Any, position: Coordinates) -> Places:
+    def places(self, triangle: Any, position: Vector) -> Places:
         """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
         corners = self._faces(triangle)
         origin, *others = (self._vertices(corner) for corner in corners)
@@ -75,24 +76,26 @@ class Corners:
         )
 
 
-def smoothed(by: Arithmetic, where: Places, vertex_normals: Table, flat: Coordinates) -> list[Any]:
+def smoothed(where: Places, vertex_normals: Table, flat: Vector) -> list[Any]:
     """Return unit normals between those of the vertices; the flat normal where a corner has none.
 
     Normals that cancel each other give the flat normal too: there is no direction between opposite ones.
     """
     normal = where.interpolated(vertex_normals)
-    length = by.sqrt(dot(normal, normal))
+    length = dr.sqrt(dot(normal, normal))
     found = length > 0.0
-    inverse = by.select(found, length, 1.0)
-    return [by.select(found, own / inverse, other) for own, other in zip(normal, flat, strict=True)]
+    inverse = dr.select(found, length, 1.0)
+    return [dr.select(found, own / inverse, other) for own, other in zip(normal, flat, strict=True)]
 
 
-def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
-    """Return the places of points (N, 3) on triangles (N,), in NumPy."""
-    return Corners(NUMPY, scene).places(triangle, position.T)
-
-
-def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
-    """Return the unit normals (N, 3) of points in NumPy; see `smoothed`."""
+def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
+    """Return the unit normals (N, 3) between those of the vertices at points (N, 3) of triangles (N,)."""
     assert scene.surface.vertex_normals is not None
-    return np.stack(smoothed(NUMPY, where, NUMPY.table(scene.surface.vertex_normals), flat.T), axis=-1)
+    if not len(triangle):
+        return np.zeros((0, 3))
+    with recording():
+        where = Corners(scene).places(on_device(triangle), vectors_on_device(position))
+        flat = vectors_on_device(scene.normals[triangle])
+        normal = smoothed(where, table(scene.surface.vertex_normals), flat)
+        dr.eval(*normal)
+        return np.stack([part.numpy() for part in normal], axis=-1)

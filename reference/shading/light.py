@@ -1,8 +1,7 @@
 """Phong on true hits, in double precision, with the true eye vector and no flips at all.
 
 CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye vector
-is -d of the pixel's own line on both sides of the plate, and the normal is turned to it. The formula is
-written once for NumPy and for Dr.Jit.
+is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
 """
 
 from __future__ import annotations
@@ -10,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic import Arithmetic, Coordinates, Table, dot
-from xfrustum.reference.shading.environment import Surroundings
+from xfrustum.reference.backend import Float64, Table, UInt32, Vector, constants, dot, table
 from xfrustum.reference.shading.interpolation import Corners, Places, smoothed
-from xfrustum.reference.shading.textures import Textures
+from xfrustum.reference.shading.surroundings import Surroundings, Textures
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
@@ -40,9 +39,9 @@ class Seen:
     """
 
     triangle: Any
-    normal: Coordinates
-    position: Coordinates
-    direction: Coordinates
+    normal: Vector
+    position: Vector
+    direction: Vector
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,12 +66,12 @@ class _Lit:
         Exponents of the materials.
     """
 
-    normal: Coordinates
+    normal: Vector
     turn: Any
-    eye: Coordinates
+    eye: Vector
     facing: Any
-    albedo: Coordinates
-    terms: dict[str, Coordinates]
+    albedo: Vector
+    terms: dict[str, Vector]
     exponent: Any
 
 
@@ -81,8 +80,6 @@ class LightModel:
 
     Parameters
     ----------
-    by
-        Arithmetic of the points.
     scene
         Scene with materials, lights, environment, normals, colors and textures.
     effects
@@ -91,42 +88,42 @@ class LightModel:
         Number of channels that are computed: 1 where all is gray, else 3.
     """
 
-    def __init__(self, by: Arithmetic, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
-        self._by, self._effects, self._channels = by, effects, channels
+    def __init__(self, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
+        self._effects, self._channels = effects, channels
         surface, appearance = scene.surface, scene.appearance
         self._normals: Table | None = None
         self._colors: Table | None = None
         self._pictures: tuple[Textures, Table] | None = None
         if Effect.SMOOTH_NORMALS in effects and surface.vertex_normals is not None:
-            self._normals = by.table(surface.vertex_normals)
+            self._normals = table(surface.vertex_normals)
         if Effect.VERTEX_COLORS in effects and surface.vertex_colors is not None:
-            self._colors = by.table(surface.vertex_colors)
+            self._colors = table(surface.vertex_colors)
         if Effect.TEXTURES in effects and surface.texture_of_triangle is not None:
             assert surface.uv is not None
-            self._pictures = Textures(by, surface.textures, surface.texture_of_triangle), by.table(surface.uv)
-        self._corners = Corners(by, scene) if self._normals or self._colors or self._pictures else None
+            self._pictures = Textures(surface.textures, surface.texture_of_triangle), table(surface.uv)
+        self._corners = Corners(scene) if self._normals or self._colors or self._pictures else None
         # Each material once: its exponent, and the coefficients of all terms.
         materials = list(dict.fromkeys(scene.materials))
         number = {material: np.int32(index) for index, material in enumerate(materials)}
         of_object = np.array([number[material] for material in scene.materials], dtype=np.int32)
         self._alike = len(materials) == 1
-        self._material = by.table(of_object[scene.object_of_triangle])
+        self._material = table(of_object[scene.object_of_triangle])
         rows = [
             (material.exponent, *(value for term in TERMS for value in getattr(material, term)[:channels]))
             for material in materials
         ]
-        self._coefficients = by.table(np.array(rows, dtype=np.float64))
-        self._uniform = by.constants(rows[0])
+        self._coefficients = table(np.array(rows, dtype=np.float64))
+        self._uniform = constants(rows[0])
         exponents = [material.exponent for material in materials]
         whole = all(float(exponent).is_integer() for exponent in exponents)
         self._digits = int(max(exponents)).bit_length() if whole else None
         self._lights = [
-            (by.constants(light.direction), by.constants(light.color[:channels]))
+            (constants(light.direction), constants(light.color[:channels]))
             for light in appearance.lights
         ]
         self._environment: Surroundings | None = None
         if Effect.REFLECTION in effects and appearance.environment is not None:
-            self._environment = Surroundings(by, appearance.environment)
+            self._environment = Surroundings(appearance.environment)
 
     def radiance(self, seen: Seen) -> list[Any]:
         """Return each channel of linear RGB of some points toward the viewer."""
@@ -145,16 +142,16 @@ class LightModel:
         return color
 
     def _lit(self, seen: Seen) -> _Lit:
-        by, normal = self._by, seen.normal
-        albedo: Coordinates = [1.0] * self._channels
+        normal = seen.normal
+        albedo: Vector = [1.0] * self._channels
         if self._corners is not None:
             where = self._corners.places(seen.triangle, seen.position)
             if self._normals is not None:
-                normal = smoothed(by, where, self._normals, normal)
+                normal = smoothed(where, self._normals, normal)
             albedo = self._albedo(seen.triangle, where)
         # The side that is seen is that of the triangle, not that of a smoother normal.
-        turn = by.select(dot(seen.normal, seen.direction) > 0.0, -1.0, 1.0)
-        shrink = 1.0 / by.sqrt(dot(seen.direction, seen.direction))
+        turn = dr.select(dot(seen.normal, seen.direction) > 0.0, -1.0, 1.0)
+        shrink = 1.0 / dr.sqrt(dot(seen.direction, seen.direction))
         if self._alike:
             exponent, *coefficients = self._uniform
         else:
@@ -170,7 +167,7 @@ class LightModel:
             exponent=exponent,
         )
 
-    def _albedo(self, triangle: Any, where: Places) -> Coordinates:
+    def _albedo(self, triangle: Any, where: Places) -> Vector:
         """Return vertex color times texture, with 1 in place of each that is absent."""
         albedo: list[Any] = [1.0] * self._channels
         if self._colors is not None:
@@ -182,13 +179,12 @@ class LightModel:
         return albedo
 
     def _with_light(
-        self, color: list[Any], toward: Coordinates, intensity: Coordinates, lit: _Lit
+        self, color: list[Any], toward: Vector, intensity: Vector, lit: _Lit
     ) -> list[Any]:
         """Add diffuse light by N and L, and a highlight by L and R, the eye vector reflected across N."""
-        by = self._by
         cosine = lit.turn * dot(lit.normal, toward)
         if Effect.DIFFUSE in self._effects:
-            onto = by.maximum(cosine, 0.0)
+            onto = dr.maximum(cosine, 0.0)
             color = [
                 own + diffuse * albedo * light * onto
                 for own, diffuse, albedo, light in zip(
@@ -197,10 +193,34 @@ class LightModel:
             ]
         if Effect.SPECULAR in self._effects:
             # A cosine rounded to more than one would overflow under a large exponent.
-            along = by.minimum(2.0 * lit.facing * cosine - dot(lit.eye, toward), 1.0)
-            highlight = by.power(along, lit.exponent, (cosine > 0.0) & (along > 0.0), self._digits)
+            along = dr.minimum(2.0 * lit.facing * cosine - dot(lit.eye, toward), 1.0)
+            highlight = _power(along, lit.exponent, (cosine > 0.0) & (along > 0.0), self._digits)
             color = [
                 own + specular * light * highlight
                 for own, specular, light in zip(color, lit.terms["specular"], intensity, strict=True)
             ]
         return color
+
+
+MIN_LOG2 = -1000.0
+"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
+for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
+
+MAX_SQUARING_DIGITS = 10
+"""Largest number of binary digits of whole exponents for which squarings are faster than a logarithm. Their
+roundings add up to 2^10 2^-53 at most, far below those of a float32."""
+
+
+def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
+    """Return the power where a mask is true, else zero.
+
+    Where all exponents are whole numbers, `digits` is the number of binary digits of the largest; else None.
+    """
+    if digits is not None and digits <= MAX_SQUARING_DIGITS:
+        whole, power = UInt32(exponent), Float64(1.0)
+        for digit in range(digits):
+            power = dr.select((whole >> digit) & 1 == 1, power * base, power)
+            base = base * base
+        return dr.select(where, power, 0.0)
+    logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
+    return dr.select(where, dr.exp2(dr.maximum(logarithm, MIN_LOG2)), 0.0)

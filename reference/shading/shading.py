@@ -1,13 +1,14 @@
-"""The shader of a scene: effects, channels, and points given in NumPy's arrays."""
+"""The shader of a scene: which effects and channels are computed, and points given in NumPy's arrays."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
 
+import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic import NUMPY, Arithmetic
+from xfrustum.reference.backend import Float64, on_device, recording, vectors_on_device
 from xfrustum.reference.shading.light import TERMS, LightModel, Seen
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -78,29 +79,30 @@ class Shader:
         reflects = Effect.REFLECTION in self.effects and appearance.environment is not None
         # Where all is gray, one channel is computed, by the same arithmetic.
         self._channels = 1 if gray and not (interpolated & COLOR_EFFECTS or reflects) else 3
-        self._models: dict[int, LightModel] = {}
 
-    def on(self, by: Arithmetic) -> LightModel:
-        """Return the light model in some arithmetic."""
-        if id(by) not in self._models:
-            self._models[id(by)] = LightModel(by, self._scene, self.effects, self._channels)
-        return self._models[id(by)]
+    @cached_property
+    def model(self) -> LightModel:
+        """The light model on the device."""
+        with recording():
+            return LightModel(self._scene, self.effects, self._channels)
 
     def radiance(self, hits: Hits) -> Floats:
         """Return linear RGB of some points toward the viewer, (N, 3), or (N, 1) where all is gray."""
         if self._automatic and self._out_of_sight(hits):
             return self._of_everything.radiance(hits)
-        color = np.empty((len(hits.triangle), self._channels))
-        if not len(color):
-            return color
-        # Coordinate by coordinate, because numpy is several times slower along rows of three.
-        normal, position, direction = (
-            np.ascontiguousarray(vectors.T) for vectors in (hits.normal, hits.position, hits.direction)
-        )
-        seen = Seen(triangle=hits.triangle, normal=normal, position=position, direction=direction)
-        for channel, values in enumerate(self.on(NUMPY).radiance(seen)):
-            color[:, channel] = values
-        return color
+        if not len(hits.triangle):
+            return np.zeros((0, self._channels))
+        with recording():
+            seen = Seen(
+                triangle=on_device(hits.triangle),
+                normal=vectors_on_device(hits.normal),
+                position=vectors_on_device(hits.position),
+                direction=vectors_on_device(hits.direction),
+            )
+            # An effect that no light brings in leaves a number for all lanes.
+            shown = [dr.zeros(Float64, len(hits.triangle)) + part for part in self.model.radiance(seen)]
+            dr.eval(*shown)
+            return np.stack([part.numpy() for part in shown], axis=-1)
 
     @cached_property
     def _of_everything(self) -> Shader:

@@ -1,4 +1,4 @@
-"""The choice of Mitsuba's variant and of the LLVM under it, made once, before Dr.Jit chooses.
+"""The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads: chosen once, before Dr.Jit chooses.
 
 Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
 15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
@@ -20,7 +20,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from xfrustum.reference.devices.threads import thread_limit
 from xfrustum.scenes.errors import InputError
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -33,11 +32,54 @@ process."""
 TESTED_LLVM = 19
 """Version that is preferred; of the others, the nearest to it."""
 
+THREADS_VARIABLE = "XFRUSTUM_THREADS"
+"""Environment variable that bounds the number of threads of a process: of several workers on one machine,
+each takes its share. Ray tracers' own pools ignore the CPUs that a process may run on, and must be told."""
+
 Version = tuple[int, int, int]
 
 
+def worker_count() -> int:
+    """Return the number of CPUs that this process may run on, or fewer where the environment says so."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    named = thread_limit()
+    return available if named is None else min(named, available)
+
+
+def thread_limit() -> int | None:
+    """Return the largest number of threads that the environment allows; None where it says nothing."""
+    named = os.environ.get(THREADS_VARIABLE, "")
+    return max(1, int(named)) if named.isdecimal() else None
+
+
+@cache
+def require_llvm() -> None:
+    """Make Dr.Jit ready to compile for the processors, on as many threads as the environment allows.
+
+    Raises
+    ------
+    InputError
+        There is no LLVM that Dr.Jit can compile with.
+    """
+    found = prepare_llvm()
+    version = loaded_llvm()
+    if version is None or version[0] < OLDEST_LLVM:
+        raise InputError(
+            f"the truth is compiled by LLVM {OLDEST_LLVM} or newer (found {found}): install it, for example "
+            f"by `apt install libllvm{TESTED_LLVM}`, or name its library in {LLVM_VARIABLE}"
+        )
+    _limit_threads()
+
+
+@cache
+def _limit_threads() -> None:
+    limit = thread_limit()
+    if limit is not None:
+        importlib.import_module("drjit").set_thread_count(limit)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Backend:
+class MitsubaBackend:
     """Mitsuba in this process, and what it computes with.
 
     Attributes
@@ -66,7 +108,7 @@ class Backend:
         return {"mitsuba": self.mitsuba.__version__, "mitsuba variant": self.variant, "llvm": self.llvm}
 
 
-def backend() -> Backend:
+def mitsuba_backend() -> MitsubaBackend:
     """Return Mitsuba with a variant set: the one that is set, else the best of this machine.
 
     The variant belongs to the process. It is set here once; a variant that another part of the program
@@ -92,22 +134,10 @@ def backend() -> Backend:
             f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which would abort the process: set "
             f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
-    drjit = importlib.import_module("drjit")
-    limit_threads()
-    return Backend(mitsuba=mitsuba, drjit=drjit, variant=chosen, llvm=llvm)
-
-
-def limit_threads() -> None:
-    """Have Dr.Jit use no more threads than the environment allows."""
-    limit = thread_limit()
-    if limit is not None:
-        _limit_threads_to(limit)
-
-
-@cache
-def _limit_threads_to(limit: int) -> None:
-    # Once: kernels may be kept to one thread when this is asked for again.
-    importlib.import_module("drjit").set_thread_count(limit)
+    _limit_threads()
+    return MitsubaBackend(
+        mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm
+    )
 
 
 @cache

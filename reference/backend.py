@@ -1,0 +1,148 @@
+"""Where Dr.Jit's arrays lie, and the border between them and NumPy's: the one place that says so.
+
+The arrays are those of the processors, through LLVM. `drjit.cuda` has the same arrays under the same names;
+there the driver's compiler may fuse a product and a sum into one rounding. The bounds of the certificate
+hold all the same, for they count a rounding of each; which bits come out may differ (docs/truth.md).
+
+Vectors are sequences of coordinates, each an array with one lane for each point, line or row. `drjit.dot`
+and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as bounds assume.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.llvm import prepare_llvm, require_llvm
+from xfrustum.scenes.arrays import Floats
+
+prepare_llvm()
+
+import drjit as dr  # noqa: E402  # it takes the LLVM that has just been named
+from drjit.llvm import (  # noqa: E402
+    Array3f,
+    Array3f64,
+    Array4f64,
+    Bool,
+    Float32,
+    Float64,
+    Int32,
+    UInt32,
+)
+
+__all__ = [
+    "Array4f64",
+    "Bool",
+    "Float32",
+    "Float64",
+    "Int32",
+    "UInt32",
+    "constants",
+    "cross",
+    "difference",
+    "dot",
+    "interleaved",
+    "on_device",
+    "recording",
+    "table",
+    "vectors_on_device",
+]
+
+Vector = Sequence[Any]
+"""Coordinates of vectors, each an array with one lane for each vector, or a number for all lanes."""
+
+Table = Callable[[Any], list[Any]]
+"""Function from indices of rows to the columns of these rows."""
+
+PADDING = 64
+"""Values behind the end of an array that kernels may read. They load whole packets of up to 16 lanes, and
+gather single bytes four at a time; NumPy's arrays end where their last value does."""
+
+ALIGNMENT = 64
+"""Alignment of arrays in bytes: Dr.Jit compiles a kernel anew for every mix of arrays with and without it."""
+
+_KINDS = {np.dtype(kind.__name__.lower()): kind for kind in (Float64, Float32, Int32, UInt32)} | {
+    np.dtype(np.bool_): Bool
+}
+
+_INT32 = np.iinfo(np.int32)
+
+_RECORDER = threading.RLock()
+"""Lock for recording kernels, which Dr.Jit does once per process; a kernel itself uses all processors."""
+
+
+@contextmanager
+def recording() -> Iterator[None]:
+    """Record kernels in IEEE arithmetic: a proof must not depend on how a compiler rearranges it.
+
+    Raises
+    ------
+    InputError
+        There is no LLVM to compile them.
+    """
+    require_llvm()
+    with _RECORDER, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
+        yield
+
+
+def on_device(values: NDArray[Any]) -> Any:
+    """Return a copy of values of any shape as one flat array of Dr.Jit.
+
+    Floating point of other precisions becomes double precision. Other integers become those of 32 bits,
+    the smallest or the largest where they need more: as numbers of triangles, these stand for nothing
+    either.
+    """
+    if values.dtype not in _KINDS:
+        is_float = values.dtype.kind == "f"
+        values = values.astype(np.float64) if is_float else np.clip(values, _INT32.min, _INT32.max)
+    kind = values.dtype if values.dtype in _KINDS else np.dtype(np.int32)
+    size = values.size * kind.itemsize
+    memory = np.empty(size + PADDING * kind.itemsize + ALIGNMENT, dtype=np.uint8)
+    start = -memory.ctypes.data % ALIGNMENT
+    copy = memory[start : start + size].view(kind)
+    np.copyto(copy.reshape(values.shape), values, casting="unsafe")
+    return _KINDS[kind](copy)
+
+
+def vectors_on_device(rows: Floats) -> list[Any]:
+    """Return the coordinates of vectors (N, C)."""
+    return [on_device(column) for column in rows.T]
+
+
+def table(rows: NDArray[Any]) -> Table:
+    """Return the function that looks up rows (N,) or (N, C) by index."""
+    flat, count = on_device(rows), math.prod(rows.shape[1:])
+    return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
+
+
+def constants(values: Sequence[float]) -> list[Any]:
+    """Return numbers where a kernel reads them: others do not compile another kernel."""
+    return [dr.opaque(Float64, value) for value in values]
+
+
+def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return vectors of three coordinates as NumPy's array of a shape, (..., 3)."""
+    kind = {Float32: Array3f, Float64: Array3f64}[type(coordinates[0])]
+    found: NDArray[Any] = dr.ravel(kind(*coordinates)).numpy()
+    return found.reshape(shape)
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """Return the dot products of vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> list[Any]:
+    """Return the cross products of vectors."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def difference(a: Vector, b: Vector) -> list[Any]:
+    """Return a - b, coordinate by coordinate."""
+    return [one - other for one, other in zip(a, b, strict=True)]

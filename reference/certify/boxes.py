@@ -1,0 +1,232 @@
+"""The broad phase: the bounding box, on the film, of every triangle that may show there.
+
+The box of a triangle is the range of the projections of its corners on one side of the center; a triangle
+that crosses the height of the center reaches to infinity there. Boxes are widened by what rounding may do
+(docs/truth.md, "Nothing is left out"), so that a pixel outside a triangle's box does not show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, on_device
+from xfrustum.reference.certify.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Planes, Triangles, Viewpoint
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.lines.lines import Pencil
+
+MAX_ROWS = 1 << 31
+"""Largest number of rows that the boxes of one `Boxes` can have together: they are counted in 32 bits."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxes:
+    """Bounding boxes of some triangles on a film, as Dr.Jit's arrays with one lane for each box.
+
+    Attributes
+    ----------
+    number
+        Triangle numbers; a triangle on both sides of the center's height has two boxes.
+    box
+        First and last column, first and last row, inclusive.
+    turn
+        Sign of the edge functions inside each triangle; None where it is in doubt, or where the triangle's
+        box in space contains the center: these triangles are not cut by their edges row by row.
+    holds
+        Whether the center lies in the closed triangle, exactly; None for triangles of known turn, which do
+        not hold it.
+    """
+
+    number: Any
+    box: list[Any]
+    turn: Any = None
+    holds: Any = None
+
+    def rows(self, within: range) -> tuple[Any, Any]:
+        """Return the box and the row of each row of pixels of all boxes, within some rows of the film.
+
+        Lanes of one box follow one another, from the top.
+        """
+        first, last = dr.opaque(Int32, within.start), dr.opaque(Int32, within.stop - 1)
+        top = dr.maximum(self.box[2], first)
+        heights = UInt32(dr.maximum(dr.minimum(self.box[3], last) - top + 1, 0))
+        before = dr.prefix_sum(heights)
+        dr.eval(top, heights, before)
+        count = int(before[-1]) + int(heights[-1]) if dr.width(heights) else 0
+        # Boxes are counted at their first rows; those without rows begin where the next one does.
+        begins = dr.zeros(UInt32, count)
+        one = dr.opaque(UInt32, 1)
+        inside = before < dr.opaque(UInt32, count)
+        dr.scatter_reduce(dr.ReduceOp.Add, begins, one, before, inside, mode=dr.ReduceMode.Direct)
+        box = dr.cumsum(begins) - 1
+        below = Int32(dr.arange(UInt32, count) - dr.gather(UInt32, before, box))
+        row = dr.gather(Int32, top, box) + below
+        dr.eval(box, row)
+        return box, row
+
+
+def bounding_boxes(
+    triangles: Triangles, pencil: Pencil, exact: ExactPencil, margin: float = 0.0, border: int = 0
+) -> list[Boxes]:
+    """Return the boxes of all triangles that a pencil's film may show; those without any are left out.
+
+    Parameters
+    ----------
+    triangles, pencil, exact
+        Triangles, the lines of the film, and the same lines in integers. This is called while `recording`.
+    margin
+        Distance in pixels by which boxes are wider than rounding asks for; where there is a margin, places
+        of other points are rounded as well, and the bound of rounding is doubled.
+    border
+        Columns and rows about the film that stand for all that lies beside it: boxes are counted from them.
+    """
+    found: list[Boxes] = []
+    seen_from = Viewpoint.of(pencil)
+    film = [_FilmAxis.of(pencil, axis, margin, border) for axis in range(2)]
+    sides = [side for side in (1, -1) if side * pencil.s_range[side > 0] > 0]
+    height = pencil.resolution[1] + 2 * border
+    most = max(1, MAX_ROWS // height)
+    for start in range(0, len(triangles), most):
+        lane = dr.arange(UInt32, min(most, len(triangles) - start)) + dr.opaque(UInt32, start)
+        points = triangles.points(lane)
+        corners = [difference(point, seen_from.center) for point in points]
+        x, y, z = ([corner[axis] for corner in corners] for axis in range(3))
+        low, high = seen_from.depths(z)
+        imaged = (low <= seen_from.ends[1]) & (high >= seen_from.ends[0])
+        touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
+        planes = Planes.of(points, seen_from.center, False)
+        in_doubt = abs(planes.offset) <= planes.bound
+        boxed = []
+        for side in sides:
+            box = _box([x, y, z], film, side)
+            here = imaged & ~touching & ((_least(z) < 0) if side > 0 else (_most(z) > 0))
+            hit = here & (box[0] <= box[1]) & (box[2] <= box[3])
+            turn = dr.select(planes.offset < 0, Int32(-side), Int32(side))
+            boxed.append((box, turn, hit & ~in_doubt, hit & in_doubt))
+        dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
+        for box, turn, known, doubtful in boxed:
+            found.append(_some(start, box, known, turn))
+            found.append(_some(start, box, doubtful, None))
+        around = dr.compress(touching).numpy() + start
+        # The others may contain the center, and may then be met by every line. A triangle whose plane runs
+        # through the center beside the triangle is met by none, and neither is one without area.
+        holds = {n: exact.contains_center(n) for n in around.tolist()}
+        whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
+        ends = np.array([0, pencil.resolution[0] - 1 + 2 * border, 0, height - 1], dtype=np.int32)
+        found.append(
+            Boxes(
+                number=on_device(np.array(whole, dtype=np.uint32)),
+                box=[on_device(np.full(len(whole), end, dtype=np.int32)) for end in ends],
+                holds=on_device(np.array([holds[n] for n in whole], dtype=np.bool_)),
+            )
+        )
+    return [boxes for boxes in found if dr.width(boxes.number)]
+
+
+def pixel_slack(pencil: Pencil, axis: int) -> float:
+    """Return a bound in pixels on the rounding of a projection near the film, and of the slopes themselves.
+
+    A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again. Near the
+    film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is twice the result.
+    """
+    ratio = abs(pencil.shear[axis]) / pencil.half_extent[axis]
+    return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FilmAxis:
+    """The map from slopes to columns or rows, (slope - shear) scale + middle, known to within `slack`.
+
+    Boxes begin at `first` or after the last pixel, and end before the first pixel or at `last`.
+    """
+
+    shear: Any
+    scale: Any
+    middle: Any
+    slack: Any
+    count: Any
+    first: Any
+    last: Any
+    border: Any
+
+    @classmethod
+    def of(cls, pencil: Pencil, axis: int, margin: float, border: int) -> _FilmAxis:
+        """Return the map of one axis of a film; see `bounding_boxes`."""
+        count, slack = pencil.resolution[axis], pixel_slack(pencil, axis)
+        slack = margin + 2 * slack if margin else slack
+        scale = count / (2 * pencil.half_extent[axis])
+        names = ("shear", "scale", "middle", "slack", "count", "first", "last", "border")
+        numbers = pencil.shear[axis], scale, (count - 1) / 2, slack, count, -border, count - 1 + border, border
+        return cls(**dict(zip(names, constants([float(one) for one in numbers]), strict=True)))
+
+    def pixels(self, low: Any, high: Any) -> list[Any]:
+        """Return the first and the last pixel between two places."""
+        first = dr.minimum(dr.maximum(low - self.slack, self.first), self.count)
+        last = dr.minimum(dr.maximum(high + self.slack, -1.0), self.last)
+        return [Int32(dr.ceil(first) + self.border), Int32(dr.floor(last) + self.border)]
+
+
+def _box(corners: list[list[Any]], film: Sequence[_FilmAxis], side: int) -> list[Any]:
+    """Return first and last column, first and last row of the part of triangles on one side."""
+    x, y, z = corners
+    s = [-height for height in z]
+    across, down = film
+    low, high = _slope_range(x, s, side)
+    columns = across.pixels(
+        (low - across.shear) * across.scale + across.middle,
+        (high - across.shear) * across.scale + across.middle,
+    )
+    low, high = _slope_range(y, s, side)
+    rows = down.pixels(
+        down.middle - (high - down.shear) * down.scale, down.middle - (low - down.shear) * down.scale
+    )
+    return [*columns, *rows]
+
+
+def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
+    """Return the range of x / s over the part of each triangle on one side of the center.
+
+    A triangle that crosses s = 0 reaches to infinity there, in the direction of the points where its edges
+    cross.
+    """
+    ahead = [side * one > 0 for one in s]
+    slopes = [one / depth for one, depth in zip(x, s, strict=True)]
+    low = _least([dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
+    high = _most([dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
+    for i, j in EDGES:
+        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in doubt,
+        # the range reaches to infinity both ways.
+        crosses = ahead[i] ^ ahead[j]
+        here, there = x[j] * s[i], x[i] * s[j]
+        toward = dr.select(s[i] - s[j] > 0, float(side), -float(side)) * (here - there)
+        doubt = ROUNDING * (abs(here) + abs(there))
+        high = dr.select(crosses & (toward >= -doubt), np.inf, high)
+        low = dr.select(crosses & (toward <= doubt), -np.inf, low)
+    return low, high
+
+
+def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> Boxes:
+    """Return the boxes of the chosen triangles, the first of which has the number `start`."""
+    kept = dr.compress(chosen)
+    taken = [dr.gather(Int32, values, kept) for values in box]
+    number = UInt32(kept) + dr.opaque(UInt32, start)
+    turn = None if turn is None else dr.gather(Int32, turn, kept)
+    dr.eval(number, *taken, turn)
+    holds = None if turn is not None else dr.zeros(Bool, dr.width(kept))
+    return Boxes(number=number, box=taken, turn=turn, holds=holds)
+
+
+def _least(values: list[Any]) -> Any:
+    return dr.minimum(dr.minimum(values[0], values[1]), values[2])
+
+
+def _most(values: list[Any]) -> Any:
+    return dr.maximum(dr.maximum(values[0], values[1]), values[2])
+
+
+def _spans_zero(values: list[Any]) -> Any:
+    return (_least(values) <= 0) & (_most(values) >= 0)

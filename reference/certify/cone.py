@@ -1,0 +1,246 @@
+"""Triangles as the cones that they span about the point all lines pass through, with bounds of rounding.
+
+For q_i = p_i - center, a line center + s d meets the triangle's edge (i, j) where
+
+    E_ij(d) = d . (q_i x q_j)
+
+is zero, and the triangle itself where E_01, E_12 and E_20 have one common sign, on either side
+of the center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0).
+All three edge functions are linear in d: a crossed frustum needs no clipping and no second case.
+
+Rounding (docs/truth.md derives the constants): with u = 2^-53, every edge function and both dot
+products are computed within `ROUNDING` times their own sum of absolute products. Valid while no
+product under- or overflows; coordinates between 1e-75 and 1e75, and zero, are safe.
+
+All arrays are Dr.Jit's, with one lane for each pair of a line and a triangle, or each row of a triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from xfrustum.reference.backend import Array4f64, Float64, constants, cross, difference, on_device, recording
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats
+
+UNIT_ROUNDOFF = 2.0**-53
+"""Largest relative error of one rounded operation in double precision, u."""
+
+ROUNDING = 12 * UNIT_ROUNDOFF
+"""Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4 u for the
+rounding of the bound itself."""
+
+UNDERFLOW = 2.0**-1022
+"""Smallest double of full precision. Below it, the three quotients and products that make s and its bound are
+off by at most half a step each, 2^-1075, whatever their size; this number covers them."""
+
+EDGES = ((0, 1), (1, 2), (2, 0))
+"""First and second corner of each edge of a triangle."""
+
+
+class Triangles:
+    """Corners of triangles on the device, put there once for all pencils, in 96 bytes each.
+
+    Parameters
+    ----------
+    corners
+        (F, 3, 3) corners, scene units.
+    """
+
+    def __init__(self, corners: Floats) -> None:
+        self.corners = corners
+        # Four numbers that lie beside each other are read at once.
+        padded = np.zeros((len(corners), 3, 4))
+        padded[..., :3] = corners
+        with recording():
+            self._rows = on_device(padded)
+
+    def __len__(self) -> int:
+        """Return the number of triangles."""
+        return len(self.corners)
+
+    def points(self, number: Any) -> list[list[Any]]:
+        """Return the three corners of triangles by their numbers, each with three coordinates."""
+        corners = [dr.gather(Array4f64, self._rows, number * 3 + k) for k in range(3)]
+        return [[Float64(corner[axis]) for axis in range(3)] for corner in corners]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Viewpoint:
+    """The center of a pencil, and first and last s of its range.
+
+    `slack` is the relative error of s of a corner, -q_z: none where the center lies in the plate.
+    """
+
+    center: list[Any]
+    ends: list[Any]
+    slack: Any
+
+    @classmethod
+    def of(cls, pencil: Pencil) -> Viewpoint:
+        """Return the viewpoint of a pencil."""
+        (slack,) = constants([0.0 if pencil.center[2] == 0 else 2 * UNIT_ROUNDOFF])
+        return cls(center=constants(pencil.center), ends=constants(pencil.s_range), slack=slack)
+
+    def depths(self, heights: Sequence[Any]) -> tuple[Any, Any]:
+        """Return a lower and an upper bound of s over triangles, given q_z of their corners."""
+        low, high = -dr.maximum(dr.maximum(*heights[:2]), heights[2]), -dr.minimum(
+            dr.minimum(*heights[:2]), heights[2]
+        )
+        return low - self.slack * abs(low), high + self.slack * abs(high)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Planes:
+    """The planes of triangles: n, not normalized, and q_0 . n, with what bounds their rounding errors.
+
+    `magnitude` has the sums of absolute products in n, and `bound` is that of `offset`, q_0 . n.
+    """
+
+    normal: list[Any]
+    magnitude: list[Any]
+    offset: Any
+    bound: Any
+
+    @classmethod
+    def of(cls, points: Sequence[Sequence[Any]], center: Sequence[Any], holds: Any) -> Planes:
+        """Return the planes of triangles; `holds` says which are known to contain the center."""
+        # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
+        first, second = difference(points[1], points[0]), difference(points[2], points[0])
+        normal, magnitude = cross(first, second), _cross_magnitude(first, second)
+        # The bound is that of the sum of all absolute products in q_0 . n. Where the center lies in the
+        # triangle both are exactly zero.
+        corner = difference(points[0], center)
+        offset, bound = _dot(corner, normal), ROUNDING * _dot([abs(part) for part in corner], magnitude)
+        return cls(
+            normal=normal,
+            magnitude=magnitude,
+            offset=dr.select(holds, 0.0, offset),
+            bound=dr.select(holds, 0.0, bound),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cones:
+    """Triangles as seen from a pencil's center.
+
+    `edges` are q_i x q_j of the edges 01, 12 and 20, `magnitudes` the sums of absolute products in them.
+    `within` says whether all of a triangle surely lies in the pencil's range, `holds` whether the center
+    lies in the closed triangle.
+    """
+
+    edges: list[list[Any]]
+    magnitudes: list[list[Any]]
+    planes: Planes
+    within: Any
+    holds: Any
+
+    @classmethod
+    def of(cls, points: Sequence[Sequence[Any]], seen_from: Viewpoint, holds: Any) -> Cones:
+        """Return triangles, given by their corners, as cones."""
+        # The corners q_i relative to the center. One rounding each.
+        corners = [difference(point, seen_from.center) for point in points]
+        low, high = seen_from.depths([corner[2] for corner in corners])
+        return cls(
+            edges=[cross(corners[i], corners[j]) for i, j in EDGES],
+            magnitudes=[_cross_magnitude(corners[i], corners[j]) for i, j in EDGES],
+            planes=Planes.of(points, seen_from.center, holds),
+            within=(low >= seen_from.ends[0]) & (high <= seen_from.ends[1]),
+            holds=holds,
+        )
+
+    def covering(self, dx: Any, dy: Any) -> tuple[Any, Any]:
+        """Return whether lines may pass through the triangles, by their edge functions, and surely do."""
+        positive, negative = [], []
+        for edge, magnitude in zip(self.edges, self.magnitudes, strict=True):
+            value = edge[0] * dx + edge[1] * dy - edge[2]
+            bound = ROUNDING * (abs(dx) * magnitude[0] + abs(dy) * magnitude[1] + magnitude[2])
+            positive.append(value > bound)
+            negative.append(value < -bound)
+        inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
+        outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
+        # Lines through a triangle that holds the center meet it there, whatever its edge functions are.
+        return self.holds | ~outside, self.holds | inside
+
+    def along_rows(self, dy: Any) -> RowPlanes:
+        """Return the planes along lines of some slopes dy, for any dx."""
+        normal, magnitude = self.planes.normal, self.planes.magnitude
+        return RowPlanes(
+            offset=self.planes.offset,
+            bound=self.planes.bound,
+            normal_x=normal[0],
+            magnitude_x=magnitude[0],
+            level=normal[1] * dy - normal[2],
+            level_magnitude=abs(dy) * magnitude[1] + magnitude[2],
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RowPlanes:
+    """The planes of triangles along single rows of lines.
+
+    Along a row d . n = normal_x dx + level; its rounding error is at most
+    `ROUNDING` (magnitude_x |dx| + level_magnitude).
+    """
+
+    offset: Any
+    bound: Any
+    normal_x: Any
+    magnitude_x: Any
+    level: Any
+    level_magnitude: Any
+
+    def met(self, dx: Any) -> tuple[Any, Any]:
+        """Return s where lines of slopes dx meet the planes, and a bound on its error.
+
+        With p = offset, d . n = slope and their bounds,
+
+            |s - s_true| <= (bound + |s| slope_bound) / (|slope| - slope_bound).
+
+        The error is infinite where the slope may be zero, and zero where the plane runs through the center
+        exactly.
+        """
+        # The denominator d . n and its bound. It is certain to have its sign, with a margin to spare, where
+        # it is more than twice its bound.
+        slope = self.normal_x * dx + self.level
+        slope_bound = ROUNDING * (self.magnitude_x * abs(dx) + self.level_magnitude)
+        margin = abs(slope) - slope_bound
+        certain = margin > slope_bound
+        # The quotient; 1 in place of a slope that is not certain keeps it finite.
+        s = dr.select(certain, self.offset / dr.select(certain, slope, 1.0), 0.0)
+        # The bound above, from the errors of both dot products.
+        error = (self.bound + abs(s) * slope_bound) / dr.select(certain, margin, 1.0)
+        # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of quotients
+        # below full precision.
+        error = error * (1 + ROUNDING) + ROUNDING * abs(s) + dr.select(self.bound > 0, UNDERFLOW, 0.0)
+        return s, dr.select(certain, error, np.inf)
+
+
+def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any, Any]:
+    """Return whether s, known to within an error, may lie in a range, and whether a hit surely counts there.
+
+    A triangle that surely lies within the range needs no test against its ends, which would leave a hit
+    close to them in doubt. Where not even the sign of s is certain, the triangle may well be first, but its
+    place is unknown: the pixel is left to the integers. An infinite error never counts.
+    """
+    largest = float(np.finfo(np.float64).max)
+    first, last = dr.select(within, -largest, ends[0]), dr.select(within, largest, ends[1])
+    nearest, farthest = s - error, s + error
+    sure = (nearest >= first) & (farthest <= last) & (error <= abs(s))
+    return (farthest >= first) & (nearest <= last), sure
+
+
+def _cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
+    (ax, ay, az), (bx, by, bz) = ([abs(part) for part in vector] for vector in (a, b))
+    return [ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx]
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    # The sums have another order than in `backend.dot`, which would change the last bits of places.
+    return a[0] * b[0] + a[2] * b[2] + a[1] * b[1]

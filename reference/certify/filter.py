@@ -1,0 +1,384 @@
+"""The filter: in doubles, with every rounding bounded, which triangles may be first at each pixel.
+
+Broad phase: `boxes` has the bounding boxes of triangles on the film. Narrow phase: there is one lane for each
+row of pixels of a box. It cuts the row by the triangle's edges, which leaves columns from first to last, and
+an inner interval of columns where the triangle surely covers the pixel's center. Then it walks its columns:
+
+1. Every pixel is given the smallest of the largest s at which a triangle that is surely met can lie: the
+   first surface lies no farther than this limit.
+2. Triangles that may be met no farther than the limit are counted. A pixel with one of them, surely met, is
+   settled: nothing else can be first, because nothing is left out.
+3. Of all other pixels, the pairs of pixel and triangle are returned, for integers to decide (`certify`).
+
+All formulas are those of `cone`; docs/truth.md derives the bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, constants, on_device, recording
+from xfrustum.reference.certify.boxes import Boxes, bounding_boxes, pixel_slack
+from xfrustum.reference.certify.cone import (
+    ROUNDING,
+    UNIT_ROUNDOFF,
+    Cones,
+    RowPlanes,
+    Triangles,
+    Viewpoint,
+    in_range,
+)
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.certify.pairs import NO_PAIRS, Pairs
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+DOUBTFUL_WEIGHT = 2
+"""Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sifted:
+    """The triangles that may be first in some rows of an image.
+
+    Attributes
+    ----------
+    triangle, s
+        (pixels,) number and place of the triangle that surely is first; `NOTHING` and NaN where the line
+        meets none, and where `contested` has pairs.
+    contested
+        All pairs of the pixels for which several triangles may be first, or one that is not surely met.
+    device
+        `triangle` and `s` as arrays of Dr.Jit.
+    """
+
+    triangle: Numbers
+    s: Floats
+    contested: Pairs
+    device: tuple[Any, Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lanes:
+    """Rows of triangles' boxes, cut by their edges: one lane each.
+
+    Attributes
+    ----------
+    number, row
+        Triangle number, and row of the image.
+    planes, within
+        The triangle's plane along the row, and whether the triangle surely lies within the pencil's range.
+    first, last
+        First and last column; first > last where no column is left.
+    surely
+        Slopes dx between which coverage is certain; None where coverage is asked of `cones`.
+    cones
+        The triangles, for those that are not cut by their edges; None for all others.
+    holds
+        Whether the triangles hold the pencil's center.
+    """
+
+    number: Any
+    row: Any
+    planes: RowPlanes
+    within: Any
+    first: Any
+    last: Any
+    surely: tuple[Any, Any] | None
+    cones: Cones | None
+    holds: Any
+
+    def walk(self, visit: Callable[[Any], None]) -> None:
+        """Visit every column of every lane."""
+
+        def step(column: Any) -> tuple[Any]:
+            visit(column)
+            return (column + 1,)
+
+        dr.while_loop((UInt32(self.first),), lambda column: column <= self.last, step)
+
+
+class Filter:
+    """The filter of the lines of one image.
+
+    Parameters
+    ----------
+    triangles, pencil, exact
+        Triangles on the device, the lines of the image, and the same lines in integers.
+    """
+
+    def __init__(self, triangles: Triangles, pencil: Pencil, exact: ExactPencil) -> None:
+        self._triangles, self._pencil = triangles, pencil
+        with recording():
+            self._boxes = bounding_boxes(triangles, pencil, exact)
+            self._film = _FilmRow.of(pencil)
+            self._seen_from = Viewpoint.of(pencil)
+            self._dx, self._dy = on_device(pencil.dx), on_device(pencil.dy)
+            self._width = dr.opaque(UInt32, pencil.resolution[0])
+
+    def sift(self, rows: range) -> Sifted:
+        """Return the triangles that may be first in some rows of the image."""
+        pixels = len(rows) * self._pencil.resolution[0]
+        with recording():
+            lanes = [self._cut(boxes, rows) for boxes in self._boxes]
+            limit = self._limit(lanes, rows)
+            count = dr.zeros(UInt32, pixels)
+            number, place = dr.full(Int32, NOTHING, pixels), dr.full(Float64, np.nan, pixels)
+            dr.make_opaque(count, number, place)
+            for some in lanes:
+
+                def note(column: Any, some: _Lanes = some) -> None:
+                    s, _, sure, possible = self._may_be_first(some, column, rows, limit)
+                    pixel = self._pixel(some, column, rows)
+                    weight = dr.select(sure, UInt32(1), UInt32(DOUBTFUL_WEIGHT))
+                    _reduce(dr.ReduceOp.Add, count, weight, pixel, possible)
+                    dr.scatter(number, Int32(some.number), pixel, possible)
+                    dr.scatter(place, s, pixel, possible)
+
+                some.walk(note)
+                dr.eval(count, number, place)
+            contested = NO_PAIRS
+            unsettled = count > 1
+            size = int(dr.sum(dr.select(unsettled, count, UInt32(0)))[0])
+            if size:
+                # What is written there is one triangle of several, and is taken back.
+                number = dr.select(unsettled, NOTHING, number)
+                place = dr.select(unsettled, np.nan, place)
+                parts = [self._pairs(some, rows, limit, unsettled, size) for some in lanes]
+                contested = Pairs.joined(parts)
+            dr.eval(number, place)
+            return Sifted(
+                triangle=number.numpy(), s=place.numpy(), contested=contested, device=(number, place)
+            )
+
+    def gaps(self, rows: range) -> Floats:
+        """Return how far the next surface lies behind the first one on the same side, (pixels,).
+
+        It is the smallest s of what surely lies behind, minus the largest s of the first surface; infinite
+        without either.
+        """
+        with recording():
+            lanes = [self._cut(boxes, rows) for boxes in self._boxes]
+            first = self._limit(lanes, rows)
+            second = dr.full(Float64, np.inf, dr.width(first))
+            dr.make_opaque(second)
+            for some in lanes:
+
+                def lower(column: Any, some: _Lanes = some) -> None:
+                    s, error, sure, _ = self._met(some, column)
+                    pixel = self._pixel(some, column, rows)
+                    limit = dr.gather(Float64, first, pixel)
+                    behind = sure & (s - error > limit) & ((limit >= 0) | (s + error <= 0))
+                    _reduce(dr.ReduceOp.Min, second, s, pixel, behind)
+
+                some.walk(lower)
+                dr.eval(second)
+            found: Floats = dr.select(dr.isfinite(second), second - first, np.inf).numpy()
+            return found
+
+    def _cut(self, boxes: Boxes, rows: range) -> _Lanes:
+        """Return the rows of boxes, cut by the edges of their triangles."""
+        box, row = boxes.rows(rows)
+        number = dr.gather(UInt32, boxes.number, box)
+        holds = False if boxes.holds is None else dr.gather(Bool, boxes.holds, box)
+        cones = Cones.of(self._triangles.points(number), self._seen_from, holds)
+        dy = dr.gather(Float64, self._dy, UInt32(row))
+        first, last = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
+        surely = None
+        if boxes.turn is not None:
+            turn = Float64(dr.gather(Int32, boxes.turn, box))
+            low, high, *surely_between = _slopes_inside(cones, turn, dy, self._film)
+            low, high = self._film.columns(low, high)
+            first = dr.maximum(Int32(dr.ceil(low)), first)
+            last = dr.minimum(Int32(dr.floor(high)), last)
+            surely = surely_between[0], surely_between[1]
+        empty = first > last
+        lanes = _Lanes(
+            number=number,
+            row=UInt32(row),
+            planes=cones.along_rows(dy),
+            within=cones.within,
+            first=UInt32(dr.select(empty, 1, first)),
+            last=UInt32(dr.select(empty, 0, last)),
+            surely=surely,
+            cones=None if surely is not None else cones,
+            holds=holds,
+        )
+        # Kernels wait for memory: what is computed at once from other arrays is not kept for the next ones.
+        kept = [getattr(lanes.planes, field.name) for field in fields(RowPlanes)]
+        whole = () if lanes.cones is None else (*lanes.cones.edges, *lanes.cones.magnitudes)
+        dr.eval(number, lanes.row, lanes.within, lanes.first, lanes.last, surely, *kept, *whole)
+        return lanes
+
+    def _met(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
+        """Return s, its error, whether the line surely meets, and whether it may at all."""
+        dx = dr.gather(Float64, self._dx, column)
+        s, error = lanes.planes.met(dx)
+        possible, sure = in_range(s, error, lanes.within, self._seen_from.ends)
+        if lanes.surely is not None:
+            return s, error, sure & (dx >= lanes.surely[0]) & (dx <= lanes.surely[1]), possible
+        assert lanes.cones is not None
+        may_cover, covers = lanes.cones.covering(dx, dr.gather(Float64, self._dy, lanes.row))
+        return s, error, sure & covers, possible & may_cover
+
+    def _pixel(self, lanes: _Lanes, column: Any, rows: range) -> Any:
+        return (lanes.row - dr.opaque(UInt32, rows.start)) * self._width + column
+
+    def _limit(self, lanes: list[_Lanes], rows: range) -> Any:
+        """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
+        limit = dr.full(Float64, np.inf, len(rows) * self._pencil.resolution[0])
+        dr.make_opaque(limit)
+        for some in lanes:
+
+            def lower(column: Any, some: _Lanes = some) -> None:
+                s, error, sure, _ = self._met(some, column)
+                _reduce(dr.ReduceOp.Min, limit, s + error, self._pixel(some, column, rows), sure)
+
+            some.walk(lower)
+            dr.eval(limit)
+        return limit
+
+    def _may_be_first(
+        self, lanes: _Lanes, column: Any, rows: range, limit: Any
+    ) -> tuple[Any, Any, Any, Any]:
+        s, error, sure, possible = self._met(lanes, column)
+        nearest = dr.gather(Float64, limit, self._pixel(lanes, column, rows))
+        return s, error, sure, possible & (s - error <= nearest)
+
+    def _pairs(self, lanes: _Lanes, rows: range, limit: Any, unsettled: Any, size: int) -> Pairs:
+        """Return the pairs of unsettled pixels; lanes write them in any order, at most `size`."""
+        written = dr.opaque(UInt32, 0)
+        out: tuple[Any, ...] = tuple(
+            dr.empty(kind, size) for kind in (UInt32, UInt32, UInt32, Float64, Float64, Bool)
+        )
+
+        def write(column: Any) -> None:
+            s, error, sure, possible = self._may_be_first(lanes, column, rows, limit)
+            wanted = possible & dr.gather(Bool, unsettled, self._pixel(lanes, column, rows))
+            slot = dr.scatter_inc(written, UInt32(0), wanted)
+            for target, value in zip(out, (lanes.number, lanes.row, column, s, error, sure), strict=True):
+                dr.scatter(target, value, slot, wanted)
+
+        lanes.walk(write)
+        dr.eval(written, *out)
+        count = int(written[0])
+        if not count:
+            return NO_PAIRS
+        number, row, column, s, error, sure = (dr.gather(type(one), one, dr.arange(UInt32, count)) for one in out)
+        if lanes.surely is not None:
+            # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center say more.
+            cones = Cones.of(self._triangles.points(number), self._seen_from, False)
+            dx, dy = dr.gather(Float64, self._dx, column), dr.gather(Float64, self._dy, row)
+            may_cover, covers = cones.covering(dx, dy)
+            _, counts = in_range(s, error, cones.within, self._seen_from.ends)
+            possible, sure = sure | may_cover, sure | (covers & counts)
+        else:
+            possible = dr.full(Bool, True, count)
+        pixel = row * self._width + column
+        dr.eval(pixel, possible, sure)
+        kept = possible.numpy()
+        return Pairs(
+            pixel=pixel.numpy()[kept].astype(np.int64),
+            triangle=number.numpy()[kept].astype(np.int64),
+            s=s.numpy()[kept],
+            error=error.numpy()[kept],
+            sure=sure.numpy()[kept],
+        )
+
+
+def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) -> None:
+    # Mode Direct: the other modes allocate for each size of image, and compile anew.
+    dr.scatter_reduce(operation, target, value, index, active, mode=dr.ReduceMode.Direct)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FilmRow:
+    """The map from slopes dx to columns, column = (dx - shear) scale + middle.
+
+    `steepest` is the largest |dx|, `slack` a bound in columns on the rounding of this formula and of the
+    slopes themselves, and `width` the number of columns.
+    """
+
+    steepest: Any
+    shear: Any
+    scale: Any
+    middle: Any
+    slack: Any
+    width: Any
+
+    @classmethod
+    def of(cls, pencil: Pencil) -> _FilmRow:
+        """Return the map of a pencil's film."""
+        width = pencil.resolution[0]
+        steepest, shear, scale, middle, slack, columns = constants(
+            [
+                float(np.abs(pencil.dx).max()),
+                pencil.shear[0],
+                width / (2 * pencil.half_extent[0]),
+                (width - 1) / 2,
+                pixel_slack(pencil, 0),
+                float(width),
+            ]
+        )
+        return cls(steepest=steepest, shear=shear, scale=scale, middle=middle, slack=slack, width=columns)
+
+    def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
+        """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
+        first = (low - self.shear) * self.scale + self.middle - self.slack
+        last = (high - self.shear) * self.scale + self.middle + self.slack
+        return (
+            dr.minimum(dr.maximum(first, -1.0), self.width),
+            dr.minimum(dr.maximum(last, -1.0), self.width),
+        )
+
+
+def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: _FilmRow) -> tuple[Any, Any, Any, Any]:
+    """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
+
+    Along a row, each edge function is E(dx) = slope dx + rest, positive inside; so each edge bounds dx on
+    one side, at its zero -rest / slope.
+
+    Parameters
+    ----------
+    cones, turn
+        The triangles, and the sign of their edge functions inside.
+    dy
+        Slopes of the rows.
+    film
+        The film.
+
+    Returns
+    -------
+    low, high
+        No line with a slope outside [low, high] meets the triangle.
+    surely_low, surely_high
+        Every line with a slope inside [surely_low, surely_high] meets it.
+    """
+    low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
+    for edge, magnitude in zip(cones.edges, cones.magnitudes, strict=True):
+        # The edge function along the row, turned to be positive inside, and the bound of its rounding.
+        slope = turn * edge[0]
+        rest = turn * (edge[1] * dy - edge[2])
+        bound = ROUNDING * (film.steepest * magnitude[0] + abs(dy) * magnitude[1] + magnitude[2])
+        # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
+        # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums below.
+        zero = -rest / slope
+        margin = 2 * bound / abs(slope) + 4 * UNIT_ROUNDOFF * abs(zero)
+        # Where the slope is so small that the quotient overflows, E has one sign along the whole row.
+        level = ~dr.isfinite(margin)
+        # A rising edge bounds dx from below, a falling one from above.
+        rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
+        low = dr.maximum(low, dr.select(rising, zero - margin, -np.inf))
+        surely_low = dr.maximum(surely_low, dr.select(rising, zero + margin, -np.inf))
+        high = dr.minimum(high, dr.select(falling, zero + margin, np.inf))
+        surely_high = dr.minimum(surely_high, dr.select(falling, zero - margin, np.inf))
+        # A level edge empties the interval if it is surely negative, and the sure one unless surely positive.
+        low = dr.select(level & (rest < -bound), np.inf, low)
+        surely_low = dr.select(level & (rest <= bound), np.inf, surely_low)
+    return low, high, surely_low, surely_high

@@ -1,0 +1,312 @@
+"""The occlusion query: which drawn points another surface hides on their own lines (docs/truth.md).
+
+The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A point's own line
+is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if this line meets it before the
+point by more than half of the tolerance within which the point is known, and if the point lies farther from
+the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its other side, where
+the triangle does not hide it. What doubles leave open is decided in rational numbers.
+
+The film is cut into cells, one about each pixel's center, with a border for all that lies beside it. Points
+are sorted by the cells of their lines. There is one lane for each row of cells of a triangle's box: it walks
+the points in these cells, which lie one behind the other, and notes those before which it may be met.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from xfrustum.reference.backend import (
+    Array4f64,
+    Bool,
+    Float64,
+    Int32,
+    UInt32,
+    constants,
+    cross,
+    difference,
+    dot,
+    on_device,
+    recording,
+    vectors_on_device,
+)
+from xfrustum.reference.certify.arbitrary_lines import ExactLines
+from xfrustum.reference.certify.boxes import bounding_boxes
+from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Cones, Planes, Triangles, Viewpoint, in_range
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.llvm import worker_count
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+
+HALF_CELL = 0.5
+"""Distance, in pixels, of a cell's sides from its center."""
+
+PAIRS_PER_POINT = 1 / 8
+"""Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
+more pairs, the walk is repeated with room for all of them."""
+
+MIN_PAIRS = 1 << 12
+"""Number of pairs that there is always room for."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfacePoints:
+    """Surface points that an image shows.
+
+    Attributes
+    ----------
+    position
+        (N, 3) scene units, off the height of the center from which they are seen.
+    triangle
+        (N,) number of the triangle that each point lies on, `NOTHING` where that is not known.
+    tolerance
+        (N,) distance within which each point is known, scene units: a triangle whose plane passes within
+        this distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
+    """
+
+    position: Floats
+    triangle: Numbers
+    tolerance: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rows:
+    """Rows of cells that triangles' boxes reach into, one lane each: first cell, and the one behind the last."""
+
+    first: Any
+    behind: Any
+    number: Any
+    holds: Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lines:
+    """The lines through points, sorted by the cells of the film.
+
+    Attributes
+    ----------
+    line
+        (4 N,) slopes dx and dy, end, and the number of the point's own triangle, line by line.
+    point
+        (N,) numbers of the points.
+    start
+        First line of each cell.
+    """
+
+    line: Any
+    point: Any
+    start: Any
+
+
+class Occlusion:
+    """The triangles of a scene, ready to be searched for what hides points."""
+
+    def __init__(self, triangles: Triangles) -> None:
+        self._triangles = triangles
+        # The settings of one aperture share its boxes of cells, and several threads judge an aperture each.
+        self._rows = lru_cache(maxsize=worker_count() + 1)(self._rows_of_cells)
+
+    def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
+        """Return which points lie behind another surface on their own line, (N,).
+
+        Parameters
+        ----------
+        pencil
+            Lines through the point from which the points are seen.
+        points
+            Points that are asked about.
+        """
+        if not len(points.position) or not len(self._triangles):
+            return np.zeros(len(points.position), dtype=np.bool_)
+        with recording():
+            positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
+            lines = _sorted_lines(pencil, positions, on_device(points.triangle))
+            hidden = dr.zeros(Bool, len(points.position))
+            open_pairs = [
+                self._sifted(pencil, rows, lines, positions, hidden) for rows in self._rows(pencil)
+            ]
+            behind: Mask = hidden.numpy().copy()
+        for point, triangle in open_pairs:
+            # Only points that nothing surely hides are decided in rational numbers.
+            asked = np.flatnonzero(~behind[point])
+            met = self._hides(pencil, points, point[asked], triangle[asked])
+            behind[point[asked][met]] = True
+        return behind
+
+    def _rows_of_cells(self, pencil: Pencil) -> list[_Rows]:
+        """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
+        # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
+        endless = replace(pencil, s_range=(pencil.s_range[0], math.inf))
+        exact = ExactPencil(self._triangles.corners, pencil)
+        width, height = (side + 2 for side in pencil.resolution)
+        found = []
+        for boxes in bounding_boxes(self._triangles, endless, exact, HALF_CELL, 1):
+            box, row = boxes.rows(range(height))
+            start = UInt32(row) * dr.opaque(UInt32, width)
+            left, right = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
+            rows = _Rows(
+                first=start + UInt32(left),
+                behind=start + UInt32(right) + 1,
+                number=dr.gather(UInt32, boxes.number, box),
+                holds=None if boxes.holds is None else dr.gather(Bool, boxes.holds, box),
+            )
+            dr.eval(rows.first, rows.behind, rows.number, rows.holds)
+            found.append(rows)
+        return found
+
+    def _sifted(
+        self, pencil: Pencil, rows: _Rows, lines: _Lines, positions: Sequence[Any], hidden: Any
+    ) -> tuple[Indices, Indices]:
+        """Mark points that triangles surely hide, and return the pairs of point and triangle left open."""
+        none = np.zeros(0, dtype=np.int64)
+        first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
+        # Rows without lines would idle beside those that walk.
+        lane: Any = dr.compress(first < last)
+        if not dr.width(lane):
+            return none, none
+        first, last, number = (dr.gather(UInt32, one, lane) for one in (first, last, rows.number))
+        holds = False if rows.holds is None else dr.gather(Bool, rows.holds, lane)
+        cones = Cones.of(self._triangles.points(number), Viewpoint.of(pencil), holds)
+        count = len(positions[0])
+        room = max(MIN_PAIRS, int(PAIRS_PER_POINT * count))
+        (nearest,) = constants(pencil.s_range[:1])
+        found, pairs = _walk(cones, (first, last, number), lines, nearest, room)
+        if found > room:
+            found, pairs = _walk(cones, (first, last, number), lines, nearest, found)
+        if not found:
+            return none, none
+        at = dr.arange(UInt32, found)
+        point, triangle, sure = (dr.gather(type(one), one, at) for one in pairs)
+        x, y, z, tolerance = (dr.gather(Float64, one, point) for one in positions)
+        # A point that the triangle's plane passes within its tolerance is not hidden: |(p_0 - P) . n| > t |n|,
+        # where the length of n has the bounds of its coordinates.
+        planes = Planes.of(self._triangles.points(triangle), (x, y, z), False)
+        length, magnitude = (dr.sqrt(dot(one, one)) for one in (planes.normal, planes.magnitude))
+        beyond = abs(planes.offset) - tolerance * length
+        bound = planes.bound + ROUNDING * tolerance * magnitude + UNDERFLOW
+        surely = sure & (beyond > bound)
+        dr.scatter(hidden, Bool(True), point, surely)
+        left = dr.compress(~surely & (beyond >= -bound))
+        point, triangle = (dr.gather(UInt32, one, left) for one in (point, triangle))
+        dr.eval(hidden, point, triangle)
+        return point.numpy().astype(np.int64), triangle.numpy().astype(np.int64)
+
+    def _hides(self, pencil: Pencil, points: SurfacePoints, point: Indices, triangle: Indices) -> Mask:
+        """Return which triangles hide points, pair by pair, decided in rational numbers."""
+        if not len(point):
+            return np.zeros(0, dtype=np.bool_)
+        position, tolerance = points.position[point], points.tolerance[point]
+        dx, dy, ends = _line_ends(pencil, [*position.T, tolerance], np.sqrt)
+        directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
+        numbers, which = np.unique(triangle, return_inverse=True)
+        # Nothing is met before its end by a line that ends before the range.
+        ends = np.maximum(ends, pencil.s_range[0]).tolist()
+        corners = self._triangles.corners
+        exact = ExactLines(corners[numbers], pencil.center, directions, (pencil.s_range[0], max(ends)))
+        return np.array(
+            [
+                (s := exact.meets(pair, number)) is not None
+                and s < Fraction(ends[pair])
+                and _off_plane(position[pair], corners[triangle[pair]], float(tolerance[pair]))
+                for pair, number in enumerate(which.tolist())
+            ]
+        )
+
+
+def _line_ends(pencil: Pencil, positions: Sequence[Any], root: Any) -> tuple[Any, Any, Any]:
+    """Return slopes dx and dy of the lines through points, and s before which a surface hides the point.
+
+    Parameters
+    ----------
+    pencil
+        Lines through the point from which the points are seen.
+    positions
+        Coordinates x, y and z of the points, and the distance within which each is known.
+    root
+        Square root of an array.
+    """
+    x, y, z, tolerance = positions
+    center = pencil.center if root is np.sqrt else constants(pencil.center)
+    s = center[2] - z
+    dx, dy = (x - center[0]) / s, (y - center[1]) / s
+    # What is met nearer than half a tolerance before the point is the point's own surface.
+    return dx, dy, s - tolerance / (2 * root(dx * dx + dy * dy + 1.0))
+
+
+def _sorted_lines(pencil: Pencil, positions: Sequence[Any], own: Any) -> _Lines:
+    """Return the lines through points on the numbered triangles, sorted by the cells of the film."""
+    count = dr.width(own)
+    dx, dy, end = _line_ends(pencil, positions, dr.sqrt)
+    places = []
+    for axis, slope in enumerate((dx, dy)):
+        pixels, sign = pencil.resolution[axis], (1, -1)[axis]
+        scale = sign * pixels / (2 * pencil.half_extent[axis])
+        shear, scale, middle, side = constants((pencil.shear[axis], scale, (pixels - 1) / 2, pixels))
+        place = (slope - shear) * scale + middle
+        places.append(UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1))
+    width, height = (side + 2 for side in pencil.resolution)
+    cell = places[1] * dr.opaque(UInt32, width) + places[0]
+    # Counting sort: the order of the lines within a cell means nothing.
+    number: Any = dr.zeros(UInt32, width * height + 1)
+    rank = dr.scatter_inc(number, cell)
+    together = Array4f64(dx, dy, end, Float64(own))
+    dr.eval(together, cell, rank, number)
+    start: Any = dr.prefix_sum(number)
+    target = dr.gather(UInt32, start, cell) + rank
+    line, point = dr.empty(Float64, 4 * count), dr.empty(UInt32, count)
+    # Four numbers at a time, one beside the other: a walk reads a line at once.
+    dr.scatter(line, together, target)
+    dr.scatter(point, dr.arange(UInt32, count), target)
+    dr.eval(line, point, start)
+    return _Lines(line=line, point=point, start=start)
+
+
+def _walk(
+    cones: Cones, lanes: tuple[Any, Any, Any], lines: _Lines, nearest: Any, room: int
+) -> tuple[int, tuple[Any, Any, Any]]:
+    """Return how many pairs of point and triangle there are, and the pairs as far as there is room.
+
+    Pairs are arrays of points, of triangles that may be met before them, and of whether they surely are.
+    """
+    first, last, number = lanes
+    named = Float64(number)
+    written: Any = dr.opaque(UInt32, 0)
+    limit: Any = dr.opaque(UInt32, room)
+    points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
+
+    def step(query: Any) -> tuple[Any]:
+        dx, dy, end, own = dr.gather(Array4f64, lines.line, query)
+        s, error = cones.along_rows(dy).met(dx)
+        possible, sure = in_range(s, error, False, (nearest, end))
+        may_cover, covers = cones.covering(dx, dy)
+        possible &= may_cover & (own != named)
+        sure &= covers & (s + error < end)
+        slot = dr.scatter_inc(written, UInt32(0), possible)
+        fits = possible & (slot < limit)
+        dr.scatter(points, dr.gather(UInt32, lines.point, query, fits), slot, fits)
+        dr.scatter(triangles, number, slot, fits)
+        dr.scatter(certain, sure, slot, fits)
+        return (query + 1,)
+
+    dr.while_loop((UInt32(first),), lambda query: query < last, step)
+    dr.eval(written, points, triangles, certain)
+    return int(written[0]), (points, triangles, certain)
+
+
+def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
+    """Return, in rational numbers, whether a point is farther than a tolerance from a triangle's plane.
+
+    A triangle without area has no plane, and no point is off it.
+    """
+    p, *triangle = ([Fraction(value) for value in row] for row in (point.tolist(), *corners.tolist()))
+    first, second = difference(triangle[1], triangle[0]), difference(triangle[2], triangle[0])
+    normal = cross(first, second)
+    along = dot(difference(triangle[0], p), normal)
+    return bool(along * along > Fraction(tolerance) ** 2 * dot(normal, normal))
