@@ -29,7 +29,6 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.room import vectors_with_room, with_room
 
 POSITION_BYTES = 24
 """Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
@@ -249,8 +248,7 @@ class Rasterizer(ContextOwner):
                         rendering=None,
                     )
                 triangle = _triangle_of(identity)
-                position = vectors_with_room(triangle.shape, np.float32)
-                position[:] = drawn.image.position
+                position = np.array(drawn.image.position)
                 # Where other pictures show something there are cameras, hence triangles to find points on.
                 assert self._positions is not None
                 position.reshape(-1, 3)[pixels] = self._positions.read_some(target, _drawn_by(passes), pixels)
@@ -327,10 +325,8 @@ class Rasterizer(ContextOwner):
 
     def _objects(self, triangle: Numbers) -> Numbers:
         """Return the numbers of triangles' objects (H, W)."""
-        found = with_room(triangle.shape, np.int32)
         # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
-        found[:] = self._object_of_number[triangle]
-        return found
+        return np.asarray(self._object_of_number[triangle])
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         """Return the surface points."""
@@ -377,9 +373,7 @@ def _same_cameras(some: Sequence[DrawnBy], others: Sequence[DrawnBy]) -> bool:
 
 def _triangle_of(identity: NDArray[np.uint32]) -> Numbers:
     """Return triangle numbers (H, W), -1 where nothing was drawn."""
-    triangle = with_room(identity.shape[:2], np.int32)
-    np.subtract(identity[..., 0].view(np.int32), 1, out=triangle)
-    return triangle
+    return np.asarray(identity[..., 0].view(np.int32) - 1)
 
 
 def _whole(identity: NDArray[np.uint32]) -> NDArray[np.uint64]:

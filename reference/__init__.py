@@ -35,20 +35,20 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from xfrustum.reference.convergence import Converged
-    from xfrustum.reference.sight.sight import SurfacePoints
-    from xfrustum.reference.tracers.names import TRACERS
+    from xfrustum.reference.certify.occlusion import SurfacePoints
+    from xfrustum.reference.tracers.tracer import TRACERS
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference
 
 __all__ = ["TRACERS", "Converged", "PathTracer", "RadianceEstimate", "Reference", "SurfacePoints"]
 
 _MODULES = {
-    "TRACERS": "tracers.names",
+    "TRACERS": "tracers.tracer",
     "Converged": "convergence",
     "PathTracer": "transport.transport",
     "RadianceEstimate": "transport.transport",
     "Reference": "truth",
-    "SurfacePoints": "sight.sight",
+    "SurfacePoints": "certify.occlusion",
 }
 """Module of each name. They are imported when first used: `explain` answers from the scene alone, and must
 not load ray tracers and statistics for that."""

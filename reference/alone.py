@@ -76,8 +76,7 @@ class TracersAlone:
         rows = range(first_row, first_row + len(truth.triangle))
         found = {}
         for name, tracer in self._tracers.items():
-            (numbers,) = proposed(tracer, self._scene, [pencil], rows)
-            found[name] = (numbers != truth.triangle) & judged(truth)
+            found[name] = (proposed(tracer, self._scene, pencil, rows) != truth.triangle) & judged(truth)
         return found
 
     def find(self, truth: HogelImage) -> AloneFound:

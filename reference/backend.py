@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from xfrustum.reference.llvm import prepare_llvm, require_llvm
 from xfrustum.scenes.arrays import Floats
@@ -49,6 +49,7 @@ __all__ = [
     "dot",
     "interleaved",
     "on_device",
+    "padded",
     "recording",
     "table",
     "vectors_on_device",
@@ -67,8 +68,12 @@ gather single bytes four at a time; NumPy's arrays end where their last value do
 ALIGNMENT = 64
 """Alignment of arrays in bytes: Dr.Jit compiles a kernel anew for every mix of arrays with and without it."""
 
-_KINDS = {np.dtype(kind.__name__.lower()): kind for kind in (Float64, Float32, Int32, UInt32)} | {
-    np.dtype(np.bool_): Bool
+_KINDS = {
+    np.dtype(np.float64): Float64,
+    np.dtype(np.float32): Float32,
+    np.dtype(np.int32): Int32,
+    np.dtype(np.uint32): UInt32,
+    np.dtype(np.bool_): Bool,
 }
 
 _INT32 = np.iinfo(np.int32)
@@ -102,12 +107,18 @@ def on_device(values: NDArray[Any]) -> Any:
         is_float = values.dtype.kind == "f"
         values = values.astype(np.float64) if is_float else np.clip(values, _INT32.min, _INT32.max)
     kind = values.dtype if values.dtype in _KINDS else np.dtype(np.int32)
-    size = values.size * kind.itemsize
-    memory = np.empty(size + PADDING * kind.itemsize + ALIGNMENT, dtype=np.uint8)
+    return _KINDS[kind](padded(values, kind))
+
+
+def padded(values: NDArray[Any], kind: DTypeLike) -> NDArray[Any]:
+    """Return a flat, aligned copy of values with `PADDING` behind it, which kernels may read in place."""
+    dtype = np.dtype(kind)
+    size = values.size * dtype.itemsize
+    memory = np.empty(size + PADDING * dtype.itemsize + ALIGNMENT, dtype=np.uint8)
     start = -memory.ctypes.data % ALIGNMENT
-    copy = memory[start : start + size].view(kind)
+    copy = memory[start : start + size].view(dtype)
     np.copyto(copy.reshape(values.shape), values, casting="unsafe")
-    return _KINDS[kind](copy)
+    return copy
 
 
 def vectors_on_device(rows: Floats) -> list[Any]:

@@ -28,7 +28,8 @@ def _length(x: Floats, y: Floats) -> Floats:
 class Arithmetic:
     """Arithmetic of formulas."""
 
-    select, maximum, isfinite, floor = np.where, np.maximum, np.isfinite, np.floor
+    select = staticmethod(np.where)
+    maximum, isfinite, floor = np.maximum, np.isfinite, np.floor
     length, table, own, constants = staticmethod(_length), staticmethod(_table), staticmethod(_table), list
 
     @staticmethod

@@ -135,9 +135,7 @@ def mitsuba_backend() -> MitsubaBackend:
             f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
     _limit_threads()
-    return MitsubaBackend(
-        mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm
-    )
+    return MitsubaBackend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
 
 
 @cache

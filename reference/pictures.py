@@ -162,9 +162,7 @@ class Pictures:
             light: list[Any] = []
             if colored:
                 seen = Seen(triangle=known, normal=flat, position=position, direction=direction)
-                light = [
-                    Float32(dr.select(covered, part, 0.0)) for part in self._shader.model.radiance(seen)
-                ]
+                light = [Float32(dr.select(covered, part, 0.0)) for part in self._shader.model.radiance(seen)]
             # All in one kernel: they share the places of the points.
             dr.eval(number, objects, position, normal, light)
             return (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from xfrustum.reference.averages import averages
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
-from xfrustum.reference.tracers.names import TRACERS
+from xfrustum.reference.tracers.tracer import TRACERS
 from xfrustum.reference.tracers.proposals import uncertified
 from xfrustum.reference.truth import Reference
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -55,10 +55,10 @@ class PlainReference(Reference):
         self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
     ) -> HogelImage:
         """Return what the tracer shows of an aperture; only one sample a pixel is taken."""
-        image = self.propose(aperture)
+        image = self.propose(aperture, colored=colored)
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
         image = replace(image, camera=camera)
-        return replace(image, rendering=self.rendering(sampling)) if colored else replace(image, color=None)
+        return replace(image, rendering=self.rendering(sampling)) if colored else image
 
     def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
         """Yield what the tracer shows of many apertures, in order; `colored` as for `Reference.stream`."""
@@ -83,7 +83,8 @@ class PlainReference(Reference):
         layers = [
             (camera.pencil, uncertified(self.tracer, self.scene, camera.pencil, rows)) for camera in cameras
         ]
-        return self._pictures.image(aperture, rows, layers, settings, shaded=shaded)
+        camera = self._pictures.camera(aperture, settings)
+        return self._pictures.image(camera, rows, layers, normals=shaded, colored=shaded)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from xfrustum.compare.metrics.perceptual import perceptual_difference
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.reference.eye.rays import hogel_lines
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reference.sight.sight import SurfacePoints
+from xfrustum.reference import SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage

@@ -434,7 +434,7 @@ def _hides(
 ) -> Mask:
     """Return which surface points a camera, or for C the viewer's half in front of it, does not show."""
     pencil = unflipped(question.pencil(reference.scene, answer.camera.aperture, side))
-    behind = reference.sight.hidden(pencil, points)
+    behind = reference.hidden_from(pencil, points)
     if side == 1:
         behind |= _covered_by_front(question, reference, answer, points.position)
     return behind

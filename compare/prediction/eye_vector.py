@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reference.shading.interpolation import places, smooth_normals
+from xfrustum.reference.shading.interpolation import smooth_normals
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import HogelCamera
@@ -86,7 +86,7 @@ def shading_normals(scene: Scene, triangle: Numbers, position: Floats, lines: Fl
     back = np.einsum("ij,ij->i", flat, lines) > 0
     normal = flat
     if scene.surface.vertex_normals is not None:
-        normal = smooth_normals(scene, places(scene, triangle, position), flat)
+        normal = smooth_normals(scene, triangle, position)
     return np.where(back[:, None], -normal, normal)
 
 

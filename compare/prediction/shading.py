@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xfrustum.reference.shading.environment import radiance_toward
+from xfrustum.reference.shading.surroundings import radiance_toward
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.certify import Certifier
+from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.facing import facing
 from xfrustum.reference.lines.lines import Pencil
@@ -53,7 +53,7 @@ def drawn_layers(
 
 def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
     """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
-    rows, triangles, film = range(pencil.resolution[1]), scene.triangles, unflipped(pencil)
+    triangles, film = scene.triangles, unflipped(pencil)
     drawn = np.arange(len(triangles))
     if culled is not Culled.NONE:
         drawn = np.flatnonzero(facing(triangles, film) != _CULLED_SIGN[culled])
@@ -62,11 +62,12 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
         # Seen through a point mirror in its center, what was last along a line is first.
         low, high = film.s_range
         mirrored = 2 * np.asarray(film.center) - triangles
-        decided = Certifier(mirrored, replace(film, s_range=(-high, -low))).decide(rows)
+        decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
         decided = replace(decided, s=-decided.s)
     else:
-        decided = Certifier(triangles, film).decide(rows)
-    return _mirrored(Layer.of(film, decided.renumbered(drawn), rows), pencil)
+        decided = first_surfaces(triangles, film)
+    shown = Layer.of(film, decided.renumbered(drawn), range(pencil.resolution[1]))
+    return _mirrored(shown, pencil)
 
 
 def _mirrored(shown: Layer, pencil: Pencil) -> Layer:
@@ -86,7 +87,6 @@ def _mirrored(shown: Layer, pencil: Pencil) -> Layer:
         certainty=shown.certainty[ways],
         companions=np.stack((row, column, number), axis=1),
         position=shown.position[ways],
-        directions=shown.directions[ways],
     )
 
 

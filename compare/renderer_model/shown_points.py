@@ -8,8 +8,7 @@ import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.reference.lines.planes import plane_places, triangle_normals
-from xfrustum.reference.sight.distance import distance_to_triangles
+from xfrustum.reference.lines.planes import distance_to_triangles, plane_places, triangle_normals
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene

@@ -19,8 +19,7 @@ from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.compare.selfcheck.sphere import SphereCheck, check_sphere
 from xfrustum.compare.selfcheck.views import View, views
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.processors import kernels_on_one_thread
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes.model.hogel_image import Certainty
 
@@ -168,11 +167,9 @@ def selfcheck(
 def _check(view: View, rows: list[Future[ExactRows]], bar: Any) -> ViewCheck:
     """Trace a view, wait for its exact rows and compare."""
     started = time.perf_counter()
-    # Threads that wait busily for kernels would take the processors from the other processes.
-    with kernels_on_one_thread(math.prod(view.scene.frustum.resolution)):
-        image = Reference(view.scene).trace(view.aperture)
-        assert image.certainty is not None
-        assert image.overruled is not None
+    image = Reference(view.scene).trace(view.aperture)
+    assert image.certainty is not None
+    assert image.overruled is not None
     parts = []
     for part in rows:
         parts.append(part.result())

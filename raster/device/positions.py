@@ -15,7 +15,6 @@ from OpenGL import GL
 from xfrustum.raster.device.programs import Defines, defined, shader
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.room import vectors_with_room
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
@@ -97,7 +96,7 @@ class Positions:
         if one_row:
             height = 1
         rows = max(1, min(height, self._points_at_once(target) // width))
-        found = vectors_with_room((height, width), np.float32)
+        found = np.empty((height, width, 3), np.float32)
         coordinates = np.moveaxis(found, -1, 0)
         with self._bound(target, drawn) as points:
             for start in range(0, height, rows):

@@ -109,22 +109,22 @@ def bounding_boxes(
             boxed.append((box, turn, hit & ~in_doubt, hit & in_doubt))
         dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
         for box, turn, known, doubtful in boxed:
-            found.append(_some(start, box, known, turn))
-            found.append(_some(start, box, doubtful, None))
+            found += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
         around = dr.compress(touching).numpy() + start
         # The others may contain the center, and may then be met by every line. A triangle whose plane runs
         # through the center beside the triangle is met by none, and neither is one without area.
         holds = {n: exact.contains_center(n) for n in around.tolist()}
         whole = [n for n, held in holds.items() if held or exact.meets_beside_center(n)]
-        ends = np.array([0, pencil.resolution[0] - 1 + 2 * border, 0, height - 1], dtype=np.int32)
-        found.append(
-            Boxes(
-                number=on_device(np.array(whole, dtype=np.uint32)),
-                box=[on_device(np.full(len(whole), end, dtype=np.int32)) for end in ends],
-                holds=on_device(np.array([holds[n] for n in whole], dtype=np.bool_)),
+        if whole:
+            ends = (0, pencil.resolution[0] - 1 + 2 * border, 0, height - 1)
+            found.append(
+                Boxes(
+                    number=on_device(np.array(whole, dtype=np.uint32)),
+                    box=[on_device(np.full(len(whole), end, dtype=np.int32)) for end in ends],
+                    holds=on_device(np.array([holds[n] for n in whole], dtype=np.bool_)),
+                )
             )
-        )
-    return [boxes for boxes in found if dr.width(boxes.number)]
+    return found
 
 
 def pixel_slack(pencil: Pencil, axis: int) -> float:
@@ -160,7 +160,16 @@ class _FilmAxis:
         slack = margin + 2 * slack if margin else slack
         scale = count / (2 * pencil.half_extent[axis])
         names = ("shear", "scale", "middle", "slack", "count", "first", "last", "border")
-        numbers = pencil.shear[axis], scale, (count - 1) / 2, slack, count, -border, count - 1 + border, border
+        numbers = (
+            pencil.shear[axis],
+            scale,
+            (count - 1) / 2,
+            slack,
+            count,
+            -border,
+            count - 1 + border,
+            border,
+        )
         return cls(**dict(zip(names, constants([float(one) for one in numbers]), strict=True)))
 
     def pixels(self, low: Any, high: Any) -> list[Any]:
@@ -209,15 +218,17 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     return low, high
 
 
-def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> Boxes:
-    """Return the boxes of the chosen triangles, the first of which has the number `start`."""
+def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
+    """Return the boxes of the chosen triangles, if there are any; the number of the first lane is `start`."""
     kept = dr.compress(chosen)
+    if not dr.width(kept):
+        return []
     taken = [dr.gather(Int32, values, kept) for values in box]
     number = UInt32(kept) + dr.opaque(UInt32, start)
     turn = None if turn is None else dr.gather(Int32, turn, kept)
     dr.eval(number, *taken, turn)
     holds = None if turn is not None else dr.zeros(Bool, dr.width(kept))
-    return Boxes(number=number, box=taken, turn=turn, holds=holds)
+    return [Boxes(number=number, box=taken, turn=turn, holds=holds)]
 
 
 def _least(values: list[Any]) -> Any:

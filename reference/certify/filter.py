@@ -244,9 +244,7 @@ class Filter:
             dr.eval(limit)
         return limit
 
-    def _may_be_first(
-        self, lanes: _Lanes, column: Any, rows: range, limit: Any
-    ) -> tuple[Any, Any, Any, Any]:
+    def _may_be_first(self, lanes: _Lanes, column: Any, rows: range, limit: Any) -> tuple[Any, Any, Any, Any]:
         s, error, sure, possible = self._met(lanes, column)
         nearest = dr.gather(Float64, limit, self._pixel(lanes, column, rows))
         return s, error, sure, possible & (s - error <= nearest)
@@ -270,7 +268,9 @@ class Filter:
         count = int(written[0])
         if not count:
             return NO_PAIRS
-        number, row, column, s, error, sure = (dr.gather(type(one), one, dr.arange(UInt32, count)) for one in out)
+        number, row, column, s, error, sure = (
+            dr.gather(type(one), one, dr.arange(UInt32, count)) for one in out
+        )
         if lanes.surely is not None:
             # Where the rows' cut leaves coverage in doubt, the edge functions at the pixel's center say more.
             cones = Cones.of(self._triangles.points(number), self._seen_from, False)

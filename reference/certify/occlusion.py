@@ -129,9 +129,7 @@ class Occlusion:
             positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
             lines = _sorted_lines(pencil, positions, on_device(points.triangle))
             hidden = dr.zeros(Bool, len(points.position))
-            open_pairs = [
-                self._sifted(pencil, rows, lines, positions, hidden) for rows in self._rows(pencil)
-            ]
+            open_pairs = [self._sifted(pencil, rows, lines, positions, hidden) for rows in self._rows(pencil)]
             behind: Mask = hidden.numpy().copy()
         for point, triangle in open_pairs:
             # Only points that nothing surely hides are decided in rational numbers.

@@ -6,31 +6,30 @@ arithmetic on the same numbers: what is decided of a pixel is what its whole hog
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
+from xfrustum.reference.backend import constants, on_device, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.narrow import met, plane_meeting, row_planes
-from xfrustum.reference.devices.arithmetic import NUMPY
+from xfrustum.reference.certify.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.eye.crossing import Axis, Crossings, crossings
-from xfrustum.reference.lines.cone import Cones, Viewpoint
 from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 
-def first_along_grid(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> FirstSurfaces:
+def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis) -> FirstSurfaces:
     """Decide what each line of a grid meets first.
 
     Parameters
     ----------
     triangles
-        (F, 3, 3) corners, scene units.
+        Triangles on the device.
     grid
         The lines.
     columns, rows
@@ -39,7 +38,7 @@ def first_along_grid(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axi
     width, height = grid.resolution
     limit = np.full(width * height, np.inf)
     kept = NO_PAIRS
-    for part in crossings(triangles, grid, columns, rows):
+    for part in crossings(triangles.corners, grid, columns, rows):
         found = _evaluated(triangles, grid, part)
         np.minimum.at(limit, found.pixel[found.sure], found.farthest[found.sure])
         kept = Pairs.joined([kept, found])
@@ -50,7 +49,7 @@ def first_along_grid(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axi
     s = np.full(len(limit), np.nan)
     certainty = np.full(len(limit), Certainty.PROVEN, dtype=np.uint8)
     triangle[kept.pixel[proven]], s[kept.pixel[proven]] = kept.triangle[proven], kept.s[proven]
-    companions = _settle(triangles, grid, kept[~proven], (triangle, s, certainty))
+    companions = _settle(triangles.corners, grid, kept[~proven], (triangle, s, certainty))
     shape = (height, width)
     return FirstSurfaces(
         triangle=triangle.reshape(shape),
@@ -60,21 +59,38 @@ def first_along_grid(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axi
     )
 
 
-def _evaluated(triangles: Floats, grid: LineGrid, part: Crossings) -> Pairs:
+def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
     """Return the pairs that meet or may meet, with bounds of their places."""
-    points = list(np.ascontiguousarray(triangles[part.triangle].transpose(1, 2, 0)))
-    # Each line passes through a point of the plate of its own, from which s of a corner is exact.
-    places = [grid.x[part.column], grid.y[part.row], np.zeros(len(part.row))]
-    # Whether a point of the plate lies in a triangle is left to the integers: no s near zero is sure.
-    nowhere = np.zeros(len(part.row), dtype=np.bool_)
-    cones = Cones.of(NUMPY, points, Viewpoint(center=places, ends=grid.s_range, slack=0.0), nowhere)
-    planes = row_planes(cones.planes, cones.within, grid.dy[part.row], grid.s_range, np.where)
-    s, error = plane_meeting(grid.dx[part.column], planes, np.where)
-    pixel = part.row * grid.resolution[0] + part.column
-    found = Pairs(pixel=pixel, triangle=part.triangle, s=s, error=error, sure=nowhere)
-    counted = np.flatnonzero((found.farthest >= planes.first) & (found.nearest <= planes.last))
-    possible, sure = met(cones, counted, found[counted], grid)
-    return replace(found[counted], sure=sure)[possible]
+    if not len(part.triangle):
+        return NO_PAIRS
+    with recording():
+        # Each line passes through a point of the plate of its own, from which s of a corner is exact.
+        x, dx, y, dy = (
+            on_device(one)
+            for one in (
+                grid.x[part.column],
+                grid.dx[part.column],
+                grid.y[part.row],
+                grid.dy[part.row],
+            )
+        )
+        zero, *ends = constants((0.0, *grid.s_range))
+        seen_from = Viewpoint(center=[x, y, zero], ends=ends, slack=zero)
+        # Whether a point of the plate lies in a triangle is left to the integers: no s near zero is sure.
+        cones = Cones.of(triangles.points(on_device(part.triangle)), seen_from, False)
+        s, error = cones.along_rows(dy).met(dx)
+        possible, sure = in_range(s, error, cones.within, ends)
+        may_cover, covers = cones.covering(dx, dy)
+        possible, sure = possible & may_cover, sure & covers
+        dr.eval(s, error, possible, sure)
+        found = Pairs(
+            pixel=part.row * grid.resolution[0] + part.column,
+            triangle=part.triangle,
+            s=s.numpy(),
+            error=error.numpy(),
+            sure=sure.numpy(),
+        )
+        return found[np.flatnonzero(possible.numpy())]
 
 
 def _settle(triangles: Floats, grid: LineGrid, contested: Pairs, answer: tuple[Any, Any, Any]) -> Indices:

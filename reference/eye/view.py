@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
+from xfrustum.reference.bands import bands
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
-from xfrustum.reference.devices.bands import UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.certify.cone import Triangles
+from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
 from xfrustum.reference.eye.crossing import Axis
 from xfrustum.reference.eye.first import first_along_grid
 from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
 from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.shading.shading import Hits, Shader
-from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect
@@ -114,12 +114,16 @@ class EyeReference:
         return self._image(eye, (triangle, position, certainty), color)
 
     def hidden(self, eye: Eye, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from an eye; see `Sight.hidden`."""
-        return self._sight.hidden(self.pencil(eye), points)
+        """Return which points are hidden from an eye; see `Occlusion`."""
+        return self._occlusion.hidden(self.pencil(eye), points)
 
     @cached_property
-    def _sight(self) -> Sight:
-        return Sight(self.scene)
+    def _triangles(self) -> Triangles:
+        return Triangles(self.scene.triangles)
+
+    @cached_property
+    def _occlusion(self) -> Occlusion:
+        return Occlusion(self._triangles)
 
     def _part_color(
         self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
@@ -147,16 +151,16 @@ class EyeReference:
             eye=rays.center[1],
             height=rays.center[2],
         )
-        return grid, first_along_grid(self.scene.triangles, grid, columns, rows)
+        return grid, first_along_grid(self._triangles, grid, columns, rows)
 
     def _decided(self, pencil: Pencil) -> FirstSurfaces:
-        decide: Callable[[range], FirstSurfaces] = Certifier(self.scene.triangles, pencil).decide
-        bands = list(in_parallel(partial(decide), pencil.resolution, least_pixels=UNDIVIDED_PIXELS))
+        certifier, (width, height) = Certifier(self._triangles, pencil), pencil.resolution
+        found = [certifier.decide(rows) for rows in bands(width, range(height))]
         return FirstSurfaces(
-            triangle=np.concatenate([band.triangle for band in bands]),
-            s=np.concatenate([band.s for band in bands]),
-            certainty=np.concatenate([band.certainty for band in bands]),
-            companions=np.concatenate([band.companions for band in bands]),
+            triangle=np.concatenate([band.triangle for band in found]),
+            s=np.concatenate([band.s for band in found]),
+            certainty=np.concatenate([band.certainty for band in found]),
+            companions=np.concatenate([band.companions for band in found]),
         )
 
     def _radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Singles:

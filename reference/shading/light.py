@@ -118,8 +118,7 @@ class LightModel:
         whole = all(float(exponent).is_integer() for exponent in exponents)
         self._digits = int(max(exponents)).bit_length() if whole else None
         self._lights = [
-            (constants(light.direction), constants(light.color[:channels]))
-            for light in appearance.lights
+            (constants(light.direction), constants(light.color[:channels])) for light in appearance.lights
         ]
         self._environment: Surroundings | None = None
         if Effect.REFLECTION in effects and appearance.environment is not None:
@@ -178,9 +177,7 @@ class LightModel:
             albedo = [own * paint for own, paint in zip(albedo, painted, strict=True)]
         return albedo
 
-    def _with_light(
-        self, color: list[Any], toward: Vector, intensity: Vector, lit: _Lit
-    ) -> list[Any]:
+    def _with_light(self, color: list[Any], toward: Vector, intensity: Vector, lit: _Lit) -> list[Any]:
         """Add diffuse light by N and L, and a highlight by L and R, the eye vector reflected across N."""
         cosine = lit.turn * dot(lit.normal, toward)
         if Effect.DIFFUSE in self._effects:

@@ -132,5 +132,3 @@ def _bounded(index: Any, last: Any) -> Any:
     """Return whole numbers from 0 to a last one, 0 in place of NaN: nothing is looked up outside a table."""
     index = dr.select(index > 0.0, index, 0.0)
     return dr.select(index < last, index, last)
-
-

@@ -6,7 +6,6 @@ The answer is a proposal. Positions are computed from the triangle in double pre
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 
@@ -14,9 +13,9 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.tracers.tracer import unit_scale
-from xfrustum.scenes.arrays import Floats, Numbers, Singles
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
@@ -63,35 +62,15 @@ class EmbreeTracer:
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
-
-        def trace(part: slice) -> Numbers:
-            found: Numbers = self._embree.run(
-                self._scaled(origins[part]), directions[part].astype(np.float32)
-            )
-            return found
-
-        return self._in_parts(trace, len(origins))
-
-    def first_along(self, origins: Singles, directions: Singles) -> Numbers:
-        """Return the first triangle of each ray, (N,), from origins that are scaled by `scale`."""
-        return self._in_parts(lambda part: self._embree.run(origins[part], directions[part]), len(origins))
-
-    def _in_parts(self, trace: Callable[[slice], Numbers], rays: int) -> Numbers:
-        hits = np.full(rays, NOTHING, dtype=np.int32)
-        if self._empty or rays == 0:
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._empty or not len(hits):
             return hits
 
         def fill(start: int) -> None:
             part = slice(start, start + RAYS_PER_CALL)
-            hits[part] = trace(part)
+            scaled = (origins[part] * self.scale).astype(np.float32)
+            hits[part] = self._embree.run(scaled, directions[part].astype(np.float32))
 
-        if rays <= RAYS_PER_CALL:
-            fill(0)
-            return hits
         with ThreadPoolExecutor(worker_count()) as pool:
-            list(pool.map(fill, range(0, rays, RAYS_PER_CALL)))
+            list(pool.map(fill, range(0, len(hits), RAYS_PER_CALL)))
         return hits
-
-    def _scaled(self, lengths: Floats) -> Singles:
-        scaled = np.empty(lengths.shape, dtype=np.float32)
-        return np.multiply(lengths, self.scale, out=scaled, casting="same_kind")

@@ -6,13 +6,13 @@ answers are the same, but it is some twenty times slower.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic import Coordinates
-from xfrustum.reference.devices.dr_jit import backend
-from xfrustum.reference.devices.packets import in_packets
+from xfrustum.reference.backend import padded
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
@@ -24,7 +24,7 @@ RAYS_PER_CALL = 1 << 20
 
 def mitsuba_versions() -> dict[str, str]:
     """Return name and version of the tracer, its variant and its LLVM, for reports."""
-    return backend().versions
+    return mitsuba_backend().versions
 
 
 class MitsubaTracer:
@@ -44,7 +44,7 @@ class MitsubaTracer:
     name = "mitsuba"
 
     def __init__(self, scene: Scene) -> None:
-        self._backend = backend()
+        self._backend = mitsuba_backend()
         mi = self._backend.mitsuba
         # The classes are kept, so that this tracer outlives a change of Mitsuba's variant.
         self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
@@ -72,28 +72,9 @@ class MitsubaTracer:
             )
         return hits
 
-    @property
-    def on_llvm(self) -> bool:
-        """Whether rays are traced in kernels on the processors, as Dr.Jit's arrays of the reference are."""
-        return self._scene is not None and self._backend.variant.startswith("llvm")
-
-    def first_along(self, origin: Coordinates, direction: Coordinates) -> Any:
-        """Return the first triangle of each ray on Dr.Jit, of which nothing is traced yet.
-
-        Parameters
-        ----------
-        origin, direction
-            Coordinates in single precision; the origins are scaled by `scale`.
-        """
-        assert self._scene is not None
-        ray = self._ray(self._point(*map(self._float, origin)), self._vector(*map(self._float, direction)))
-        met = self._scene.ray_intersect_preliminary(ray, coherent=True)
-        return self._backend.drjit.select(met.is_valid(), self._int(met.prim_index), NOTHING)
-
     def _together(self, origins: Singles, directions: Singles) -> Numbers:
         dr = self._backend.drjit
         assert self._scene is not None
-        # Dr.Jit's arrays of vectors hold each coordinate in one piece.
         ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
         hits: Numbers = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
@@ -115,7 +96,7 @@ class MitsubaTracer:
 def robust_scene(scene: Scene, scale: float) -> Any:
     """Return a `mi.Scene` of all triangles, scaled, in Embree's robust mode where Embree traces."""
     mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
-    return backend().mitsuba.load_dict(
+    return mitsuba_backend().mitsuba.load_dict(
         {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
     )
 
@@ -132,17 +113,46 @@ def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None 
     bsdf
         A Mitsuba BSDF; None for Mitsuba's default.
     """
-    mi = backend().mitsuba
+    mi = mitsuba_backend().mitsuba
     properties = mi.Properties()
     if bsdf is not None:
         properties["bsdf"] = bsdf
     mesh = mi.Mesh(name, len(vertices), len(faces), properties)
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = in_packets(vertices, np.float32)
-    parameters["faces"] = in_packets(faces, np.uint32)
+    parameters["vertex_positions"] = padded(vertices, np.float32)
+    parameters["faces"] = padded(faces, np.uint32)
     parameters.update()
     return mesh
 
 
-def _coordinates(vectors: Singles) -> Singles:
-    return in_packets(vectors.T).reshape(3, -1)
+def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Callable[[], object]:
+    """Return what intersects rays on the device with a scene each time it is called, and waits for it.
+
+    Parameters
+    ----------
+    scene
+        At least one triangle.
+    origins, directions
+        (N, 3) each, scene units.
+    """
+    mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+    scale = unit_scale(scene.vertices)
+    loaded = robust_scene(scene, scale)
+    ray = mi.Ray3f(mi.Point3f(_coordinates(origins * scale)), mi.Vector3f(_coordinates(directions)))
+    # Rays in NumPy's own memory would be traced from there; the bare rate begins on the device.
+    dr.make_opaque(ray)
+    dr.sync_thread()
+
+    def trace() -> object:
+        met = loaded.ray_intersect_preliminary(ray, coherent=True)
+        dr.eval(met)
+        dr.sync_thread()
+        return met
+
+    return trace
+
+
+def _coordinates(vectors: Floats | Singles) -> Singles:
+    # Dr.Jit's arrays of vectors hold each coordinate in one piece.
+    found: Singles = padded(vectors.T, np.float32).reshape(3, -1)
+    return found

@@ -1,20 +1,19 @@
-"""The image that the tracer alone would have shown: the second opinion on every pixel."""
+"""The image that a tracer alone would have shown: the second opinion on every pixel."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
+from typing import Any
 
+import drjit as dr
 import numpy as np
 
+from xfrustum.reference.backend import constants, interleaved, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.planes import plane_places, triangle_normals
-from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.entry import ray_origins
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.pictures import pixel_directions
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
@@ -24,41 +23,65 @@ from xfrustum.scenes.notebook.shown import Brief
 OPINION_PIXELS = 1 << 18
 """Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
 
+CLEARANCE = 2.0**-6
+"""Distance of rays' origins from the scene's box, as a share of its diagonal: far more than float32 rounds."""
 
-def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> Numbers:
-    """Trace each pixel's line once, from the viewer's end through the aperture to the back, in one call.
+
+def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Floats]:
+    """Return origins and directions d of the lines of some rows' pixels, (N, 3) each.
+
+    An origin lies at the first s of the range, or a little before the line enters the scene's bounding box if
+    that is later: the lines of a steep frustum come from far outside of the box, and a distant origin loses
+    digits in float32.
+    """
+    size = len(rows) * pencil.resolution[0]
+    low, high = scene.bounds
+    clearance = CLEARANCE * float(np.linalg.norm(high - low))
+    with recording():
+        directions = pixel_directions(pencil, rows)
+        center, (first,) = constants(pencil.center), constants(pencil.s_range[:1])
+        lows, highs = constants((low - clearance).tolist()), constants((high + clearance).tolist())
+        front: Any = center[2] - highs[2]
+        s = front
+        for axis in range(2):
+            along = directions[axis]
+            side = dr.select(along > 0.0, lows[axis], highs[axis]) - center[axis]
+            # A line parallel to these two sides of the box lies between them everywhere or nowhere: they do
+            # not bound s.
+            bounded = along != 0.0
+            s = dr.maximum(s, dr.select(bounded, side / dr.select(bounded, along, 1.0), -np.inf))
+        # A line beside the box meets nothing, wherever it starts.
+        s = dr.maximum(dr.select(dr.isfinite(s), s, front), first)
+        origins = [at + s * direction for at, direction in zip(center, directions, strict=True)]
+        dr.eval(origins)
+        return interleaved(origins, (size, 3)), interleaved(directions, (size, 3))
+
+
+def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbers:
+    """Trace each pixel's line once, from the viewer's end through the aperture to the back.
 
     Parameters
     ----------
-    tracer
-        Tracer of the scene, in float32.
-    scene
-        Scene with the triangles.
-    pencils
-        Crossed frusta, at least one, all of the same resolution.
-    rows
-        Rows of each image.
+    tracer, scene
+        Tracer of the scene, in float32, and the scene.
+    pencil, rows
+        Crossed frustum, and rows of its image.
 
     Returns
     -------
     numbers
-        (P, rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
+        (rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
     """
-    if compiled() and len(scene.faces) and (isinstance(tracer, EmbreeTracer) or _on_llvm(tracer)):
-        return np.stack([_compiled(tracer, scene, pencil, rows) for pencil in pencils])
-    some = slice(rows.start, rows.stop)
-    lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
-    origins = [
-        ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
-        for pencil, directions in zip(pencils, lines, strict=True)
-    ]
-    hits = tracer.first_hits(np.concatenate(origins), np.concatenate(lines)).reshape(len(pencils), -1)
-    for pencil, directions, own in zip(pencils, lines, hits, strict=True):
-        # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the reach.
-        met = own != NOTHING
-        beyond = _first_places(scene, pencil, own[met], directions[met]) > pencil.s_range[1]
-        own[met] = np.where(beyond, NOTHING, own[met])
-    return hits.reshape(len(pencils), len(rows), -1)
+    shape = len(rows), pencil.resolution[0]
+    if not len(scene.faces):
+        return np.full(shape, NOTHING, dtype=np.int32)
+    origins, directions = pixel_rays(scene, pencil, rows)
+    hits = tracer.first_hits(origins, directions)
+    # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the reach.
+    met = hits != NOTHING
+    beyond = _first_places(scene, pencil, hits[met], directions[met]) > pencil.s_range[1]
+    hits[met] = np.where(beyond, NOTHING, hits[met])
+    return hits.reshape(shape)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -90,26 +113,14 @@ class SecondOpinion(Brief):
         size = max(1, OPINION_PIXELS // self.pencil.resolution[0])
         for start in range(0, len(self.rows), size):
             part = slice(start, start + size)
-            (number,) = proposed(self.tracer(), self.scene, [self.pencil], self.rows[part])
+            number = proposed(self.tracer(), self.scene, self.pencil, self.rows[part])
             overruled[part] = (number != self.triangle[part]) & (self.certainty[part] != Certainty.TIE)
         return overruled
 
 
-def _on_llvm(tracer: Tracer) -> bool:
-    return isinstance(tracer, MitsubaTracer) and tracer.on_llvm
-
-
-def _compiled(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbers:
-    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
-    module = import_module("xfrustum.reference.tracers.proposals_jit")
-    trace = module.traced_by_embree if isinstance(tracer, EmbreeTracer) else module.traced_in_kernel
-    numbers: Numbers = trace(tracer, scene, pencil, rows)
-    return numbers
-
-
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
     """Return a tracer's proposal in the form of a decision; places are those of the triangles' planes."""
-    (triangle,) = proposed(tracer, scene, [pencil], rows)
+    triangle = proposed(tracer, scene, pencil, rows)
     directions = pencil.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
     met = triangle != NOTHING

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.scenes.model.scene import Scene
@@ -37,7 +37,7 @@ DIFFUSE = "face_diffuse"
 
 def register_sensor() -> None:
     """Make the plugin known to Mitsuba, in the variant in use; calling this again does no harm."""
-    _registered(backend().variant)
+    _registered(mitsuba_backend().variant)
 
 
 def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def mitsuba_scene(scene: Scene) -> dict[str, Any]:
     loaded: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     if len(scene.faces):
         color = {"type": "mesh_attribute", "name": DIFFUSE}
-        bsdf = backend().mitsuba.load_dict(
+        bsdf = mitsuba_backend().mitsuba.load_dict(
             {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}}
         )
         mesh = triangle_mesh("triangles", scene.vertices, scene.faces, bsdf)
@@ -183,7 +183,7 @@ class _FilmLines:
 @lru_cache
 def _registered(variant: str) -> type:
     """Define the sensor on the classes of one variant; Mitsuba has other classes in each."""
-    mi, dr = backend().mitsuba, backend().drjit
+    mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
 
     box = mi.BoundingBox3f if variant.startswith("scalar") else mi.ScalarBoundingBox3f
 

@@ -9,6 +9,10 @@ import numpy as np
 from xfrustum.scenes.arrays import Floats, Numbers
 
 
+TRACERS = ("embree", "mitsuba")
+"""Names of the tracers that can be asked for, the default first."""
+
+
 class Tracer(Protocol):
     """A scene's triangles in a ray tracer.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.transport.device_tables import Table, Textures
 from xfrustum.scenes.model.scene import Scene
 
@@ -46,7 +46,7 @@ class Point:
     @property
     def mirrored(self) -> Any:
         """The eye vector reflected across the normal."""
-        return 2.0 * backend().drjit.dot(self.normal, self.eye) * self.normal - self.eye
+        return 2.0 * mitsuba_backend().drjit.dot(self.normal, self.eye) * self.normal - self.eye
 
 
 class Surfaces:
@@ -86,7 +86,7 @@ class Surfaces:
         origin, direction
             The line; the direction has any length.
         """
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         face = [self._faces.number(3 * triangle + corner) for corner in range(3)]
         a, b, c = (self._vertices.vector(corner) for corner in face)
         flat = self._normals.vector(triangle)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.devices.dr_jit import backend
-from xfrustum.reference.devices.packets import in_packets
-from xfrustum.reference.shading.textures import LINEAR
+from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.backend import padded
+from xfrustum.reference.shading.surroundings import LINEAR
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Bytes, Numbers
 
@@ -26,24 +26,24 @@ class Table:
     """
 
     def __init__(self, entries: NDArray[Any]) -> None:
-        self._entries = in_packets(entries)
-        self._array = None if backend().scalar else self._on_device()
+        self._entries = padded(entries, entries.dtype)
+        self._array = None if mitsuba_backend().scalar else self._on_device()
 
     def _on_device(self) -> Any:
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         kinds = {"float64": mi.Float64, "float32": mi.Float32, "int32": mi.Int32, "uint32": mi.UInt32}
         return kinds[str(self._entries.dtype)](self._entries)
 
     def number(self, index: Any) -> Any:
         """Return an entry; the index counts all entries of all rows."""
-        if backend().scalar:
+        if mitsuba_backend().scalar:
             return self._entries[index].item()
-        return backend().drjit.gather(type(self._array), self._array, index)
+        return mitsuba_backend().drjit.gather(type(self._array), self._array, index)
 
     def vector(self, row: Any) -> Any:
         """Return a row of three as a vector of doubles."""
-        mi, dr = backend().mitsuba, backend().drjit
-        if backend().scalar:
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+        if mitsuba_backend().scalar:
             return mi.Vector3d(*self._entries[3 * row : 3 * row + 3].tolist())
         kind = mi.Vector3f if self._entries.dtype == np.float32 else mi.Vector3d
         return mi.Vector3d(dr.gather(kind, self._array, row))
@@ -72,7 +72,7 @@ class Textures:
 
     def color(self, triangle: Any, uv: Any) -> Any:
         """Return linear RGB at texture coordinates, x and y of a vector; 1 where there is no texture."""
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         number = self._of_triangle.number(triangle)
         textured = number >= 0
         number = dr.maximum(number, 0)
@@ -97,11 +97,11 @@ class Surroundings:
 
     def radiance(self, direction: Any) -> Any:
         """Return the environment's linear RGB in a direction, of any length."""
-        dr = backend().drjit
+        dr = mitsuba_backend().drjit
 
         def texel(row: Any, column: Any) -> Any:
             inside = dr.clip(row, 0.0, self._height - 1.0)
-            index = backend().mitsuba.Int32 if not backend().scalar else int
+            index = mitsuba_backend().mitsuba.Int32 if not mitsuba_backend().scalar else int
             return self._texels.vector(index(inside) * self._width + _repeated(column, self._width))
 
         around = dr.atan2(direction.x, -direction.z) / (2.0 * dr.pi) + 0.5
@@ -111,15 +111,15 @@ class Surroundings:
 
 def _repeated(index: Any, size: Any) -> Any:
     """Return a whole number, given as a double, as an index modulo a size."""
-    mi, dr = backend().mitsuba, backend().drjit
+    mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
     count = mi.Float64(size)
     whole = index - count * dr.floor(index / count)
-    return int(whole) if backend().scalar else mi.Int32(whole)
+    return int(whole) if mitsuba_backend().scalar else mi.Int32(whole)
 
 
 def _between_texels(texel: Callable[[Any, Any], Any], down: Any, right: Any) -> Any:
     """Mix the four texels whose centers, at halves, enclose a place; `texel` takes whole rows and columns."""
-    dr = backend().drjit
+    dr = mitsuba_backend().drjit
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
     below, beside = down - 0.5 - row, right - 0.5 - column
     upper = dr.lerp(texel(row, column), texel(row, column + 1.0), beside)

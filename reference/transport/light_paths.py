@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.reference.transport.device_surfaces import Point, Surfaces
@@ -70,7 +70,7 @@ class LightPaths:
     """
 
     def __init__(self, scene: Scene) -> None:
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         self.scale = unit_scale(scene.vertices)
         mesh = triangle_mesh("scene", scene.vertices * self.scale, scene.faces)
         self._scene = mi.load_dict(
@@ -90,10 +90,10 @@ class LightPaths:
 
     def first(self, ray: Any, active: Any) -> tuple[Any, Any]:
         """Return the number of the first triangle that float32 rays meet, and whether they meet any."""
-        dr, mi = backend().drjit, backend().mitsuba
+        dr, mi = mitsuba_backend().drjit, mitsuba_backend().mitsuba
         met = self._scene.ray_intersect_preliminary(ray, active=active)
         found = met.is_valid() & active
-        kind = int if backend().scalar else mi.Int32
+        kind = int if mitsuba_backend().scalar else mi.Int32
         return dr.select(found, kind(met.prim_index), 0), found
 
     def radiance(
@@ -112,7 +112,7 @@ class LightPaths:
         sampler
             Mitsuba's sampler, seeded.
         """
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         triangle, active = found
         if not transport.interreflection:
             point = self._surfaces.point(triangle, *line)
@@ -136,7 +136,7 @@ class LightPaths:
 
     def _shown(self, point: Point, transport: Transport, active: Any) -> Any:
         """Return the radiance of a point along its eye vector, without the light of other surfaces."""
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         material, index = self._material, point.object
         diffuse = material.diffuse.vector(index) * point.albedo
         specular, exponent = material.specular.vector(index), material.exponent.number(index)
@@ -168,14 +168,14 @@ class LightPaths:
 
     def _sees(self, point: Point, direction: Any, active: Any) -> Any:
         """Return whether nothing hides a direction from a point, not even the point's own triangle."""
-        dr = backend().drjit
+        dr = mitsuba_backend().drjit
         active = active & (dr.dot(point.side, direction) > 0.0)
         ray = self._ray(point.position + self._offset * point.side, direction)
         return active & ~self._scene.ray_test(ray, active)
 
     def _scattered(self, point: Point, sampler: Any, active: Any) -> tuple[Any, Any, Any]:
         """Return a random direction to look for light of other surfaces, its weight, and whether to look."""
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
         both = dr.sum(diffuse) + dr.sum(mirror)
@@ -189,7 +189,7 @@ class LightPaths:
         return direction, weight, active
 
     def _ray(self, origin: Any, direction: Any) -> Any:
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
 
 
@@ -199,7 +199,7 @@ def power(base: Any, exponent: Any) -> Any:
     Dr.Jit's own power returns minus infinity or NaN for results so small. A cosine that was rounded to more
     than one counts as one.
     """
-    dr = backend().drjit
+    dr = mitsuba_backend().drjit
     base = dr.minimum(base, 1.0)
     within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > MIN_LOGARITHM)
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)

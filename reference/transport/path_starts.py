@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
 from xfrustum.reference.transport.device_tables import Table
@@ -33,7 +33,7 @@ class PathStarts:
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
-        mi, dr = backend().mitsuba, backend().drjit
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         register_sensor()
         parameters = sensor_parameters(scene, aperture)
         for name in ("reach_viewer", "reach_back"):
@@ -60,8 +60,8 @@ class PathStarts:
         sampler
             Mitsuba's sampler, seeded.
         """
-        mi, dr = backend().mitsuba, backend().drjit
-        whole = int if backend().scalar else mi.UInt32
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+        whole = int if mitsuba_backend().scalar else mi.UInt32
         row, column = pixel // (self._width // self._side), pixel % (self._width // self._side)
         part = sampler.next_2d()
         x, y = (

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.transport.light_paths import LightPaths
 from xfrustum.reference.transport.path_starts import PathStarts
 from xfrustum.scenes.appearance.sampling import Transport
@@ -61,7 +61,7 @@ class PathTracer:
     @property
     def versions(self) -> dict[str, str]:
         """Names and versions of the libraries that compute the paths, for reports."""
-        return backend().versions
+        return mitsuba_backend().versions
 
     @cached_property
     def _paths(self) -> LightPaths:
@@ -108,7 +108,7 @@ class PathTracer:
             found, line = starts.seen(self._paths, pixel, sampler)
             return self._paths.radiance(found, line, transport, sampler)
 
-        launch = _one_by_one if backend().scalar else _together
+        launch = _one_by_one if mitsuba_backend().scalar else _together
         left = transport.samples
         while left:
             together = min(left, max(1, PATHS_AT_ONCE // len(pixels)))
@@ -141,7 +141,7 @@ class _Moments:
 
 def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: int) -> Floats:
     """Return colors (pixels, paths, 3), all paths in one launch."""
-    mi, dr = backend().mitsuba, backend().drjit
+    mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
     count = len(pixels) * paths
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
@@ -153,6 +153,6 @@ def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: 
 
 def _one_by_one(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: int) -> Floats:
     """Return colors (pixels, paths, 3) where Mitsuba traces one ray at a time."""
-    sampler = backend().mitsuba.load_dict({"type": "independent"})
+    sampler = mitsuba_backend().mitsuba.load_dict({"type": "independent"})
     sampler.seed(seed, 1)
     return np.array([[list(path(pixel, sampler)) for _ in range(paths)] for pixel in pixels])

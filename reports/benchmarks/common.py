@@ -8,7 +8,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -32,7 +32,9 @@ def machine_record(*, tracers: bool = False) -> Record:
     """Return the machine and the versions of the libraries, those of the tracers included if asked for."""
     versions = provenance.versions()
     if tracers:
-        versions |= backend().versions | {name: version(name) for name in ("drjit", "embreex", "trimesh")}
+        versions |= mitsuba_backend().versions | {
+            name: version(name) for name in ("drjit", "embreex", "trimesh")
+        }
     return {"machine": provenance.machine(), "versions": versions}
 
 

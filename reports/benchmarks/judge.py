@@ -19,10 +19,10 @@ from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_image
 from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
-from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
-from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
+from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.benchmarks.common import (
     Record,
     columns,
@@ -141,12 +141,6 @@ class PlainLoop:
         return float(wrong.mean()), _displacement_p99(drawn, pencil)
 
 
-def _rays(scene: Scene, pencil: Pencil) -> tuple[Any, Any]:
-    """Return origins and directions of a pencil's lines, (N, 3) each."""
-    directions = pencil.directions().reshape(-1, 3)
-    return ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0]), directions
-
-
 def _displacement_p99(drawn: HogelImage, pencil: Pencil) -> float:
     """Return the 99th percentile of the distance between where points are drawn and where they belong, px."""
     width, height = pencil.resolution
@@ -172,8 +166,9 @@ def judge_contestants(scene: Scene, apertures: Sequence[Aperture]) -> Iterator[d
                 rasterizer.render(one, settings, normals=False, color=False) for one in apertures
             ),
         }
-        if not backend().scalar:
-            rays = _rays(scene, crossed_frustum(scene.frustum, scene.plate.middle))
+        if not mitsuba_backend().scalar:
+            pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+            rays = pixel_rays(scene, pencil, range(pencil.resolution[1]))
             bare = bare_intersection(scene, *rays)
             found[MITSUBA] = lambda: exhaust(bare() for _ in apertures)
         yield found

@@ -14,11 +14,11 @@ from tqdm import tqdm
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
+from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reference.truth import Reference
 from xfrustum.reports.benchmarks.common import (
     Record,
@@ -64,8 +64,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
     it has only its scalar variant, one ray at a time.
     """
     pencil = crossed_frustum(scene.frustum, aperture)
-    directions = pencil.directions().reshape(-1, 3)
-    origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
+    origins, directions = pixel_rays(scene, pencil, range(pencil.resolution[1]))
     embree, reference = EmbreeTracer(scene), Reference(scene)
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     found: dict[str, Callable[[], object]] = {
@@ -74,7 +73,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
         CERTIFIED: lambda: list(reference.decide(aperture)),
         TRUTH: lambda: reference.trace(aperture),
     }
-    if not backend().scalar:
+    if not mitsuba_backend().scalar:
         found[MITSUBA] = bare_intersection(scene, origins, directions)
     return {name: found[name] for name in MEANINGS if name in found}
 

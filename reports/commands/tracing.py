@@ -11,8 +11,7 @@ import numpy as np
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.devices.bands import BUSY_PIXELS, PIXEL_BYTES, rows_at_once
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.bands import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.files.openexr.images import ImageWriter, write_image
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
@@ -46,10 +45,9 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     if each > 1:
         parts.append(f"each is the mean of {each:,} {kind}")
     else:
-        rows = rows_at_once(width, height, BUSY_PIXELS)
-        bands = -(-height // rows)
-        memory = PIXEL_BYTES * rows * width * min(worker_count(), bands)
-        parts.append(f"traced in {bands:,} bands, in about {_size(memory)} of memory beside the scene")
+        rows = min(height, max(1, BAND_PIXELS // width))
+        memory = _size(PIXEL_BYTES * rows * width)
+        parts.append(f"traced in {-(-height // rows):,} bands, in about {memory} of memory beside the scene")
     file_bytes = pixels * (FILE_BYTES + (VARIANCE_BYTES if transported else 0))
     parts.append(f"the file takes at most {_size(file_bytes)}")
     return "; ".join(parts)

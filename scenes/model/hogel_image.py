@@ -23,7 +23,6 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.notebook.shown import Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.room import picked
 
 NOTHING = -1
 """Triangle and object number of a pixel that shows no surface."""
@@ -168,7 +167,7 @@ class HogelImage(ShownImage):
         """
 
         def taken(array: NDArray[Any]) -> NDArray[Any]:
-            return picked(array.reshape(-1, *array.shape[2:]), pixels)[None]
+            return array.reshape(-1, *array.shape[2:])[pixels][None]
 
         return HogelImage(
             camera=self.camera,

@@ -17,7 +17,7 @@ from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.footprints import Footprints, footprints, footprints_on_device
 from xfrustum.reference.certify.sides import sorted_by_side
 from xfrustum.reference.devices.arithmetic import NUMPY
-from xfrustum.reference.lines.cone import Planes
+from xfrustum.reference.certify.cone import Planes
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import DoubleFrustum, Frustum
 from xfrustum.scenes.arrays import Floats

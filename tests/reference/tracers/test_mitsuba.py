@@ -27,7 +27,7 @@ from xfrustum.reference.devices.dr_jit import (
     named_version,
 )
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.sight.distance import distance_to_triangles
+from xfrustum.reference.lines.planes import distance_to_triangles
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters

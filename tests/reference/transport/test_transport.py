@@ -12,7 +12,7 @@ from scipy import stats
 
 from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
 from xfrustum.reference import Reference
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.devices.packets import in_packets
 from xfrustum.reference.transport import transport
 from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
@@ -170,7 +170,7 @@ class TestDirectLight:
         asked = Transport(shadows=True, samples=2)
         expected = PathTracer(scene).render(APERTURE, asked).mean
         bounced = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=64))
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         before = mi.variant()
         mi.set_variant("scalar_rgb")
         try:
@@ -401,7 +401,7 @@ class TestInterreflection:
 
 def test_a_highlight_that_dies_out_below_what_doubles_hold_is_dark() -> None:
     """Powers that underflow are zero, and not infinite."""
-    mi = backend().mitsuba
+    mi = mitsuba_backend().mitsuba
     base = np.concatenate(([0.0, 1e-300, 1.0], np.linspace(0.02, 0.04, 4001)))
     highlight = np.array(power(mi.Float64(in_packets(base)), mi.Float64(200.0)))
     assert np.isfinite(highlight).all()

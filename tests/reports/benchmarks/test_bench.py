@@ -14,7 +14,7 @@ from xfrustum import Judge
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reports.benchmarks import judge, plate, truth
 from xfrustum.reports.benchmarks.common import ratios_of
 from xfrustum.reports.common.timing import Timing
@@ -32,7 +32,7 @@ def assert_rates(found: dict[str, Any], meanings: dict[str, str], ends: tuple[st
     assert set(found) == set(meanings)
     for name, rate in found.items():
         if rate is None:
-            assert name == truth.MITSUBA and backend().scalar
+            assert name == truth.MITSUBA and mitsuba_backend().scalar
         else:
             assert 0 < rate[ends[0]] <= rate["median"] <= rate[ends[1]]
 
