@@ -28,8 +28,7 @@ from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.processors import kernels_on_one_thread
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
@@ -457,7 +456,7 @@ class _Loop(Generic[Result]):
         pixels = math.prod(self._judge.scene.frustum.resolution)
         self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
         self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
-        with kernels_on_one_thread(pixels), self._tracing, self._judging:
+        with self._tracing, self._judging:
             try:
                 judged = (
                     self._submitted(cameras, setting)

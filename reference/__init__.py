@@ -34,8 +34,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from xfrustum.reference.convergence import Converged
     from xfrustum.reference.certify.occlusion import SurfacePoints
+    from xfrustum.reference.convergence import Converged
     from xfrustum.reference.tracers.tracer import TRACERS
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference

@@ -22,9 +22,10 @@ from numpy.typing import DTypeLike, NDArray
 from xfrustum.reference.llvm import prepare_llvm, require_llvm
 from xfrustum.scenes.arrays import Floats
 
+# Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from here.
 prepare_llvm()
 
-import drjit as dr  # noqa: E402  # it takes the LLVM that has just been named
+import drjit as dr  # noqa: E402
 from drjit.llvm import (  # noqa: E402
     Array3f,
     Array3f64,
@@ -47,6 +48,7 @@ __all__ = [
     "cross",
     "difference",
     "dot",
+    "dr",
     "interleaved",
     "on_device",
     "padded",
@@ -140,7 +142,8 @@ def constants(values: Sequence[float]) -> list[Any]:
 def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return vectors of three coordinates as NumPy's array of a shape, (..., 3)."""
     kind = {Float32: Array3f, Float64: Array3f64}[type(coordinates[0])]
-    found: NDArray[Any] = dr.ravel(kind(*coordinates)).numpy()
+    flat: Any = dr.ravel(kind(*coordinates))
+    found: NDArray[Any] = flat.numpy()
     return found.reshape(shape)
 
 

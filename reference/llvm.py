@@ -65,7 +65,7 @@ def require_llvm() -> None:
     version = loaded_llvm()
     if version is None or version[0] < OLDEST_LLVM:
         raise InputError(
-            f"the truth is compiled by LLVM {OLDEST_LLVM} or newer (found {found}): install it, for example "
+            f"the truth is compiled by LLVM {OLDEST_LLVM} or newer ({found}): install it, for example "
             f"by `apt install libllvm{TESTED_LLVM}`, or name its library in {LLVM_VARIABLE}"
         )
     _limit_threads()

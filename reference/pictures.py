@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from functools import cached_property, reduce
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from xfrustum.reference.backend import (
@@ -19,6 +18,7 @@ from xfrustum.reference.backend import (
     Table,
     UInt32,
     constants,
+    dr,
     interleaved,
     on_device,
     recording,

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from xfrustum.reference.averages import averages
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
-from xfrustum.reference.tracers.tracer import TRACERS
 from xfrustum.reference.tracers.proposals import uncertified
+from xfrustum.reference.tracers.tracer import TRACERS
 from xfrustum.reference.truth import Reference
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError

@@ -15,7 +15,7 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.lines.facing import drawn_triangles
-from xfrustum.reference.lines.lines import ModelCamera, Pencil, crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
@@ -255,12 +255,6 @@ class Reference:
     def hidden_from(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the center of a pencil's lines, (N,); see `Occlusion`."""
         return self._occlusion.hidden(pencil, points)
-
-    def make_ready(self, truth: HogelImage, pictures: int) -> None:
-        """Do nothing: nothing is made ready any more."""
-
-    def clear(self, truth: HogelImage, pictures: int) -> None:
-        """Return None."""
 
     def rendering(self, sampling: Sampling | None = None) -> Rendering:
         """Return the effects and samples of a true image's color; sampling as for `trace`."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from xfrustum.compare.metrics.perceptual import perceptual_difference
 from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.rays import hogel_lines
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reference import SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage

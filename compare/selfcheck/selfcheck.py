@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -19,8 +18,8 @@ from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.compare.selfcheck.sphere import SphereCheck, check_sphere
 from xfrustum.compare.selfcheck.views import View, views
 from xfrustum.reference import Reference
-from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.model.hogel_image import Certainty
 
 MAX_TASK_PIXELS = 1 << 13

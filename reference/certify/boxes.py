@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, on_device
+from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, dr, on_device
 from xfrustum.reference.certify.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Planes, Triangles, Viewpoint
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import Pencil
@@ -46,17 +45,19 @@ class Boxes:
     turn: Any = None
     holds: Any = None
 
-    def rows(self, within: range) -> tuple[Any, Any]:
+    def rows(self, within: range) -> tuple[Any, Any] | None:
         """Return the box and the row of each row of pixels of all boxes, within some rows of the film.
 
-        Lanes of one box follow one another, from the top.
+        Lanes of one box follow one another, from the top. None where no box reaches into these rows.
         """
         first, last = dr.opaque(Int32, within.start), dr.opaque(Int32, within.stop - 1)
         top = dr.maximum(self.box[2], first)
         heights = UInt32(dr.maximum(dr.minimum(self.box[3], last) - top + 1, 0))
         before = dr.prefix_sum(heights)
         dr.eval(top, heights, before)
-        count = int(before[-1]) + int(heights[-1]) if dr.width(heights) else 0
+        count = int(before[-1]) + int(heights[-1])
+        if not count:
+            return None
         # Boxes are counted at their first rows; those without rows begin where the next one does.
         begins = dr.zeros(UInt32, count)
         one = dr.opaque(UInt32, 1)
@@ -110,7 +111,8 @@ def bounding_boxes(
         dr.eval(touching, *((*box, turn, *masks) for box, turn, *masks in boxed))
         for box, turn, known, doubtful in boxed:
             found += [*_some(start, box, known, turn), *_some(start, box, doubtful, None)]
-        around = dr.compress(touching).numpy() + start
+        reached: Any = dr.compress(touching)
+        around = reached.numpy() + start
         # The others may contain the center, and may then be met by every line. A triangle whose plane runs
         # through the center beside the triangle is met by none, and neither is one without area.
         holds = {n: exact.contains_center(n) for n in around.tolist()}
@@ -220,7 +222,7 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
 
 def _some(start: int, box: list[Any], chosen: Any, turn: Any) -> list[Boxes]:
     """Return the boxes of the chosen triangles, if there are any; the number of the first lane is `start`."""
-    kept = dr.compress(chosen)
+    kept: Any = dr.compress(chosen)
     if not dr.width(kept):
         return []
     taken = [dr.gather(Int32, values, kept) for values in box]

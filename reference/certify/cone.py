@@ -21,10 +21,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Array4f64, Float64, constants, cross, difference, on_device, recording
+from xfrustum.reference.backend import (
+    Array4f64,
+    Float64,
+    constants,
+    cross,
+    difference,
+    dr,
+    on_device,
+    recording,
+)
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 

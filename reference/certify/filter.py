@@ -19,10 +19,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, constants, on_device, recording
+from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, constants, dr, on_device, recording
 from xfrustum.reference.certify.boxes import Boxes, bounding_boxes, pixel_slack
 from xfrustum.reference.certify.cone import (
     ROUNDING,
@@ -126,7 +125,7 @@ class Filter:
         """Return the triangles that may be first in some rows of the image."""
         pixels = len(rows) * self._pencil.resolution[0]
         with recording():
-            lanes = [self._cut(boxes, rows) for boxes in self._boxes]
+            lanes = self._cut(rows)
             limit = self._limit(lanes, rows)
             count = dr.zeros(UInt32, pixels)
             number, place = dr.full(Int32, NOTHING, pixels), dr.full(Float64, np.nan, pixels)
@@ -164,7 +163,7 @@ class Filter:
         without either.
         """
         with recording():
-            lanes = [self._cut(boxes, rows) for boxes in self._boxes]
+            lanes = self._cut(rows)
             first = self._limit(lanes, rows)
             second = dr.full(Float64, np.inf, dr.width(first))
             dr.make_opaque(second)
@@ -182,9 +181,12 @@ class Filter:
             found: Floats = dr.select(dr.isfinite(second), second - first, np.inf).numpy()
             return found
 
-    def _cut(self, boxes: Boxes, rows: range) -> _Lanes:
-        """Return the rows of boxes, cut by the edges of their triangles."""
-        box, row = boxes.rows(rows)
+    def _cut(self, rows: range) -> list[_Lanes]:
+        """Return the rows of all boxes, cut by the edges of their triangles."""
+        reaching = [(boxes, boxes.rows(rows)) for boxes in self._boxes]
+        return [self._lanes(boxes, *found) for boxes, found in reaching if found]
+
+    def _lanes(self, boxes: Boxes, box: Any, row: Any) -> _Lanes:
         number = dr.gather(UInt32, boxes.number, box)
         holds = False if boxes.holds is None else dr.gather(Bool, boxes.holds, box)
         cones = Cones.of(self._triangles.points(number), self._seen_from, holds)

@@ -1,10 +1,10 @@
 """The occlusion query: which drawn points another surface hides on their own lines (docs/truth.md).
 
-The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A point's own line
-is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if this line meets it before the
-point by more than half of the tolerance within which the point is known, and if the point lies farther from
-the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its other side, where
-the triangle does not hide it. What doubles leave open is decided in rational numbers.
+The answer is decided, as the truth is, by the formulas of `cone` and the boxes of `boxes`. A point's own
+line is that of the doubles (x - a_x)/s and (y - a_y)/s. A triangle hides the point if this line meets it
+before the point by more than half of the tolerance within which the point is known, and if the point lies
+farther from the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its
+other side, where the triangle does not hide it. What doubles leave open is decided in rational numbers.
 
 The film is cut into cells, one about each pixel's center, with a border for all that lies beside it. Points
 are sorted by the cells of their lines. There is one lane for each row of cells of a triangle's box: it walks
@@ -20,7 +20,6 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from xfrustum.reference.backend import (
@@ -33,6 +32,7 @@ from xfrustum.reference.backend import (
     cross,
     difference,
     dot,
+    dr,
     on_device,
     recording,
     vectors_on_device,
@@ -78,7 +78,7 @@ class SurfacePoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rows:
-    """Rows of cells that triangles' boxes reach into, one lane each: first cell, and the one behind the last."""
+    """Rows of cells that triangles' boxes reach into, one lane each, with the cell behind the last."""
 
     first: Any
     behind: Any
@@ -146,7 +146,10 @@ class Occlusion:
         width, height = (side + 2 for side in pencil.resolution)
         found = []
         for boxes in bounding_boxes(self._triangles, endless, exact, HALF_CELL, 1):
-            box, row = boxes.rows(range(height))
+            reaching = boxes.rows(range(height))
+            if reaching is None:
+                continue
+            box, row = reaching
             start = UInt32(row) * dr.opaque(UInt32, width)
             left, right = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
             rows = _Rows(
@@ -183,15 +186,15 @@ class Occlusion:
         at = dr.arange(UInt32, found)
         point, triangle, sure = (dr.gather(type(one), one, at) for one in pairs)
         x, y, z, tolerance = (dr.gather(Float64, one, point) for one in positions)
-        # A point that the triangle's plane passes within its tolerance is not hidden: |(p_0 - P) . n| > t |n|,
-        # where the length of n has the bounds of its coordinates.
+        # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The length of n
+        # has the bounds of its coordinates.
         planes = Planes.of(self._triangles.points(triangle), (x, y, z), False)
         length, magnitude = (dr.sqrt(dot(one, one)) for one in (planes.normal, planes.magnitude))
         beyond = abs(planes.offset) - tolerance * length
         bound = planes.bound + ROUNDING * tolerance * magnitude + UNDERFLOW
         surely = sure & (beyond > bound)
         dr.scatter(hidden, Bool(True), point, surely)
-        left = dr.compress(~surely & (beyond >= -bound))
+        left: Any = dr.compress(~surely & (beyond >= -bound))
         point, triangle = (dr.gather(UInt32, one, left) for one in (point, triangle))
         dr.eval(hidden, point, triangle)
         return point.numpy().astype(np.int64), triangle.numpy().astype(np.int64)
@@ -257,7 +260,8 @@ def _sorted_lines(pencil: Pencil, positions: Sequence[Any], own: Any) -> _Lines:
     together = Array4f64(dx, dy, end, Float64(own))
     dr.eval(together, cell, rank, number)
     start: Any = dr.prefix_sum(number)
-    target = dr.gather(UInt32, start, cell) + rank
+    first: Any = dr.gather(UInt32, start, cell)
+    target = first + rank
     line, point = dr.empty(Float64, 4 * count), dr.empty(UInt32, count)
     # Four numbers at a time, one beside the other: a walk reads a line at once.
     dr.scatter(line, together, target)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import constants, on_device, recording
+from xfrustum.reference.backend import constants, dr, on_device, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil

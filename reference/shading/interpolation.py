@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from xfrustum.reference.backend import (
@@ -15,6 +14,7 @@ from xfrustum.reference.backend import (
     cross,
     difference,
     dot,
+    dr,
     on_device,
     recording,
     table,

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Float64, Table, UInt32, Vector, constants, dot, table
+from xfrustum.reference.backend import Float64, Table, UInt32, Vector, constants, dot, dr, table
 from xfrustum.reference.shading.interpolation import Corners, Places, smoothed
 from xfrustum.reference.shading.surroundings import Surroundings, Textures
 from xfrustum.scenes.model.effects import Effect

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Float64, on_device, recording, vectors_on_device
+from xfrustum.reference.backend import Float64, dr, on_device, recording, vectors_on_device
 from xfrustum.reference.shading.light import TERMS, LightModel, Seen
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed

@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import Int32, constants, recording, table, vectors_on_device
+from xfrustum.reference.backend import Int32, constants, dr, recording, table, vectors_on_device
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 
@@ -80,7 +79,7 @@ class Surroundings:
         x, y, z = directions
         longitude = dr.atan2(x, -z)
         # The arc tangent is exact near the poles, where the arc cosine of y is coarse.
-        from_top = dr.atan2(dr.hypot(x, z), y)
+        from_top = dr.atan2(dr.hypot(x, z), y)  # type: ignore[no-untyped-call]
 
         def texel(row: Any, column: Any) -> list[Any]:
             inside = _bounded(row, self._height - 1.0)

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from xfrustum.reference.backend import constants, interleaved, recording
+from xfrustum.reference.backend import constants, dr, interleaved, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.planes import plane_places, triangle_normals
@@ -24,7 +23,7 @@ OPINION_PIXELS = 1 << 18
 """Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
 
 CLEARANCE = 2.0**-6
-"""Distance of rays' origins from the scene's box, as a share of its diagonal: far more than float32 rounds."""
+"""Distance of rays' origins from the scene's box, as a share of its diagonal: far above rounding."""
 
 
 def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Floats]:

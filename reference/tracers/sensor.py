@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture

@@ -8,7 +8,6 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
 
-
 TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for, the default first."""
 

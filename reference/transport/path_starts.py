@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
 from xfrustum.reference.transport.device_tables import Table
 from xfrustum.reference.transport.light_paths import LightPaths

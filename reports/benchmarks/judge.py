@@ -19,8 +19,8 @@ from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_image
 from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.benchmarks.common import (
@@ -136,7 +136,7 @@ class PlainLoop:
         settings = settings_of(self._scene)
         drawn = self._rasterizer.render(aperture, settings, normals=False, color=False)
         pencil = crossed_frustum(self._scene.frustum, aperture)
-        first = self._mesh.intersects_first(*_rays(self._scene, pencil))
+        first = self._mesh.intersects_first(*pixel_rays(self._scene, pencil, range(pencil.resolution[1])))
         wrong = self._object_of_number[first] != drawn.object.ravel()
         return float(wrong.mean()), _displacement_p99(drawn, pencil)
 

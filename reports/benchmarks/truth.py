@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
+from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reference.truth import Reference
 from xfrustum.reports.benchmarks.common import (

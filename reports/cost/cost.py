@@ -17,7 +17,7 @@ from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED, json_object

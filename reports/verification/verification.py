@@ -22,7 +22,7 @@ from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
-from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named

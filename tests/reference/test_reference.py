@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import logging
-import math
 
 import numpy as np
 import pytest
 
 from tests.support.brute_force import exact_s, first_hits, near_an_edge
 from tests.support.long_tail import kept, thinned
-from tests.support.views import lines_by_definition, soup, view
+from tests.support.views import at, lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference.tracers.entry import CLEARANCE, ray_origins
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.proposals import CLEARANCE, pixel_rays
 from xfrustum.scenes import NOTHING, Certainty, Frustum
 
 LOG = logging.getLogger(__name__)
@@ -123,15 +123,19 @@ def test_rays_start_just_outside_the_scene_however_deep_and_narrow_it_is(
     """A float32 origin far beside the scene would spend its digits on that distance."""
     half = np.array(size) / 2
     corners = np.array([-half, half * (1, -1, -1), half])[None]
-    scene = soup(corners, Frustum(resolution=(8, 8), reach=(size[2], size[2]), fov=(1.0, 1.0)))
-    center = np.array([0.3, -0.2, 0.0])
-    inside = np.random.default_rng(5).uniform(-half, half, (1000, 3))
-    # Only depths above a tenth of the reach count; in the narrow scene no line is steep.
-    inside = inside[np.abs(inside[:, 2]) > size[2] / 10]
-    directions = (inside - center) / -inside[:, 2:]
-    origins = ray_origins(scene, center, directions, -math.inf)
+    scene = soup(corners, Frustum(resolution=(40, 30), reach=(size[2], size[2]), fov=(1.0, 1.0)))
+    pencil = crossed_frustum(scene.frustum, at(0.3, -0.2))
+    origins, directions = pixel_rays(scene, pencil, range(30))
+    np.testing.assert_array_equal(directions, pencil.directions().reshape(-1, 3))
     s = -origins[:, 2]
-    np.testing.assert_allclose(origins, center + s[:, None] * directions, rtol=1e-12, atol=1e-12)
-    assert (s <= -inside[:, 2]).all()
+    np.testing.assert_allclose(origins, pencil.center + s[:, None] * directions, rtol=1e-12, atol=1e-12)
+    # Where the line passes through the scene's box, it does so behind the origin, which is just outside.
+    along = pencil.center + np.linspace(-size[2] / 2, size[2] / 2, 401)[:, None, None] * directions
+    inside = np.less_equal(np.abs(along), half).all(axis=2)
+    assert isinstance(inside, np.ndarray)
+    meets = inside.any(axis=0)
+    assert meets.any()
+    assert (np.where(inside, along[..., 2], -np.inf).max(axis=0) <= origins[:, 2]).all()
     clearance = CLEARANCE * np.linalg.norm(2 * half)
-    np.testing.assert_allclose(np.max(np.abs(origins) - half, axis=1), clearance, rtol=1e-9)
+    outside = np.max(np.abs(origins[meets]) - half, axis=1)
+    np.testing.assert_allclose(outside, clearance, rtol=1e-9)

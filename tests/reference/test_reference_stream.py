@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.reference import Reference, truth
-from xfrustum.reference.devices import bands
+from xfrustum.reference import Reference
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -43,17 +42,6 @@ def test_a_stream_has_the_images_of_each_aperture_alone(name: str, tracer: str) 
     assert [image.camera.aperture for image in streamed] == apertures
     for image, aperture in zip(streamed, apertures, strict=True):
         assert_same(image, reference.trace(aperture))
-
-
-def test_so_it_has_where_images_are_cut_into_bands(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = view("car", (48, 64))
-    apertures = [scene.plate.aperture(*index) for index in APERTURES[:3]]
-    reference = Reference(scene)
-    alone = [reference.trace(aperture) for aperture in apertures]
-    monkeypatch.setattr(truth, "BUSY_PIXELS", 48 * 10)
-    monkeypatch.setattr(bands, "WHOLE_PIXELS", 48 * 10)
-    for image, expected in zip(reference.stream(apertures), alone, strict=True):
-        assert_same(image, expected)
 
 
 def test_and_where_color_is_a_mean() -> None:

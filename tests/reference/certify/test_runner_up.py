@@ -10,8 +10,8 @@ import pytest
 from tests.support.brute_force import first_hits
 from tests.support.views import at, lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference.certify import runner_up as module
-from xfrustum.reference.certify.runner_up import RunnersUp
+from xfrustum.reference.certify.certify import Certifier
+from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
@@ -62,14 +62,9 @@ FRUSTA = [
 
 
 @pytest.mark.parametrize("frustum", FRUSTA, ids=["centered", "recentered"])
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("seed", range(6))
-def test_gaps_are_those_of_brute_force(
-    frustum: Frustum, seed: int, compiled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_gaps_are_those_of_brute_force(frustum: Frustum, seed: int) -> None:
     """The triangles lie loose on both sides, through the plate, and around the aperture."""
-    if not compiled:
-        monkeypatch.setattr(module, "compiled", lambda: False)
     random = np.random.default_rng(seed)
     scene = soup(np.concatenate((on_film(random, 16), random.uniform(-10, 10, (2, 3, 3)))), frustum)
     reference = Reference(scene)
@@ -145,6 +140,6 @@ def test_refining_a_mesh_leaves_its_gaps(name: str) -> None:
 def test_bands_make_one_image() -> None:
     scene = view("car", (64, 48))
     aperture = scene.plate.middle
-    runners_up = RunnersUp(scene.triangles, crossed_frustum(scene.frustum, aperture))
-    parts = [runners_up.gaps(range(start, start + 16)) for start in range(0, 48, 16)]
+    certifier = Certifier(Triangles(scene.triangles), crossed_frustum(scene.frustum, aperture))
+    parts = [certifier.gaps(range(start, start + 16)) for start in range(0, 48, 16)]
     np.testing.assert_array_equal(np.concatenate(parts), Reference(scene).gaps(aperture))

@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from xfrustum.reference import TRACERS, Reference, SurfacePoints
-from xfrustum.reference.devices.dr_jit import (
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines.planes import distance_to_triangles
+from xfrustum.reference.llvm import (
     LLVM_VARIABLE,
     OLDEST_LLVM,
     Version,
     accepted_llvm,
     asked_version,
-    backend,
     installed_llvms,
+    mitsuba_backend,
     named_version,
 )
-from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.lines.planes import distance_to_triangles
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
@@ -171,7 +171,7 @@ class TestTracer:
     def test_a_tracer_outlives_its_variant(self) -> None:
         scene = scene_at("asymmetric", 64, 48)
         o, d = rays(scene, scene.plate.middle)
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         before = mi.variant()
         tracer = MitsubaTracer(scene)
         hits = tracer.first_hits(o, d)
@@ -221,7 +221,7 @@ class TestTruth:
     def test_versions_name_what_traced(self) -> None:
         versions = Reference(open_scene("asymmetric"), "mitsuba").versions
         assert set(versions) == {"mitsuba", "mitsuba variant", "llvm"}
-        assert versions["mitsuba variant"] == backend().mitsuba.variant()
+        assert versions["mitsuba variant"] == mitsuba_backend().mitsuba.variant()
 
     def test_an_unknown_tracer_is_refused(self) -> None:
         with pytest.raises(InputError, match="embree"):
@@ -230,7 +230,7 @@ class TestTruth:
 
 def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = None) -> Singles:
     """Alpha, position, geometric normal and primitive, (H, W, 8), one line per pixel center."""
-    mi = backend().mitsuba
+    mi = mitsuba_backend().mitsuba
     register_sensor()
     sensor = sensor_parameters(scene, aperture)
     sensor["film"].update(film or {})
@@ -301,7 +301,7 @@ class TestSensor:
         scene = scene_at("asymmetric-recentered", 160, 120)
         aperture = scene.plate.corners[0]
         pencil = crossed_frustum(scene.frustum, aperture)
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         register_sensor()
         sensor = mi.load_dict(sensor_parameters(scene, aperture))
         (ax, ay, _), (kx, ky), (tx, ty) = pencil.center, pencil.shear, pencil.half_extent
@@ -334,9 +334,9 @@ class TestSensor:
         ids=["whole film", "crop window"],
     )
     def test_light_traced_from_the_lamp_arrives_as_from_the_eye(self, crop: dict[str, int]) -> None:
-        if backend().scalar:
+        if mitsuba_backend().scalar:
             pytest.skip("needs a vectorized variant: it takes tens of millions of light paths")
-        mi = backend().mitsuba
+        mi = mitsuba_backend().mitsuba
         register_sensor()
         scene = scene_at("asymmetric-recentered", 32, 24)
         sensor = sensor_parameters(scene, scene.plate.corners[0])
@@ -367,7 +367,7 @@ class TestSensor:
         xml = (
             f'<sensor type="crossed_frustum" version="3.0.0"><point name="aperture" value="1, 2, 0"/>{floats}'
         )
-        sensor = backend().mitsuba.load_string(xml + "</sensor>")
+        sensor = mitsuba_backend().mitsuba.load_string(xml + "</sensor>")
         assert np.allclose(np.array(sensor.bbox().min), (1, 2, 0))
 
 
@@ -461,9 +461,7 @@ class TestFallback:
         np.testing.assert_array_equal(answer["hits"], MitsubaTracer(scene).first_hits(o, d))
 
     def test_an_llvm_that_ends_the_process_is_loaded_by_dr_jit_but_not_used(self) -> None:
-        code = (
-            "from xfrustum.reference.devices.dr_jit import backend; b = backend(); print(b.variant, b.llvm)"
-        )
+        code = "from xfrustum.reference import llvm; b = llvm.mitsuba_backend(); print(b.variant, b.llvm)"
         done = python(code, llvm=refused_llvm())
         assert done.stdout.startswith("scalar_rgb 1"), done.stderr
         assert f"older than {OLDEST_LLVM}" in done.stdout
@@ -471,8 +469,8 @@ class TestFallback:
     def test_a_variant_that_was_set_on_it_is_refused_in_one_line(self) -> None:
         code = (
             "import mitsuba; mitsuba.set_variant('llvm_ad_rgb')\n"
-            "from xfrustum.reference.devices.dr_jit import backend\n"
-            "try: backend()\n"
+            "from xfrustum.reference.llvm import mitsuba_backend\n"
+            "try: mitsuba_backend()\n"
             "except Exception as e: print(type(e).__name__, e)"
         )
         done = python(code, llvm=refused_llvm())
@@ -483,8 +481,8 @@ class TestFallback:
     def test_a_variant_that_was_set_before_stays(self) -> None:
         code = (
             "import mitsuba; mitsuba.set_variant('scalar_rgb')\n"
-            "from xfrustum.reference.devices.dr_jit import backend\n"
-            "print(backend().variant, mitsuba.variant())"
+            "from xfrustum.reference.llvm import mitsuba_backend\n"
+            "print(mitsuba_backend().variant, mitsuba.variant())"
         )
         done = python(code, llvm=os.environ.get(LLVM_VARIABLE, ""))
         assert done.stdout.split() == ["scalar_rgb", "scalar_rgb"], done.stderr

@@ -12,8 +12,8 @@ from scipy import stats
 
 from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
 from xfrustum.reference import Reference
+from xfrustum.reference.backend import padded
 from xfrustum.reference.llvm import mitsuba_backend
-from xfrustum.reference.devices.packets import in_packets
 from xfrustum.reference.transport import transport
 from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
@@ -403,6 +403,6 @@ def test_a_highlight_that_dies_out_below_what_doubles_hold_is_dark() -> None:
     """Powers that underflow are zero, and not infinite."""
     mi = mitsuba_backend().mitsuba
     base = np.concatenate(([0.0, 1e-300, 1.0], np.linspace(0.02, 0.04, 4001)))
-    highlight = np.array(power(mi.Float64(in_packets(base)), mi.Float64(200.0)))
+    highlight = np.array(power(mi.Float64(padded(base, np.float64)), mi.Float64(200.0)))
     assert np.isfinite(highlight).all()
     np.testing.assert_allclose(highlight, np.float_power(base, 200.0), rtol=1e-12, atol=1e-304)

@@ -1,12 +1,10 @@
-"""What hides a surface point is decided as rational arithmetic decides it, on both paths."""
+"""What hides a surface point is decided as rational arithmetic decides it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,32 +15,15 @@ from tests.support.brute_force import exact_s
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.certify import occlusion
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
-from xfrustum.reference.sight import few
-from xfrustum.reference.sight.boxes import cell_boxes
-from xfrustum.reference.sight.coarse import SIDE, coarse_cells
-from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
-from xfrustum.reference.sight.walk import Before
-from xfrustum.reference.sight.walk_numpy import NumpySearch
 from xfrustum.scenes import Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-PATHS = ("numpy", "dr.jit", "coarse cells")
 
-
-def sight_on(path: str, scene: Scene) -> Sight:
-    """Return what finds hidden points on one of the paths; skip what is not here."""
-    found = Sight(scene)
-    if path != "dr.jit":
-        found.__dict__["_search"] = NumpySearch(scene.triangles)
-        if path == "coarse cells":
-            # They are known from the first question on, instead of from that for clear triangles.
-            found._coarse.__dict__["known"] = found._coarse.__call__
-    elif not compiled():
-        pytest.skip("needs LLVM for Dr.Jit")
-    return found
+def hidden(scene: Scene, pencil: Pencil, points: SurfacePoints) -> Mask:
+    return Reference(scene).hidden_from(pencil, points)
 
 
 def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) -> list[bool]:
@@ -114,24 +95,21 @@ def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[f
     return SurfacePoints(position=position, triangle=named, tolerance=np.full(len(named), tolerance))
 
 
-@pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("coordinates", [EIGHTHS, ANYTHING], ids=["eighths", "anything"])
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_a_point_is_hidden_where_rational_arithmetic_says_so(
-    path: str, coordinates: st.SearchStrategy[float], data: st.DataObject
+    coordinates: st.SearchStrategy[float], data: st.DataObject
 ) -> None:
     # Coordinates of eighths make lines run through edges, corners and planes exactly.
     corners = data.draw(triangles(coordinates=coordinates))
     scene = soup(corners, data.draw(frusta()))
     pencil = crossed_frustum(scene.frustum, data.draw(apertures()))
     points = data.draw(points_of(corners, coordinates))
-    found = sight_on(path, scene).hidden(pencil, points)
-    assert found.tolist() == hidden_by_definition(scene, pencil, points)
+    assert hidden(scene, pencil, points).tolist() == hidden_by_definition(scene, pencil, points)
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_surfaces_are_told_apart_that_float32_cannot_tell(path: str) -> None:
+def test_surfaces_are_told_apart_that_float32_cannot_tell() -> None:
     # Two sheets whose distance is a hundredth of a rounding of float32, and points on the farther one.
     scene = view("sheets", (16, 16))
     sheet = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 18, 0]])
@@ -139,23 +117,21 @@ def test_surfaces_are_told_apart_that_float32_cannot_tell(path: str) -> None:
     scene = soup(np.stack((sheet - [0, 0, 6], sheet - [0, 0, 6 + gap])), scene.frustum)
     x, y = (value.ravel() for value in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)))
     pencil = crossed_frustum(scene.frustum, scene.plate.middle)
-    sight = sight_on(path, scene)
     for own, other in ((0, 1), (1, 0)):
         points = SurfacePoints(
             position=np.stack((x, y, np.full(x.size, scene.triangles[own, 0, 2])), axis=1),
             triangle=np.full(x.size, own, dtype=np.int32),
             tolerance=np.full(x.size, gap / 4),
         )
-        assert (sight.hidden(pencil, points) == (own == 1)).all()
+        assert (hidden(scene, pencil, points) == (own == 1)).all()
         # Known less exactly than the sheets lie apart, each point lies on both of them.
         blurred = replace(points, tolerance=np.full(x.size, 4 * gap))
-        assert not sight.hidden(pencil, blurred).any()
+        assert not hidden(scene, pencil, blurred).any()
         assert other != own
 
 
-@pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("times_finer", [1, 10, 100, 1000])
-def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(path: str, times_finer: int) -> None:
+def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(times_finer: int) -> None:
     # Lines meet the sheet's plane at angles of some 1e-5: where rounding moves a point by 1e-6 behind it, its
     # line met it 0.1 before, in another triangle of the finest sheet.
     frustum = view("sheets", (32, 32)).frustum
@@ -167,19 +143,18 @@ def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(path: str,
     )
     points = points_drawn_on(corners, 400)
     pencil = crossed_frustum(frustum, at(0.0, 0.0))
-    assert not sight_on(path, soup(corners, frustum)).hidden(pencil, points).any()
+    assert not hidden(soup(corners, frustum), pencil, points).any()
 
 
-@pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("cells", [(1, 1), (16, 32)])
-def test_a_plane_through_the_aperture_does_not_hide_its_own_points(path: str, cells: tuple[int, int]) -> None:
+def test_a_plane_through_the_aperture_does_not_hide_its_own_points(cells: tuple[int, int]) -> None:
     # Every line to a point of the plane lies in the plane, but rounded points lie beside it: their lines meet
     # the triangle about the aperture at s = 0.
     frustum = view("sheets", (32, 32)).frustum
     corners = sheet(np.array([-1.5, -2.5, -4.5]), np.array([0.0, 4.0, 0.0]), np.array([3.0, 0.5, 9.0]), cells)
     pencil = crossed_frustum(frustum, at(0.0, 0.25))
     points = points_drawn_on(corners, 400)
-    assert not sight_on(path, soup(corners, frustum)).hidden(pencil, points).any()
+    assert not hidden(soup(corners, frustum), pencil, points).any()
 
 
 def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
@@ -199,49 +174,31 @@ def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
     return scene, crossed_frustum(scene.frustum, aperture), points, np.repeat([False, True], len(seen))
 
 
-@pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "crossing", "large-triangles"])
-def test_true_points_are_seen_and_what_lies_behind_them_is_not(path: str, name: str) -> None:
+def test_true_points_are_seen_and_what_lies_behind_them_is_not(name: str) -> None:
     scene, pencil, points, pushed = seen_and_pushed(name)
-    np.testing.assert_array_equal(sight_on(path, scene).hidden(pencil, points), pushed)
+    np.testing.assert_array_equal(hidden(scene, pencil, points), pushed)
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_many_layers_looked_at_in_small_parts_hide_what_lies_behind_them(
-    path: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # More pairs than there is room for at first, and parts that end amid the pairs of a point.
+def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    # More pairs than there is room for at first.
+    monkeypatch.setattr(occlusion, "MIN_PAIRS", 5)
     frustum = view("sheets", (8, 8)).frustum
     layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
     corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
     x, y, z = (value.ravel() for value in np.meshgrid(np.linspace(-3, 3, 12), [0.5], [-0.5, -3.0, -9.0]))
-    search = type(sight_on(path, soup(corners, frustum))._search)
-    monkeypatch.setattr(f"{search.__module__}.PAIRS_PER_CHUNK", 7)
-    if path == "dr.jit":
-        monkeypatch.setattr(f"{search.__module__}.MIN_PAIR_ROOM", 5)
     points = SurfacePoints(
         position=np.stack((x, y, z), axis=1),
         triangle=np.full(x.size, NOTHING, dtype=np.int32),
         tolerance=np.full(x.size, 1e-6),
     )
-    hidden = sight_on(path, soup(corners, frustum)).hidden(crossed_frustum(frustum, at(0.0, 0.0)), points)
-    np.testing.assert_array_equal(hidden, z < -1)
-
-
-def test_boxes_hold_every_cell_in_which_a_triangle_shows() -> None:
-    scene = view("asymmetric", (48, 36))
-    truth = Reference(scene).trace(scene.plate.middle)
-    boxes = cell_boxes(scene.triangles, crossed_frustum(scene.frustum, scene.plate.middle))
-    row, column = np.nonzero(truth.covered)
-    for number, at_row, at_column in zip(truth.triangle[row, column], row + 1, column + 1, strict=True):
-        left, right, top, bottom = boxes.box[:, boxes.number == number]
-        assert ((left <= at_column) & (at_column <= right) & (top <= at_row) & (at_row <= bottom)).any()
+    found = hidden(soup(corners, frustum), crossed_frustum(frustum, at(0.0, 0.0)), points)
+    np.testing.assert_array_equal(found, z < -1)
 
 
 def test_the_answer_does_not_depend_on_the_order_or_the_company_of_points() -> None:
     scene, pencil, points, _ = seen_and_pushed("crossing")
-    sight = Sight(scene)
-    whole = sight.hidden(pencil, points)
+    whole = hidden(scene, pencil, points)
     order = np.random.default_rng(3).permutation(len(whole))
     bounds = np.linspace(0, len(order), 4).astype(int)
     for start, stop in pairwise(bounds):
@@ -251,60 +208,7 @@ def test_the_answer_does_not_depend_on_the_order_or_the_company_of_points() -> N
             triangle=points.triangle[some],
             tolerance=points.tolerance[some],
         )
-        np.testing.assert_array_equal(sight.hidden(pencil, part), whole[some])
-
-
-@pytest.mark.parametrize("bound", ["MAX_FEW_POINTS", "MAX_CANDIDATES"])
-def test_few_points_are_searched_in_coarse_cells_and_many_among_all_triangles(
-    bound: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene, pencil, points, pushed = seen_and_pushed("asymmetric-recentered")
-    some = np.linspace(0, len(pushed) - 1, 40).astype(int)
-    part = SurfacePoints(
-        position=points.position[some], triangle=points.triangle[some], tolerance=points.tolerance[some]
-    )
-    sight, asked = sight_on("coarse cells", scene), 0
-    before = sight._search.before
-
-    def counted(*of_points: Any) -> Iterator[Before]:
-        nonlocal asked
-        asked += 1
-        return before(*of_points)
-
-    monkeypatch.setattr(sight._search, "before", counted)
-    np.testing.assert_array_equal(sight.hidden(pencil, part), pushed[some])
-    assert asked == 0
-    monkeypatch.setattr(few, bound, 39)
-    np.testing.assert_array_equal(sight.hidden(pencil, part), pushed[some])
-    assert asked == 1
-
-
-def test_pictures_that_are_asked_for_clear_triangles_know_the_coarse_cells(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(f"{Sight.__module__}.MAX_TRIANGLES_PER_PIXEL", np.inf)
-    scene = view("asymmetric", (48, 36))
-    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
-    everything = np.ones(len(scene.faces), dtype=np.bool_)
-    sight = Sight(scene)
-    boxes = sight._boxes(pencil)
-    assert sight._coarse.known(boxes) is None
-    sight.clear(pencil, lambda: everything, FEWEST_PICTURES)
-    assert sight._coarse.known(boxes) is not None
-
-
-def test_coarse_cells_hold_the_boxes_that_reach_into_them() -> None:
-    scene = view("asymmetric", (48, 36))
-    boxes = cell_boxes(scene.triangles, crossed_frustum(scene.frustum, scene.plate.middle))
-    coarse = coarse_cells(boxes)
-    assert coarse is not None
-    left, right, top, bottom = boxes.box // SIDE
-    for row in range(38 // SIDE + 1):
-        for column in range(50 // SIDE + 1):
-            reach = (left <= column) & (column <= right) & (top <= row) & (row <= bottom)
-            cell = row * coarse.stride + column
-            held = coarse.item[coarse.start[cell] : coarse.start[cell + 1]]
-            np.testing.assert_array_equal(np.sort(held), np.flatnonzero(reach))
+        np.testing.assert_array_equal(hidden(scene, pencil, part), whole[some])
 
 
 def test_nothing_is_hidden_where_there_is_nothing() -> None:
@@ -313,8 +217,8 @@ def test_nothing_is_hidden_where_there_is_nothing() -> None:
     points = SurfacePoints(
         position=np.ones((2, 3)), triangle=np.zeros(2, dtype=np.int32), tolerance=np.zeros(2)
     )
-    assert not Sight(empty).hidden(pencil, points).any()
+    assert not hidden(empty, pencil, points).any()
     none = SurfacePoints(
         position=np.ones((0, 3)), triangle=np.zeros(0, dtype=np.int32), tolerance=np.zeros(0)
     )
-    assert Sight(view("asymmetric", (8, 8))).hidden(pencil, none).shape == (0,)
+    assert hidden(view("asymmetric", (8, 8)), pencil, none).shape == (0,)

@@ -1,0 +1,138 @@
+"""Kernels of Dr.Jit: the same bits on any number of threads and in any bands, and nothing without LLVM."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.processes import threads
+from tests.support.views import view
+from xfrustum.reference import Reference
+from xfrustum.reference.backend import constants, dr, on_device, recording, vectors_on_device
+from xfrustum.reference.shading import light
+from xfrustum.reference.shading.surroundings import Surroundings, Textures, radiance_toward
+from xfrustum.scenes import HogelImage
+from xfrustum.scenes.appearance.light import Environment
+
+
+def assert_alike(one: HogelImage, other: HogelImage) -> None:
+    for name in ("triangle", "object", "certainty", "position", "normal", "color"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b, err_msg=name)
+    assert one.companions is not None and other.companions is not None
+    assert set(map(tuple, one.companions.tolist())) == set(map(tuple, other.companions.tolist()))
+
+
+@pytest.mark.parametrize("name", ["car", "crossing"])
+def test_several_threads_make_the_bits_of_one(name: str) -> None:
+    """Kernels write by atomic operations in any order; what is decided does not depend on it."""
+    scene = view(name, (128, 96))
+    aperture = scene.plate.aperture(38, 31)
+    with threads(1):
+        alone = Reference(scene).trace(aperture)
+    with threads(4):
+        for _ in range(3):
+            assert_alike(Reference(scene).trace(aperture), alone)
+
+
+@pytest.mark.parametrize("name", ["car", "crossing"])
+def test_images_in_bands_have_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = view(name, (20, 30))
+    whole = Reference(scene).trace(scene.plate.middle)
+    monkeypatch.setattr("xfrustum.reference.truth.WHOLE_PIXELS", 20 * 7)
+    assert_alike(Reference(scene).trace(scene.plate.middle), whole)
+
+
+@pytest.mark.parametrize(
+    "kind", [np.float64, np.float32, np.int32, np.uint32, np.bool_, np.float16, np.int64]
+)
+def test_arrays_are_copied_to_the_device_whatever_their_layout(kind: str) -> None:
+    values: NDArray[np.generic] = (np.arange(3 * 1601) % 7).reshape(-1, 3).astype(kind)
+    with recording():
+        found = [column.numpy() for column in vectors_on_device(values)]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(np.stack(found, axis=-1), values)
+    values[:] = 0
+    assert any(column.any() for column in found)
+
+
+def test_numbers_of_more_than_32_bits_stand_for_no_triangle() -> None:
+    with recording():
+        found = on_device(np.array([2**40, -(2**40), 7])).numpy()
+    assert found.tolist() == [2**31 - 1, -(2**31), 7]
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 7.0, 50.0, 1000.0, 3e4, 2.5, 333.25])
+def test_powers_are_those_of_numpy_down_to_nothing(exponent: float) -> None:
+    """Near 2^-1023 Dr.Jit's own power is minus infinity."""
+    base = np.concatenate(
+        (np.linspace(0.0, 1.0, 3001), 2.0 ** (-np.arange(990, 1080) / max(exponent, 1.0)), [-0.5])
+    )
+    where = base > 0
+    digits = int(exponent).bit_length() if exponent.is_integer() else None
+    expected = np.power(base, exponent, out=np.zeros(len(base)), where=where)
+    with recording():
+        (raised,) = constants([exponent])
+        found = light._power(on_device(base), raised, on_device(where), digits).numpy()
+    # What is smaller than a float32 can hold is nothing in an image.
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=2.0**-900)
+
+
+def test_nothing_is_looked_up_outside_a_picture_whatever_the_place() -> None:
+    """Places that are not numbers, as behind pixels that show nothing, must not be read from memory."""
+    random = np.random.default_rng(2)
+    pictures = tuple(random.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4)))
+    numbers = np.array([1, -1, 0], dtype=np.int32)
+    u = np.array([np.nan, np.inf, -np.inf, 1e300, -1e17, 0.999999, -3.2, 1e9 + 0.25])
+    triangle = np.arange(len(u)) % 3
+    with recording():
+        textures = Textures(pictures, numbers)
+        channels = textures.color(on_device(triangle), [on_device(u), on_device(u[::-1])])
+        dr.eval(*channels)
+        found = np.stack([channel.numpy() for channel in channels])
+    assert (found[:, triangle == 1] == 1).all()
+    known = np.isfinite(u) & np.isfinite(u[::-1])
+    assert known.sum() >= 2 and ((found[:, known] >= 0) & (found[:, known] <= 1)).all()
+    sky = Environment(radiance=random.uniform(0, 2, (7, 12, 3)).astype(np.float32))
+    assert radiance_toward(sky, np.tile([[np.nan], [np.inf], [0.0]], 3)).shape == (3, 3)
+    with recording():
+        assert len(Surroundings(sky).radiance(vectors_on_device(np.eye(3)))) == 3
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_environment_bounds_the_threads(count: int) -> None:
+    # No tracer is asked, and so nothing but the first kernel says it to Dr.Jit.
+    program = """
+from dataclasses import replace
+import drjit
+from xfrustum.reference import Reference
+from xfrustum.scenes import open_scene
+scene = open_scene("asymmetric")
+scene = replace(scene, frustum=replace(scene.frustum, resolution=(8, 8)))
+Reference(scene).trace(scene.plate.middle)
+print(drjit.thread_count())
+"""
+    environment = {**os.environ, "XFRUSTUM_THREADS": str(count)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == count
+
+
+def test_without_llvm_a_command_says_what_to_install() -> None:
+    environment = {**os.environ, "DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"}
+    done = subprocess.run(
+        [sys.executable, "-m", "xfrustum", "trace", "asymmetric", "--out", "never.exr", "--quiet"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.strip().splitlines()
+    assert "(none: DRJIT_LIBLLVM_PATH names none" in line and "install" in line and len(line) < 500
