@@ -1,31 +1,23 @@
 """The first answer: the surface that every line through an aperture meets first, certified and lit.
 
-certify/      The first surface along each line: proven, decided exactly, or named a tie
-devices/      The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
-eye/          What an eye before the plate sees, truly and replayed, certified
-lines/        The lines through an aperture, and triangles as these lines see them
-shading/      The color of true hits
-sight/        Which surface points a pencil's lines see: certified, by the bounds of the truth
-tracers/      Ray tracers as second opinions
-transport/    Light transport: shadows and interreflection, by light paths
-alone         What ray tracers in single precision would have got wrong alone, without the certificate
-averages      Color averaged over the boxes of pixels and over apertures; every line of it is certified
-convergence   The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6: band
-              limiting)
-film_shifts   Shifts of surface points on a film: where they belong, minus where an image shows them
-film_shifts_jit
-              Shifts of surface points on a film, compiled by Dr.Jit: one lane for each pixel
-lane_formulas
-              Formulas with one lane for each pixel or point, written once and evaluated by Dr.Jit or NumPy
-lane_formulas_jit
-              Formulas with one lane for each pixel or point, compiled by Dr.Jit
-layers        Layers: what single cameras show, and how they overlay
-pictures      The image of an aperture, made of decisions along its lines: points, normals, objects, light
-pictures_jit  Points, normals, objects and light of decided pixels, compiled by Dr.Jit: one lane for each
-              pixel
-plain         What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is
-              examined
-truth         True images: asks `certify` for each pixel, then adds points, normals and color
+Read it in this order, beside docs/truth.md:
+
+lines/       The lines through an aperture: the definition of truth
+certify/     Where a pixel is proven, decided exactly, or named a tie; and what hides a drawn point
+shading/     The color of true hits
+pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
+truth        True images: asks `certify` for each pixel, then adds points, normals and color
+plain        What a ray tracer in single precision shows alone, in the place of the truth; nothing is examined
+alone        What ray tracers in single precision would have got wrong alone, without the certificate
+averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
+convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6)
+layers       What single cameras show, and how they overlay
+eye/         What an eye before the plate sees, truly and replayed, certified
+tracers/     Ray tracers as second opinions
+transport/   Light transport: shadows and interreflection, by light paths
+llvm         The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads
+backend      Where Dr.Jit's arrays lie, and the border between them and NumPy's
+bands        Images in bands of rows, which bound the memory that making them takes
 """
 
 from __future__ import annotations

@@ -1,20 +1,11 @@
-"""The first surface along each line: proven, decided exactly, or named a tie.
+"""Where a pixel is proven: the first surface along each line, proven, decided exactly, or named a tie.
 
-arbitrary_lines  First surfaces along any lines through one point, not only those of a film; all decided
-                 exactly
-certify          The decision: pixels that `narrow` settles are proven; contested ones proven, decided
-                 in integers, or ties
+cone             Triangles as seen from a pencil's center: edge functions and planes, roundings bounded
+boxes            The broad phase: the bounding box, on the film, of every triangle that may show there
+filter           The narrow phase: nearest sure and nearest possible surface of each pixel
+certify          The decision: pixels that `filter` settles are proven; all others go to integers
 exact            Decisions in integers: whether and where a line meets a triangle
-footprints       The part of the film on which each triangle can show: conservative boxes of pixels
-narrow           The narrow phase: each pixel against each triangle whose box holds it, in doubles,
-                 roundings bounded
-narrow_jit       The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle
-narrow_numpy     The narrow phase on NumPy, where there is no LLVM for Dr.Jit
-processors       The choice between Dr.Jit on LLVM and NumPy, and of the number of threads that run Dr.Jit's
-                 kernels
-rows             The rows of pixels that triangles' boxes on the film reach into
-runner_up        The distance between the first surface of each line and the next one on the same side
-runner_up_jit    Second surfaces compiled by Dr.Jit: one more walk over the lanes of the narrow phase
-sides            Triangles sorted into those behind the height of a pencil's center and those before it
-spans            The columns of a row between which a triangle can be met, by its three edge functions
+pairs            Pixels and the triangles that their lines meet, or may meet
+occlusion        The occlusion query: which drawn points another surface hides on their own lines
+arbitrary_lines  First surfaces along any lines through one point; all decided in integers
 """

@@ -32,7 +32,3 @@ def test_points_do_not_depend_on_the_number_of_parts(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Positions, "_points_at_once", two_rows)
     for expected, found in zip(whole, images((37, 23)), strict=True):
         np.testing.assert_array_equal(found.position, expected.position)
-
-
-def test_kernels_read_points_in_place() -> None:
-    for image in images((37, 23)):
