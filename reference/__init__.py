@@ -17,7 +17,7 @@ tracers/     Ray tracers as second opinions
 transport/   Light transport: shadows and interreflection, by light paths
 llvm         The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads
 backend      Where Dr.Jit's arrays lie, and the border between them and NumPy's
-bands        Images in bands of rows, which bound the memory that making them takes
+memory       Bands of rows, which bound what an image takes, and arrays that kernels may read in place
 """
 
 from __future__ import annotations

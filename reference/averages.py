@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from xfrustum.reference.bands import BAND_PIXELS, bands
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.memory import BAND_PIXELS, bands
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats

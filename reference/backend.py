@@ -6,6 +6,8 @@ hold all the same, for they count a rounding of each; which bits come out may di
 
 Vectors are sequences of coordinates, each an array with one lane for each point, line or row. `drjit.dot`
 and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as bounds assume.
+
+Importing this module raises an `InputError` where there is no LLVM to compile kernels with.
 """
 
 from __future__ import annotations
@@ -17,13 +19,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from xfrustum.reference.llvm import prepare_llvm, require_llvm
+from xfrustum.reference.llvm import require_llvm
+from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
 # Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from here.
-prepare_llvm()
+require_llvm()
 
 import drjit as dr  # noqa: E402
 from drjit.llvm import (  # noqa: E402
@@ -51,7 +54,6 @@ __all__ = [
     "dr",
     "interleaved",
     "on_device",
-    "padded",
     "recording",
     "table",
     "vectors_on_device",
@@ -62,13 +64,6 @@ Vector = Sequence[Any]
 
 Table = Callable[[Any], list[Any]]
 """Function from indices of rows to the columns of these rows."""
-
-PADDING = 64
-"""Values behind the end of an array that kernels may read. They load whole packets of up to 16 lanes, and
-gather single bytes four at a time; NumPy's arrays end where their last value does."""
-
-ALIGNMENT = 64
-"""Alignment of arrays in bytes: Dr.Jit compiles a kernel anew for every mix of arrays with and without it."""
 
 _KINDS = {
     np.dtype(np.float64): Float64,
@@ -86,14 +81,7 @@ _RECORDER = threading.RLock()
 
 @contextmanager
 def recording() -> Iterator[None]:
-    """Record kernels in IEEE arithmetic: a proof must not depend on how a compiler rearranges it.
-
-    Raises
-    ------
-    InputError
-        There is no LLVM to compile them.
-    """
-    require_llvm()
+    """Record kernels in IEEE arithmetic: a proof must not depend on how a compiler rearranges it."""
     with _RECORDER, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
         yield
 
@@ -110,17 +98,6 @@ def on_device(values: NDArray[Any]) -> Any:
         values = values.astype(np.float64) if is_float else np.clip(values, _INT32.min, _INT32.max)
     kind = values.dtype if values.dtype in _KINDS else np.dtype(np.int32)
     return _KINDS[kind](padded(values, kind))
-
-
-def padded(values: NDArray[Any], kind: DTypeLike) -> NDArray[Any]:
-    """Return a flat, aligned copy of values with `PADDING` behind it, which kernels may read in place."""
-    dtype = np.dtype(kind)
-    size = values.size * dtype.itemsize
-    memory = np.empty(size + PADDING * dtype.itemsize + ALIGNMENT, dtype=np.uint8)
-    start = -memory.ctypes.data % ALIGNMENT
-    copy = memory[start : start + size].view(dtype)
-    np.copyto(copy.reshape(values.shape), values, casting="unsafe")
-    return copy
 
 
 def vectors_on_device(rows: Floats) -> list[Any]:

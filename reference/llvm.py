@@ -32,6 +32,9 @@ process."""
 TESTED_LLVM = 19
 """Version that is preferred; of the others, the nearest to it."""
 
+FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
+"""Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could."""
+
 THREADS_VARIABLE = "XFRUSTUM_THREADS"
 """Environment variable that bounds the number of threads of a process: of several workers on one machine,
 each takes its share. Ray tracers' own pools ignore the CPUs that a process may run on, and must be told."""
@@ -54,7 +57,7 @@ def thread_limit() -> int | None:
 
 @cache
 def require_llvm() -> None:
-    """Make Dr.Jit ready to compile for the processors, on as many threads as the environment allows.
+    """Have Dr.Jit compile for the processors, on as many threads as the environment allows.
 
     Raises
     ------
@@ -62,7 +65,8 @@ def require_llvm() -> None:
         There is no LLVM that Dr.Jit can compile with.
     """
     found = prepare_llvm()
-    version = loaded_llvm()
+    # Dr.Jit is not asked where there is none: it would write lines of its own.
+    version = None if found.startswith("none: ") and found != FOUND_BY_DRJIT else loaded_llvm()
     if version is None or version[0] < OLDEST_LLVM:
         raise InputError(
             f"the truth is compiled by LLVM {OLDEST_LLVM} or newer ({found}): install it, for example "
@@ -148,7 +152,7 @@ def prepare_llvm() -> str:
         Path of the library, or in words why there is none.
     """
     if "drjit" in sys.modules:
-        return "none: Dr.Jit found none when it was imported"
+        return FOUND_BY_DRJIT
     named = os.environ.get(LLVM_VARIABLE)
     library = accepted_llvm([Path(named)] if named else installed_llvms())
     if library is None:

@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.reference.bands import bands
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
@@ -15,6 +14,7 @@ from xfrustum.reference.eye.first import first_along_grid
 from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
 from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.memory import bands
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import padded
 from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.memory import padded
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.backend import padded
 from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.memory import padded
 from xfrustum.reference.shading.surroundings import LINEAR
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Bytes, Numbers

@@ -11,7 +11,7 @@ import numpy as np
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
-from xfrustum.reference.bands import BAND_PIXELS, PIXEL_BYTES
+from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.files.openexr.images import ImageWriter, write_image
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage

@@ -12,8 +12,8 @@ from scipy import stats
 
 from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
 from xfrustum.reference import Reference
-from xfrustum.reference.backend import padded
 from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.memory import padded
 from xfrustum.reference.transport import transport
 from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
