@@ -18,13 +18,9 @@ from xfrustum.compare import Comparison, compare_images, run
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference, truth
-from xfrustum.reference.certify import certify
-from xfrustum.reference.certify.sides import Sides, sorted_by_side
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.arrays import Floats
 
 FILM = (32, 24)
 INDICES = [(40, 30), (0, 0), (80, 60), (29, 12), (40, 30), (3, 55), (41, 30)]
@@ -159,25 +155,6 @@ def test_closing_a_stream_ends_its_threads() -> None:
     assert not threads()
 
 
-def test_triangles_that_are_too_many_to_be_kept_are_sorted_once_for_a_stream(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    scene = view("car", (16, 16))
-    times = 0
-
-    def noted(triangles: Floats, pencil: Pencil) -> Iterator[Sides]:
-        nonlocal times
-        times += 1
-        return sorted_by_side(triangles, pencil)
-
-    monkeypatch.setattr(truth, "KEPT_TRIANGLES", 0)
-    for module in (truth, certify):
-        monkeypatch.setattr(module, "sorted_by_side", noted)
-    with Judge(scene) as judge:
-        found = list(judge.stream(apertures_of(scene)[:3], SETTINGS[:1]))
-    assert len(found) == 3 and times == 1
-
-
 @pytest.mark.parametrize("broken", ["draw", "trace", "aperture", "compare"])
 def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     broken: str, monkeypatch: pytest.MonkeyPatch
@@ -196,7 +173,7 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     if broken == "draw":
         monkeypatch.setattr(Rasterizer, "draw", fails)
     if broken == "trace":
-        monkeypatch.setattr(Reference, "_whole", fails)
+        monkeypatch.setattr(Reference, "trace", fails)
     if broken == "compare":
         monkeypatch.setattr(run, "compare_images", fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
