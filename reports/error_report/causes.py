@@ -12,9 +12,8 @@ from plotly.subplots import make_subplots
 from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.measurements.best import SURFACE_TIE_FRACTION
-from xfrustum.reports.measurements.cause_words import words_of
-from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.reports.error_report.best import SURFACE_TIE_FRACTION
+from xfrustum.reports.error_report.measurement import Measurement
 
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
@@ -78,7 +77,7 @@ def sentences(rows: Sequence[Measurement], units: str) -> list[str]:
         Length unit of the scene.
     """
     return [
-        f"{label}: {_told(reigns(group), words_of(group[0]), units)}."
+        f"{label}: {_told(reigns(group), group[0].cause_words, units)}."
         for label, group in _by_depth_buffer(rows).items()
         if group
     ]

@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.reports.common.figure_style import COLORS, INK, log_axis, look, style
-from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.sweep import Sweep
 
 Number = Callable[[Measurement], float | None]
 

@@ -10,10 +10,10 @@ import plotly.graph_objects as go
 from xfrustum.compare.attribution.shear import ShearNumbers
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
-from xfrustum.reports.error_report import figures
-from xfrustum.reports.measurements import best
-from xfrustum.reports.measurements.best import Recommendation
-from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.reports.error_report import best, figures
+from xfrustum.reports.error_report.best import Recommendation
+from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -90,7 +90,7 @@ def context(sweep: Sweep) -> GeometryContext:
     sentences = [*_compared(shown, sweep.scene.units), *_shear_sentences(shear, sweep)]
     return GeometryContext(
         shown=shown,
-        depth_label=best.best_setting(sweep.rows).settings.depth_label,
+        depth_label=sweep.best.settings.depth_label,
         sentences=tuple(sentences),
         shear=shear,
         without_offset=any(one.offset is Offset.NONE for one in sweep.geometries),
@@ -104,7 +104,7 @@ def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]
     """
     if len(sweep.geometries) < 2:
         return {}
-    label, reach = best.best_setting(sweep.rows).settings.depth_label, sweep.scene.frustum.longest_reach
+    label, reach = sweep.best.settings.depth_label, sweep.scene.frustum.longest_reach
     names = geometry_names(sweep.geometries)
     groups = {
         names[one]: [item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label]
@@ -203,7 +203,7 @@ def _kept_near(sweep: Sweep, pivot: Pivot) -> float | None:
     """
     usual = CameraGeometry(pivot=pivot)
     moved: dict[float, float] = {}
-    label = best.best_setting(sweep.rows).settings.depth_label
+    label = sweep.best.settings.depth_label
     for row in sweep.rows:
         if CameraGeometry.of(row.settings) == usual and row.settings.depth_label == label:
             near = row.settings.near

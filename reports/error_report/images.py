@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import math
 from collections.abc import Mapping
@@ -20,7 +21,7 @@ from skimage.measure import block_reduce
 from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.reports.measurements.measurement import SettingPictures
+from xfrustum.reports.error_report.measurement import SettingPictures
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -233,6 +234,11 @@ def radiance_scale() -> list[str]:
 def height_scale() -> list[str]:
     """Return the colors of the height scale, from farther (blue) to nearer (red)."""
     return list(_HEIGHT_COLORS)
+
+
+def address(encoded: bytes) -> str:
+    """Return an encoded picture as an address that a page holds within itself."""
+    return f"data:{media_type(encoded)};base64,{base64.b64encode(encoded).decode()}"
 
 
 def media_type(encoded: bytes) -> str:

@@ -14,25 +14,23 @@ from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
-from xfrustum.reports.common.json_ready import json_object, write_json
-from xfrustum.reports.common.outputs import Staged, Staging
+from xfrustum.reports.common.json_ready import write_json
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.error_report.best import Recommendation
+from xfrustum.reports.error_report.light import LightReport, measure_light
 from xfrustum.reports.error_report.page import render_page
-from xfrustum.reports.error_report.report_records import ReportRecord
-from xfrustum.reports.error_report.shading import ShadingReport
-from xfrustum.reports.error_report.shading_measure import measure_shading
+from xfrustum.reports.error_report.record import headline, recommended_command, report_content, write_parquet
 from xfrustum.reports.error_report.sweep import (
     DEFAULT_DEPTHS,
     DepthBuffer,
     How,
+    Sweep,
     default_nears,
     settings_grid,
     sweep,
 )
-from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
 from xfrustum.reports.inspection.page import PAGE, Inspection, replacing_inspection, write_inspection
 from xfrustum.reports.inspection.plate_map import PlateMap
-from xfrustum.reports.measurements.best import Recommendation, best_setting
-from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
@@ -45,23 +43,15 @@ class ReportFiles:
 
     Attributes
     ----------
-    html, json, parquet
-        Paths of the page, the JSON object and the measurements.
-    inspection
-        Path of the inspection page.
-    best
-        The best setting, and its numbers at the worst aperture.
-    sentence
-        The recommendation in words.
+    best, sentence, command
+        The best setting with its numbers at the worst aperture; the recommendation in words; and the command
+        that draws with it.
     content
         The object in report.json.
     notes
-        Further sentences: how much of the plate was measured, and of a shaded scene the time that effects
-        take, and what is left out.
+        Further sentences: how much of the plate was measured, and what is left out.
     cost
         Time that the sweep took, in words.
-    command
-        Command that draws with the best setting.
     """
 
     html: Path
@@ -147,51 +137,29 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         by = Decision(by=decided_by, tracer=tracer)
         how = How(decision=by, effects=effects, causes=causes, progress=progress)
-        swept = sweep(scene, chosen, settings, how)
-        measured, shading = _with_light(swept, apertures, settings, effects, progress)
-        record = _put(staging, measured, shading)
-    return _report_files(staging.out, measured, shading, record)
-
-
-def _report_files(
-    folder: Path, measured: Sweep, shading: ShadingReport | None, record: ReportRecord
-) -> ReportFiles:
+        # The page shows a map of what a scout has chosen.
+        auto = apertures if isinstance(apertures, AutoApertures) else None
+        measured = replace(sweep(scene, chosen, settings, how), auto=auto)
+        begun = time.perf_counter()
+        light = measure_light(scene, chosen, settings, effects=effects, progress=progress)
+        if light is not None:
+            measured = measured.with_stage("light", time.perf_counter() - begun)
+        content = _write(staging.folder, measured, light)
+        with replacing_inspection(staging.out):
+            staging.commit()
+    notes = [measured.coverage_sentence, measured.left_out_sentence, *(light.sentences() if light else ())]
     return ReportFiles(
-        html=folder / FILES[0],
-        json=folder / FILES[1],
-        parquet=folder / FILES[2],
-        inspection=folder / PAGE,
-        best=best_setting(measured.rows),
+        html=staging.out / FILES[0],
+        json=staging.out / FILES[1],
+        parquet=staging.out / FILES[2],
+        inspection=staging.out / PAGE,
+        best=measured.best,
         sentence=headline(measured),
-        content=json_object(record),
-        notes=(
-            *filter(None, [measured.coverage_sentence, measured.left_out_sentence]),
-            *(shading.sentences() if shading else ()),
-        ),
+        content=content,
+        notes=tuple(filter(None, notes)),
         cost=measured.cost_sentence,
         command=recommended_command(measured),
     )
-
-
-def _with_light(
-    swept: Sweep,
-    given: Sequence[Aperture] | AutoApertures | None,
-    settings: Sequence[DoubleFrustum],
-    effects: str,
-    progress: bool,
-) -> tuple[Sweep, ShadingReport | None]:
-    """Measure the light of a shaded scene besides; return the sweep with the time that this took.
-
-    The sweep is told which apertures were given, too.
-    """
-    measured = replace(swept, auto=_auto(given))
-    begun = time.perf_counter()
-    shading = measure_shading(
-        measured.scene, measured.apertures, settings, effects=effects, progress=progress
-    )
-    if shading is None:
-        return measured, None
-    return measured.with_stage("light", time.perf_counter() - begun), shading
 
 
 def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -> tuple[Aperture, ...]:
@@ -199,11 +167,6 @@ def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -
     if given is None:
         given = scene.default_apertures()
     return tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
-
-
-def _auto(given: Sequence[Aperture] | AutoApertures | None) -> AutoApertures | None:
-    """Return what a scout has chosen, which the page shows a map of."""
-    return given if isinstance(given, AutoApertures) else None
 
 
 def _settings(
@@ -228,27 +191,19 @@ def _settings(
     return tuple(settings)
 
 
-def _put(staging: Staged, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
-    """Write the files and put them in their place; return what report.json holds."""
-    record = _write(staging.folder, measured, shading)
-    with replacing_inspection(staging.out):
-        staging.commit()
-    return record
-
-
-def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
+def _write(folder: Path, measured: Sweep, light: LightReport | None) -> dict[str, Any]:
     """Write the files; return what report.json holds."""
-    (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    record = report_record(measured, shading)
+    (folder / "index.html").write_text(render_page(measured, light), encoding="utf-8")
+    content = report_content(measured, light)
     write_inspection(folder, _inspection(measured))
-    write_json(folder / "report.json", record)
+    write_json(folder / "report.json", content)
     write_parquet(measured, folder / "measurements.parquet")
-    return record
+    return content
 
 
 def _inspection(sweep: Sweep) -> Inspection:
     """Return what the inspection page of a sweep shows."""
-    best = best_setting(sweep.rows).settings
+    best = sweep.best.settings
     shares = [(*row.aperture.index, row.surface_fraction) for row in sweep.rows if row.settings == best]
     drawn = f"near {digits(best.near)}, {best.depth_label}"
     return Inspection(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,25 @@ from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.alone import TracersAlone
 from xfrustum.reference.plain import CERTIFIED, CERTIFIED_DECISION, Decision, open_reference
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.geometry import CameraGeometry
+from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
 from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.raster_command import plan_command
 from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.best import Recommendation, best_setting
 from xfrustum.reports.error_report.causes import CAUSE_COLORS
-from xfrustum.reports.inspection.drawn import inspected_drawings
-from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
-from xfrustum.reports.measurements.best import best_setting
-from xfrustum.reports.measurements.measurement import (
+from xfrustum.reports.error_report.measurement import (
     Measurement,
     RasterParts,
     SettingPictures,
     StageParts,
-    Sweep,
     TracersAlonePictured,
 )
+from xfrustum.reports.inspection.drawn import inspected_drawings
+from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.look import is_shaded
@@ -61,6 +62,124 @@ PAGE_PIXELS = 120_000_000
 """Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
 All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page stays under
 30 MB."""
+
+
+LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
+"""Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
+what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Everything measured on a scene.
+
+    Attributes
+    ----------
+    rows, pictures
+        One of each per aperture and setting, in the same order: all settings of the first
+        aperture first.
+    truths
+        Encoded picture of the truth, per aperture.
+    alone
+        What each ray tracer alone would have got wrong, per aperture; empty where a tracer alone made the
+        truths.
+    decided_by
+        What decided the truths; see `reference.plain.DECISIONS`.
+    reduction
+        Image pixels per picture pixel, along each side.
+    times_s
+        Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
+        `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and
+        `light` for the light of a shaded scene. Stages run at the same time: the sum exceeds `wall_s`.
+    wall_s
+        Wall seconds of everything.
+    charged
+        Whether wrong pixels were charged to causes, and errors predicted.
+    auto
+        The scout from which the apertures were chosen; None where they were given.
+    inspected
+        Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
+    """
+
+    scene: Scene
+    apertures: tuple[Aperture, ...]
+    rows: tuple[Measurement, ...]
+    pictures: tuple[SettingPictures, ...]
+    truths: tuple[bytes, ...]
+    alone: tuple[TracersAlonePictured, ...]
+    decided_by: str
+    reduction: int
+    versions: Mapping[str, str]
+    devices: Mapping[str, str]
+    times_s: Mapping[str, float]
+    wall_s: float
+    charged: bool = True
+    auto: AutoApertures | None = None
+    inspected: tuple[InspectedHogel, ...] = ()
+
+    @cached_property
+    def best(self) -> Recommendation:
+        """The recommended setting."""
+        return best_setting(self.rows)
+
+    def with_stage(self, name: str, seconds: float) -> Sweep:
+        """Return the sweep with one more stage, which was done after all others."""
+        return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
+
+    @property
+    def gpu_s(self) -> float:
+        """Seconds in which the device drew all frames, by its own clock."""
+        return sum(row.parts_s.raster.gpu for row in self.rows)
+
+    @cached_property
+    def geometries(self) -> tuple[CameraGeometry, ...]:
+        """Camera geometries of all settings, each once."""
+        return geometries_of(row.settings for row in self.rows)
+
+    def numbered(self, aperture: Aperture, geometry: CameraGeometry) -> list[tuple[int, Measurement]]:
+        """Return the rows of an aperture and a geometry, with their numbers."""
+        return [
+            (number, row)
+            for number, row in enumerate(self.rows)
+            if row.aperture == aperture and CameraGeometry.of(row.settings) == geometry
+        ]
+
+    @property
+    def coverage_sentence(self) -> str:
+        """What the hogels leave out of the plate, and the command that asks; empty where they are all."""
+        columns, rows = self.scene.plate.hogels
+        measured = len(self.apertures)
+        if measured >= columns * rows:
+            return ""
+        return (
+            f"Measured at {measured:,} of {columns * rows:,} hogels, and others may need other settings: "
+            f"{plan_command(self.scene)} says what holds for the whole plate."
+        )
+
+    @property
+    def left_out_sentence(self) -> str:
+        """What the sweep was asked to leave out, in words; empty where that is nothing."""
+        if self.charged:
+            return ""
+        return (
+            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels are "
+            "counted and shown, and not explained."
+        )
+
+    @property
+    def cost_sentence(self) -> str:
+        """What measuring took, in words."""
+        count = len(self.truths)
+        frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
+        if self.decided_by == CERTIFIED:
+            truths = "the certified truth" if count == 1 else f"{count} certified truths"
+        else:
+            truths = f"{'the picture' if count == 1 else f'{count} pictures'} by {self.decided_by} alone"
+        return (
+            f"Measured in {self.wall_s:.2f} s of wall time, in which stages ran side by side: {frames} with "
+            f"read-back {self.times_s['raster']:.2f} s, {truths} {self.times_s['trace']:.2f} s, the page's "
+            f"pictures {self.times_s['pictures']:.2f} s."
+        )
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:

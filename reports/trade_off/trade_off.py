@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
-from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, where_it_lies
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER_FRACTION = 0.2

@@ -19,8 +19,8 @@ from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED, json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
-from xfrustum.reports.error_report.report_records import PredictedSurface, RowNumbers, TableRow
-from xfrustum.reports.measurements.measurement import Ratios
+from xfrustum.reports.error_report.measurement import Ratios
+from xfrustum.reports.error_report.record import PredictedSurface, RowNumbers, TableRow
 from xfrustum.scenes import Aperture, DoubleFrustum
 
 

@@ -20,8 +20,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import ways as cost_ways
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
 from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX
 from xfrustum.reports.trade_off.trade_off import (
     Configuration,
     Option,

@@ -12,8 +12,8 @@ from tests.support.rows import NO_CAUSES, comparison_numbers, measured_row
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
+from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DoubleFrustum, Offset, Pivot, open_scene
 
 JUDGED = 10_000

@@ -12,14 +12,14 @@ from scipy.stats import binomtest
 
 from tests.support.rows import comparison_numbers, measured_row
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
-from xfrustum.reports.measurements.best import (
+from xfrustum.reports.error_report.best import (
     SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
     equally_good,
     sentence,
 )
-from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DoubleFrustum
 from xfrustum.scenes.arrays import Mask
 

@@ -8,9 +8,9 @@ from functools import cache
 import pytest
 
 from tests.support.views import view
+from xfrustum.reports.error_report.best import best_setting
+from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.sweep import DEFAULT_DEPTHS, default_nears, settings_grid, sweep
-from xfrustum.reports.measurements.best import best_setting
-from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.geometry.refine import refine
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import TypeVar
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.formatting import digits, percent, plain
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
-from xfrustum.reports.measurements.cause_words import main_cause
-from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
+
+Row = TypeVar("Row")
 
 SURFACE_TIE_FRACTION = 1e-4
 """Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
@@ -64,12 +66,6 @@ class Recommendation:
 
     Attributes
     ----------
-    settings
-        Near, depth buffer and options of the setting.
-    surface_fraction
-        Share of judged pixels with the wrong surface.
-    displacement_p99_px
-        99th percentile of displacement in pixels.
     radiance_fraction
         Share of judged pixels with a channel of color that is off by more than 1/255; None where the scene
         is not shaded.
@@ -90,10 +86,6 @@ class Recommendation:
     displaced_aperture: Aperture
 
 
-_Line = tuple[DepthFormat, DepthMapping, CameraGeometry]
-"""What all settings of one window have in common: depth buffer and camera geometry."""
-
-
 class _Candidate:
     """One setting at all apertures."""
 
@@ -111,28 +103,40 @@ class _Candidate:
     def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
         """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
         share, place = self.worst(kind)
-        here, there = self._rows[place], other._rows[place]
         if share <= other.worst(kind)[0] + SURFACE_TIE_FRACTION:
             return False
-        mine, others = here.wrong_pixels(kind), there.wrong_pixels(kind)
-        shared = mine.shared_with(others) if mine is not None and others is not None else 0
+        here, there = self._rows[place], other._rows[place]
+        both = kind in here.wrong and kind in there.wrong
+        shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
         return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
 
     def recommendation(self, window: Window) -> Recommendation:
         """Return the setting with its numbers."""
         rows = self._rows.values()
-        shaded = all(row.wrong_pixels("radiance") is not None for row in rows)
+        shaded = all("radiance" in row.wrong for row in rows)
         worst = max(rows, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
         moved = max(rows, key=lambda row: (row.displacement_p99_px, row is worst))
         return Recommendation(
             settings=self.settings,
-            surface_fraction=self.worst("surface")[0],
+            surface_fraction=worst.surface_fraction,
             displacement_p99_px=self.displacement_p99_px,
             radiance_fraction=self.worst("radiance")[0] if shaded else None,
             window=window,
             aperture=worst.aperture,
             displaced_aperture=moved.aperture,
         )
+
+
+def _grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
+    """Return rows in groups of equal keys, in the order in which the keys come first."""
+    found: dict[Hashable, list[Row]] = {}
+    for row in rows:
+        found.setdefault(key(row), []).append(row)
+    return list(found.values())
+
+
+def _candidates(rows: Sequence[Measurement]) -> list[_Candidate]:
+    return [_Candidate(group) for group in _grouped(rows, lambda row: row.settings)]
 
 
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
@@ -150,13 +154,6 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
         There are no rows.
     """
     return {one.settings for one in _best(_candidates(rows))}
-
-
-def _candidates(rows: Sequence[Measurement]) -> list[_Candidate]:
-    grouped: dict[DoubleFrustum, list[Measurement]] = {}
-    for row in rows:
-        grouped.setdefault(row.settings, []).append(row)
-    return [_Candidate(group) for group in grouped.values()]
 
 
 def _best(candidates: list[_Candidate]) -> list[_Candidate]:
@@ -184,35 +181,28 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
         There are no rows.
     """
     candidates = _candidates(rows)
-    good = {one.settings for one in _best(candidates)}
-    runs = [run for buffer in _by_depth(candidates).values() for run in _runs(buffer, good)]
-    run = max(runs, key=lambda one: (_window(one).width, _window(one).high))
-    window = _window(run)
-    middle = (window.low * window.high) ** 0.5
+    good, windows = _best(candidates), []
+    for line in _grouped(candidates, _line):
+        ascending = sorted(line, key=lambda one: one.settings.near)
+        for is_good, neighbors in groupby(ascending, key=lambda one: one in good):
+            if is_good:
+                windows.append(list(neighbors))
+
+    def window(run: Sequence[_Candidate]) -> Window:
+        return Window(low=run[0].settings.near, high=run[-1].settings.near, nears=len(run))
+
+    run = max(windows, key=lambda one: (window(one).width, window(one).high))
+    middle = (run[0].settings.near * run[-1].settings.near) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     chosen = min(
         reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
     )
-    return chosen.recommendation(window)
+    return chosen.recommendation(window(run))
 
 
-def _window(run: Sequence[_Candidate]) -> Window:
-    return Window(low=run[0].settings.near, high=run[-1].settings.near, nears=len(run))
-
-
-def _by_depth(candidates: Sequence[_Candidate]) -> dict[_Line, list[_Candidate]]:
-    grouped: dict[_Line, list[_Candidate]] = {}
-    for one in candidates:
-        line = one.settings.depth, one.settings.mapping, CameraGeometry.of(one.settings)
-        grouped.setdefault(line, []).append(one)
-    return grouped
-
-
-def _runs(buffer: Sequence[_Candidate], good: set[DoubleFrustum]) -> list[list[_Candidate]]:
-    """Return the runs of consecutive good nears of one depth buffer, each in ascending order."""
-    ascending = sorted(buffer, key=lambda one: one.settings.near)
-    runs = groupby(ascending, key=lambda one: one.settings in good)
-    return [list(run) for is_good, run in runs if is_good]
+def _line(one: _Candidate) -> Hashable:
+    """Return what all settings of one window have in common: depth buffer and camera geometry."""
+    return one.settings.depth, one.settings.mapping, CameraGeometry.of(one.settings)
 
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
@@ -222,25 +212,13 @@ def can_be_judged(rows: Sequence[Measurement]) -> bool:
 
 
 def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
-    """Return the best setting of each depth buffer, in the order in which the rows name the depth buffers.
-
-    A setting is compared only with settings of the same depth format and mapping.
-    """
-    grouped: dict[tuple[DepthFormat, DepthMapping], list[Measurement]] = {}
-    for row in rows:
-        grouped.setdefault((row.settings.depth, row.settings.mapping), []).append(row)
-    return [best_setting(group) for group in grouped.values()]
+    """Return the best setting of each depth format and mapping, in the order in which the rows name them."""
+    return [best_setting(group) for group in _grouped(rows, lambda row: row.settings.depth_label)]
 
 
 def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
-    """Return the best setting of each camera geometry, in the order in which the rows name the geometries.
-
-    A setting is compared only with settings of the same pivot, fit, offset and cuts.
-    """
-    grouped: dict[CameraGeometry, list[Measurement]] = {}
-    for row in rows:
-        grouped.setdefault(CameraGeometry.of(row.settings), []).append(row)
-    return [best_setting(group) for group in grouped.values()]
+    """Return the best setting of each camera geometry, in the order in which the rows name them."""
+    return [best_setting(group) for group in _grouped(rows, lambda row: CameraGeometry.of(row.settings))]
 
 
 def keeping_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
@@ -321,8 +299,7 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
     if best.surface_fraction <= SURFACE_TIE_FRACTION:
         return said
     worst = next(row for row in rows if row.settings == best.settings and row.aperture == best.aperture)
-    cause = main_cause(worst)
-    return f"{said}, most of them by {cause}" if cause else said
+    return f"{said}, most of them by {worst.main_cause}" if worst.main_cause else said
 
 
 def _elsewhere(best: Recommendation) -> str:

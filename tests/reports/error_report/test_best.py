@@ -9,7 +9,7 @@ import pytest
 from tests.support.rows import MIDDLE, NO_PREDICTION, comparison_numbers, measured_row
 from xfrustum.compare import Spread
 from xfrustum.compare.prediction.predict import Separations
-from xfrustum.reports.measurements.best import (
+from xfrustum.reports.error_report.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,
     best_per_depth,
@@ -17,7 +17,7 @@ from xfrustum.reports.measurements.best import (
     pixels,
     sentence,
 )
-from xfrustum.reports.measurements.measurement import Measurement, Ratios
+from xfrustum.reports.error_report.measurement import Measurement, Ratios
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.double_frustum import Pivot
 
