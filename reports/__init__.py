@@ -12,12 +12,10 @@ error_report/     The error report: every setting of a scene drawn, judged and t
                   Parquet
 eye/              What a viewer sees, as a page and as files
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
-measurements/     What is measured of a setting, and which setting is best
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
 studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
-trade_off/        Error against time
 verification/     The verification of foreign renderers: sources, verdict, files
 """

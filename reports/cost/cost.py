@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from xfrustum.compare import compare_images
@@ -20,13 +19,12 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.json_ready import INLINED, json_object
+from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
+from xfrustum.reports.cost.trade_off import FastestWithin, Option, answers, pareto
 from xfrustum.reports.cost.ways import Way, drawn, traced
-from xfrustum.reports.scouting.automatic import ChoiceRecord, choices
-from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers
-from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord, trade_off_record
+from xfrustum.reports.scouting.automatic import choices
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
@@ -38,19 +36,6 @@ from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = 5
 """Measured pictures of each configuration unless told otherwise: the fewest by which times are told apart."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CostRecord:
-    """The object that `cost --json` prints; see `CostReport`."""
-
-    scene: provenance.SceneName
-    aperture: tuple[int, int]
-    apertures: tuple[ChoiceRecord, ...] | None
-    trade_off: TradeOffRecord = field(metadata=INLINED)
-    upload_s: dict[str, float]
-    machine: dict[str, str]
-    versions: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -106,16 +91,62 @@ class CostReport(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
-        record = CostRecord(
-            scene=provenance.SceneName.of(self.scene),
-            aperture=self.aperture.index,
-            apertures=choices(self.auto),
-            trade_off=trade_off_record(self.options, self.tolerance_px),
-            upload_s=self.upload_s,
-            machine=self.machine,
-            versions=self.versions,
+        front = pareto(self.options)
+        content: dict[str, Any] = json_ready(
+            {
+                "scene": provenance.SceneName.of(self.scene),
+                "aperture": self.aperture.index,
+                "apertures": choices(self.auto),
+                "rows": [_row(one, best) for one, best in zip(self.options, front, strict=True)],
+                "answers": [_answer(one) for one in self.answers],
+                "upload_s": self.upload_s,
+                "machine": self.machine,
+                "versions": self.versions,
+            }
         )
-        return json_object(record)
+        return content
+
+
+def _row(option: Option, best: bool) -> dict[str, Any]:
+    return {
+        "renderer": option.renderer,
+        "label": option.label,
+        **option.configuration,
+        "error": {
+            "displacement_p99_px": option.displacement_p99_px,
+            "surface_fraction": option.surface_fraction,
+        },
+        "time_s": _times(option.time_s),
+        "gpu_s": _times(option.gpu_s),
+        "read_back_s": _times(option.read_s),
+        "pareto": best,
+    }
+
+
+def _answer(answer: FastestWithin) -> dict[str, Any]:
+    """Return what a tolerance costs: the option with the least error of the fastest ones, if any keeps it."""
+    option, ranking = answer.option, answer.ranking
+    return {
+        "tolerance_px": answer.tolerance_px,
+        "configuration": option.label if option else None,
+        "time_s": _times(option.time_s) if option else None,
+        "ranked": ranking is not None and ranking.ranked,
+        "fastest": [one.label for one in ranking.fastest] if ranking else [],
+        "sentence": answer.sentence,
+    }
+
+
+def _times(times: Timing | None) -> dict[str, Any] | None:
+    """Return the median, the ends, and the interval of the median, of repeated seconds."""
+    if times is None:
+        return None
+    return {
+        "median": times.median,
+        "low": times.lowest,
+        "high": times.highest,
+        "interval": times.interval,
+        "repetitions": times.repetitions,
+    }
 
 
 def measure_cost(
@@ -150,7 +181,6 @@ def measure_cost(
     auto = aperture if isinstance(aperture, AutoApertures) else None
     apertures = _all_of(scene.plate.middle if aperture is None else aperture)
     require_seen(scene, apertures)
-    asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
     watch = Stopwatch()
     with ExitStack() as stack:
         with watch.stage("raster"):
@@ -163,7 +193,7 @@ def measure_cost(
                 reference.tracer  # noqa: B018 - built when first asked for
         device = drawers["auto"].device
         ways = {one: [*drawn(scene, one, drawers), *traced(one, tracers)] for one in apertures}
-        options = _race(ways, tracers["embree"], asked, progress)
+        options = tuple(_race(ways, tracers["embree"], repeat, progress=progress))
     opengl = {f"OpenGL {name}": value for name, value in device.items()}
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
@@ -171,7 +201,7 @@ def measure_cost(
         aperture=apertures[0],
         auto=auto,
         tolerance_px=tolerance_px,
-        options=tuple(options),
+        options=options,
         upload_s=watch.seconds,
         machine={**provenance.machine(), **opengl},
         versions={**provenance.versions(), **libraries},
@@ -183,23 +213,24 @@ def _all_of(aperture: Aperture | AutoApertures) -> tuple[Aperture, ...]:
 
 
 def _race(
-    ways: Mapping[Aperture, list[Way]], reference: Reference, asked: Asked, progress: bool
-) -> list[Option]:
+    ways: Mapping[Aperture, list[Way]], reference: Reference, repeat: int, *, progress: bool
+) -> Iterator[Option]:
     """Make the picture of each way in turn; the first picture of each is judged, and not timed.
 
     Pictures of all apertures are judged, the worst one counts, and those of the first aperture are timed.
     """
-    timed = [TimedWay(one) for one in next(iter(ways.values()))]
+    timed = next(iter(ways.values()))
     errors = [(0.0, 0.0) for _ in timed]
-    with progress_bar(len(timed) * (len(ways) + asked.repeat), "cost", "picture", shown=progress) as bar:
+    with progress_bar(len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress) as bar:
         for number, (p99, wrong) in _errors(ways, reference):
             errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
             bar.update()
-        for _ in range(asked.repeat):
+        for _ in range(repeat):
             for way in timed:
-                way()
+                way.take_time()
                 bar.update()
-    return [one.option(*error) for one, error in zip(timed, errors, strict=True)]
+    for way, error in zip(timed, errors, strict=True):
+        yield way.option(*error)
 
 
 def _errors(
@@ -207,75 +238,18 @@ def _errors(
 ) -> Iterator[tuple[int, tuple[float, float]]]:
     """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
 
-    def pictures() -> Iterator[_Picture]:
+    def error(number: int, way: Way, truth: HogelImage, image: HogelImage) -> tuple[int, tuple[float, float]]:
+        judged = compare_images(truth, image, reference, radiance=False)
+        assert judged.surface is not None, "the reference has the scene at hand"
+        p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
+        return number, (p99, judged.surface.fraction)
+
+    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, tuple[float, float]]]]:
         for aperture, those in ways.items():
             truth = reference.trace(aperture)
-            for number, one in enumerate(those):
-                yield _Picture(number=number, way=one, truth=truth, image=one.picture())
-
-    def error(one: _Picture) -> tuple[int, tuple[float, float]]:
-        return one.number, one.error(reference)
+            for number, way in enumerate(those):
+                yield pool.submit(error, number, way, truth, way.picture())
 
     most = images_under_way(math.prod(reference.scene.frustum.resolution))
     with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-        yield from in_order((pool.submit(error, one) for one in pictures()), most)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Picture:
-    """The picture that a way has made of an aperture, and the aperture's truth."""
-
-    number: int
-    way: Way
-    truth: HogelImage
-    image: HogelImage
-
-    def error(self, reference: Reference) -> tuple[float, float]:
-        """Return the 99th percentile of displacement, and the share of wrong surfaces."""
-        judged = compare_images(self.truth, self.image, reference, radiance=False)
-        assert judged.surface is not None, "the reference has the scene at hand"
-        p99 = displacement_p99(judged) if self.way.renderer == "raster" else 0.0
-        return p99, judged.surface.fraction
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """The number of turns that all ways take, and the tolerance that is asked for."""
-
-    repeat: int
-    tolerance_px: float
-
-
-class TimedWay:
-    """A way to make a picture and the seconds of its pictures; calling it makes one picture."""
-
-    def __init__(self, way: Way) -> None:
-        self._way = way
-        self.time_s: list[float] = []
-        self._gpu_s: list[float] = []
-        self._read_s: list[float] = []
-
-    def __call__(self) -> None:
-        """Make a picture, and note what it and its stages took."""
-        begun = time.perf_counter()
-        if self._way.draw is None:
-            self._way.picture()
-        else:
-            stages = self._way.draw().times
-            self._gpu_s.append(stages["draw"].gpu_s)
-            self._read_s.append(stages["read"].wall_s)
-        self.time_s.append(time.perf_counter() - begun)
-
-    def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
-        """Return the way with its error and the times of its pictures."""
-        return Option(
-            renderer=self._way.renderer,
-            label=self._way.label,
-            family=self._way.family,
-            configuration=self._way.configuration,
-            displacement_p99_px=displacement_p99_px,
-            surface_fraction=surface_fraction,
-            time_s=Timing.of(self.time_s),
-            gpu_s=Timing.of(self._gpu_s) if self._gpu_s else None,
-            read_s=Timing.of(self._read_s) if self._read_s else None,
-        )
+        yield from in_order(tasks(pool), most)

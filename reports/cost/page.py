@@ -10,9 +10,9 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE
 from xfrustum.reports.cost.cost import CostReport
+from xfrustum.reports.cost.figure import trade_off_figure
+from xfrustum.reports.cost.trade_off import pareto
 from xfrustum.reports.error_report import best
-from xfrustum.reports.trade_off.trade_off import pareto
-from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 
 FILES = PAGE, DATA = "index.html", "cost.json"
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.timing import Timing
-from xfrustum.reports.trade_off.trade_off import CertifiedConfiguration, Configuration, certified, near_label
+from xfrustum.reports.cost.trade_off import Option
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -40,54 +43,58 @@ USUAL_NEAR_PER_REACH = 1e-3
 """Near plane at which samples and effects are measured: their cost does not depend on it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrawnConfiguration(Configuration):
-    """A picture of the rasterizer: its settings, samples of the aperture, and effects."""
-
-    family: str
-    near: float
-    depth: DepthFormat
-    mapping: DepthMapping
-    slabs: tuple[float, ...]
-    offset: Offset
-    aperture_samples: int
-    effects: tuple[Effect, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TracedConfiguration(Configuration):
-    """A picture of a tracer alone, by its name."""
-
-    family: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertifiedFamily(CertifiedConfiguration):
-    """The certified truth, with the name of its family."""
-
-    family: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class Way:
-    """One way to make a picture, ready to make it.
+    """One way to make a picture, and the seconds of the pictures that were made.
 
-    Attributes
+    Parameters
     ----------
     renderer, label, family, configuration
         Renderer and configuration, in words and values; see `trade_off.Option`.
-    picture
-        Function that makes the picture.
-    draw
-        Function that draws the picture and returns the times of its stages besides; None where it is traced.
+    make
+        Function that makes the picture; a rasterizer's has the times of its stages besides.
     """
 
-    renderer: str
-    label: str
-    family: str
-    configuration: Configuration
-    picture: Callable[[], HogelImage]
-    draw: Callable[[], Drawn] | None = None
+    def __init__(
+        self,
+        renderer: str,
+        label: str,
+        family: str,
+        configuration: Mapping[str, Any],
+        make: Callable[[], HogelImage | Drawn],
+    ) -> None:
+        self.renderer, self.label, self.family = renderer, label, family
+        self._configuration, self._make = {"family": family, **configuration}, make
+        self._seconds: dict[str, list[float]] = {"time": [], "gpu": [], "read": []}
+
+    def picture(self) -> HogelImage:
+        """Make the picture, which is not timed."""
+        made = self._make()
+        return made.image if isinstance(made, Drawn) else made
+
+    def take_time(self) -> None:
+        """Make the picture, and note what it and its stages took."""
+        begun = time.perf_counter()
+        made = self._make()
+        self._seconds["time"].append(time.perf_counter() - begun)
+        if isinstance(made, Drawn):
+            self._seconds["gpu"].append(made.times["draw"].gpu_s)
+            self._seconds["read"].append(made.times["read"].wall_s)
+
+    def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
+        """Return the way with its error and the times of its pictures."""
+        timings = {name: Timing.of(taken) if taken else None for name, taken in self._seconds.items()}
+        assert timings["time"] is not None, "a way is timed before it is an option"
+        return Option(
+            renderer=self.renderer,
+            label=self.label,
+            family=self.family,
+            configuration=self._configuration,
+            displacement_p99_px=displacement_p99_px,
+            surface_fraction=surface_fraction,
+            time_s=timings["time"],
+            gpu_s=timings["gpu"],
+            read_s=timings["read"],
+        )
 
 
 def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Way]:
@@ -129,7 +136,11 @@ def _raster(
     sampling: Sampling,
     family: str | None = None,
 ) -> Way:
-    label = near_label(settings.near, scene.units, scene.frustum.longest_reach, settings.depth_label)
+    reach, units = scene.frustum.longest_reach, scene.units
+    label = (
+        f"raster, near {digits(settings.near)} {units} ({digits(settings.near / reach)} of the reach) "
+        f"with {settings.depth_label} depth"
+    )
     if settings.slabs:
         label += f" and cuts at {', '.join(digits(cut) for cut in settings.slabs)}"
     if settings.offset is Offset.NONE:
@@ -138,50 +149,27 @@ def _raster(
         label += f", {sampling.aperture} aperture samples"
     if family == "all effects":
         label += ", all effects"
+    configuration = {
+        "near": settings.near,
+        "depth": settings.depth,
+        "mapping": settings.mapping,
+        "slabs": settings.slabs,
+        "offset": settings.offset,
+        "aperture_samples": sampling.aperture,
+        "effects": sorted(drawer.effects_for(settings), key=list(Effect).index),
+    }
 
     def draw() -> Drawn:
         return drawer.draw(aperture, settings, normals=False, sampling=sampling)
 
-    family = family or settings.depth_label
-    return Way(
-        renderer="raster",
-        label=label,
-        family=family,
-        configuration=DrawnConfiguration(
-            family=family,
-            near=settings.near,
-            depth=settings.depth,
-            mapping=settings.mapping,
-            slabs=settings.slabs,
-            offset=settings.offset,
-            aperture_samples=sampling.aperture,
-            effects=tuple(sorted(drawer.effects_for(settings), key=list(Effect).index)),
-        ),
-        picture=lambda: draw().image,
-        draw=draw,
-    )
+    return Way("raster", label, family or settings.depth_label, configuration, draw)
 
 
-def traced(aperture: Aperture, tracers: dict[str, Reference]) -> Iterator[Way]:
+def traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[Way]:
     """Yield each tracer alone, and the certified truth."""
     for name, reference in tracers.items():
-
-        def picture(reference: Reference = reference) -> HogelImage:
-            return reference.propose(aperture)
-
-        label = f"{name} alone, float32, nothing proven"
         yield Way(
-            renderer=name,
-            label=label,
-            family=name,
-            configuration=TracedConfiguration(family=name),
-            picture=picture,
+            name, f"{name} alone, float32, nothing proven", name, {}, partial(reference.propose, aperture)
         )
-    truth = certified(Timing.of([0.0]))
-    yield Way(
-        renderer=truth.renderer,
-        label=truth.label,
-        family="certified truth",
-        configuration=CertifiedFamily(family="certified truth"),
-        picture=lambda: tracers["embree"].trace(aperture),
-    )
+    words, truth = "certified truth", partial(tracers["embree"].trace, aperture)
+    yield Way("certified", f"the {words}", words, {"certified": True}, truth)

@@ -20,16 +20,14 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import ways as cost_ways
-from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
-from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.trade_off.trade_off import (
-    Configuration,
+from xfrustum.reports.cost.trade_off import (
     Option,
     answers,
-    cheapest,
     pareto,
     rank,
 )
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
+from xfrustum.reports.error_report.images import _levels
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -42,11 +40,15 @@ def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.
         renderer="raster",
         label=f"{seconds} s",
         family="family",
-        configuration=Configuration(),
+        configuration={},
         displacement_p99_px=moved,
         surface_fraction=wrong,
         time_s=Timing(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
     )
+
+
+def cheapest(options: list[Option], tolerance_px: float) -> Option | None:
+    return answers(options, tolerance_px)[0].option
 
 
 numbers = st.integers(1, 4).map(float)

@@ -9,8 +9,8 @@ import pytest
 
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, error_bars, log_axis, look
 from xfrustum.reports.common.timing import Timing
-from xfrustum.reports.trade_off.trade_off import Configuration, Option
-from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
+from xfrustum.reports.cost.figure import trade_off_figure
+from xfrustum.reports.cost.trade_off import Option
 
 
 def option(family: str, seconds: float, moved: float) -> Option:
@@ -18,7 +18,7 @@ def option(family: str, seconds: float, moved: float) -> Option:
         renderer="raster",
         label=family,
         family=family,
-        configuration=Configuration(),
+        configuration={},
         displacement_p99_px=moved,
         surface_fraction=0.0,
         time_s=Timing.of([0.5 * seconds, seconds, 3 * seconds]),

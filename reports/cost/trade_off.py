@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.reports.common.formatting import digits, percent
@@ -15,23 +16,8 @@ from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 STRICTER_FRACTION = 0.2
 """Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
 
-CERTIFIED_LABEL = "the certified truth"
-"""Words for the truth as an option."""
-
 MAX_NAMED_OPTIONS = 3
 """Largest number of options that a sentence names one by one; more are counted."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Configuration:
-    """Names and values by which JSON tells an option from others; each kind of option adds its own fields."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertifiedConfiguration(Configuration):
-    """The certified truth."""
-
-    certified: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,12 +28,10 @@ class Option:
     ----------
     renderer
         `raster`, `embree`, `mitsuba` or `certified`.
-    label
-        The configuration in words.
+    label, configuration
+        The configuration in words, and as names and values.
     family
         Group of options that it belongs to: a depth buffer, or whatever else was varied.
-    configuration
-        The configuration as names and values.
     displacement_p99_px, surface_fraction
         99th percentile of displacement, and share of judged pixels with the wrong surface.
     time_s
@@ -59,7 +43,7 @@ class Option:
     renderer: str
     label: str
     family: str
-    configuration: Configuration
+    configuration: Mapping[str, Any]
     displacement_p99_px: float
     surface_fraction: float
     time_s: Timing
@@ -76,15 +60,10 @@ class Option:
         Its time is no worse where its median is not beyond the other's interval, and better where the two
         times are told apart.
         """
-        mine, others = self._errors(), other._errors()
-        if self.time_s.median > other.time_s.interval[1] or any(
-            a > b for a, b in zip(mine, others, strict=True)
-        ):
+        mine, others = ((one.displacement_p99_px, one.surface_fraction) for one in (self, other))
+        if self.time_s.median > other.time_s.interval[1] or mine[0] > others[0] or mine[1] > others[1]:
             return False
         return mine != others or self.time_s.told_below(other.time_s)
-
-    def _errors(self) -> tuple[float, float]:
-        return self.displacement_p99_px, self.surface_fraction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,12 +143,6 @@ def rank(options: Sequence[Option], tolerance_px: float) -> Ranking | None:
     repeated.sort(key=lambda option: option.time_s.median)
     tied = (option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
     return Ranking(fastest=tuple(tied), ranked=True)
-
-
-def cheapest(options: Sequence[Option], tolerance_px: float) -> Option | None:
-    """Return the option with the least error of the fastest ones within a tolerance."""
-    ranking = rank(options, tolerance_px)
-    return ranking.least_error if ranking else None
 
 
 def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
@@ -274,21 +247,3 @@ def _taken(time_s: Timing) -> str:
 def _milliseconds(low: float, high: float) -> str:
     one, other = f"{1000 * low:.3g}", f"{1000 * high:.3g}"
     return f"{one} ms" if one == other else f"{one} to {other} ms"
-
-
-def near_label(near: float, units: str, reach: float, depth: str) -> str:
-    """Return the words for a near plane with a depth buffer."""
-    return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
-
-
-def certified(time_s: Timing) -> Option:
-    """Return the truth, which has no error."""
-    return Option(
-        renderer="certified",
-        label=CERTIFIED_LABEL,
-        family=CERTIFIED_LABEL,
-        configuration=CertifiedConfiguration(),
-        displacement_p99_px=0.0,
-        surface_fraction=0.0,
-        time_s=time_s,
-    )
