@@ -12,8 +12,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from xfrustum.cli.help import USES
-from xfrustum.cli.main import cli
+from xfrustum.cli.app import cli
 
 WIDTH = 100
 """Characters in a line of the help texts."""
@@ -24,7 +23,10 @@ def help_of(words: list[str]) -> str:
     command: click.Command = cli
     context = click.Context(cli, info_name="xfrustum", terminal_width=WIDTH, max_content_width=WIDTH)
     for word in words:
-        command = getattr(command, "commands")[word]  # noqa: B009 - groups alone have it
+        assert isinstance(command, click.Group)
+        found = command.get_command(context, word)
+        assert found is not None
+        command = found
         context = click.Context(
             command, info_name=word, parent=context, terminal_width=WIDTH, max_content_width=WIDTH
         )
@@ -34,10 +36,10 @@ def help_of(words: list[str]) -> str:
 def all_commands() -> list[list[str]]:
     """Return the words of all commands by their use, and after each group those in it."""
     found: list[list[str]] = []
-    names = [name for use in USES for name in use.commands]
-    for name in [*names, *sorted(set(cli.commands) - set(names))]:
-        found.append([name])
-        found += [[name, inner] for inner in getattr(cli.commands[name], "commands", {})]
+    context = click.Context(cli)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        found += [[name], *([name, inner] for inner in getattr(command, "commands", {}))]
     return found
 
 

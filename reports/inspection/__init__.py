@@ -7,5 +7,4 @@ hogels     One hogel on an inspection page: what its channels are, and all their
 packing    Channels as deflated bytes, without loss, which a browser turns into typed arrays again
 page       The page: one file of bounded size, files beside it for what is larger, and both read back
 plate_map  What is known of a plate's hogels, as cells of a map
-tev        The channels of a page sent to a running tev viewer
 """

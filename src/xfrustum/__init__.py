@@ -39,159 +39,43 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# Type checkers know this name. Importing `typing` would take longer than all the rest of this module, and
-# before `__main__` is reached no handler answers a signal.
-TYPE_CHECKING = False
-
-if TYPE_CHECKING:
-    from xfrustum.compare import Comparison, compare_images
-    from xfrustum.compare.planning.plan import Plan
-    from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.run import Judge, JudgedDrawing, JudgedHogel
-    from xfrustum.raster import Rasterizer
-    from xfrustum.reference import Reference
-    from xfrustum.reports.commands.budgeting import BudgetReport, budget
-    from xfrustum.reports.commands.planning import make_plan
-    from xfrustum.reports.commands.planning import make_plan as plan
-    from xfrustum.reports.cost.cost import CostReport
-    from xfrustum.reports.cost.cost import measure_cost as cost
-    from xfrustum.reports.effects.plan import EffectsPlan, explain
-    from xfrustum.reports.error_report.report import ReportFiles, make_report
-    from xfrustum.reports.exchange.camera_files import CameraFiles, write_cameras
-    from xfrustum.reports.exchange.convert import Conversion, ConversionOptions, convert
-    from xfrustum.reports.eye.viewing import SceneView, view
-    from xfrustum.reports.plate.camera import camera_of
-    from xfrustum.reports.plate.plate import PlateFiles, write_plate
-    from xfrustum.reports.scene_check.checking import SceneCheck, check
-    from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
-    from xfrustum.reports.survey.answer import Survey
-    from xfrustum.reports.survey.survey import survey
-    from xfrustum.reports.verification.baseline import Baseline, BaselineOptions, baseline
-    from xfrustum.reports.verification.verdict import Verification
-    from xfrustum.reports.verification.verification import verify
-    from xfrustum.scenes import (
-        Aperture,
-        Camera,
-        Cull,
-        DepthFormat,
-        DepthMapping,
-        DoubleFrustum,
-        Fit,
-        HogelImage,
-        InputError,
-        Offset,
-        Pivot,
-        Scene,
-        open_scene,
-    )
-    from xfrustum.scenes.files.openexr.images import read_image, write_image
-    from xfrustum.scenes.model.eye import Eye
-
-__all__ = [
-    "Aperture",
-    "Baseline",
-    "BaselineOptions",
-    "BudgetReport",
-    "Camera",
-    "CameraFiles",
-    "Comparison",
-    "Conversion",
-    "ConversionOptions",
-    "CostReport",
-    "Cull",
-    "DepthFormat",
-    "DepthMapping",
-    "DoubleFrustum",
-    "EffectsPlan",
-    "Eye",
-    "Fit",
-    "HogelImage",
-    "InputError",
-    "Judge",
-    "JudgedDrawing",
-    "JudgedHogel",
-    "NewScene",
-    "Offset",
-    "Pivot",
-    "Plan",
-    "PlateFiles",
-    "Rasterizer",
-    "Reference",
-    "ReportFiles",
-    "Requirement",
-    "Scene",
-    "SceneCheck",
-    "SceneView",
-    "Survey",
-    "Verification",
-    "__version__",
-    "baseline",
-    "budget",
-    "camera_of",
-    "check",
-    "compare_images",
-    "convert",
-    "cost",
-    "explain",
-    "make_plan",
-    "make_report",
-    "new_scene",
-    "open_scene",
-    "plan",
-    "read_image",
-    "survey",
-    "verify",
-    "view",
-    "write_cameras",
-    "write_image",
-    "write_plate",
-]
-
-_MODULES = {  # module and, after a colon, the name in that module where it is another
-    "Comparison": "compare",
-    "compare_images": "compare",
-    "Baseline": "reports.verification.baseline",
-    "BaselineOptions": "reports.verification.baseline",
-    "baseline": "reports.verification.baseline",
-    "BudgetReport": "reports.commands.budgeting",
-    "budget": "reports.commands.budgeting",
-    "CostReport": "reports.cost.cost",
-    "cost": "reports.cost.cost:measure_cost",
-    "EffectsPlan": "reports.effects.plan",
-    "explain": "reports.effects.plan",
-    "Judge": "compare.run",
-    "JudgedDrawing": "compare.run",
-    "JudgedHogel": "compare.run",
-    "Plan": "compare.planning.plan",
-    "Requirement": "compare.planning.views",
-    "make_plan": "reports.commands.planning",
-    "plan": "reports.commands.planning:make_plan",
-    "Rasterizer": "raster",
-    "Reference": "reference",
-    "Eye": "scenes.model.eye",
-    "SceneView": "reports.eye.viewing",
-    "view": "reports.eye.viewing",
-    "ReportFiles": "reports.error_report.report",
-    "make_report": "reports.error_report.report",
-    "SceneCheck": "reports.scene_check.checking",
-    "check": "reports.scene_check.checking",
-    "NewScene": "reports.scene_check.new_scene",
-    "new_scene": "reports.scene_check.new_scene",
-    "Survey": "reports.survey.answer",
-    "survey": "reports.survey.survey",
-    "Verification": "reports.verification.verdict",
-    "verify": "reports.verification.verification",
-    "Conversion": "reports.exchange.convert",
-    "ConversionOptions": "reports.exchange.convert",
-    "convert": "reports.exchange.convert",
-    "CameraFiles": "reports.exchange.camera_files",
-    "write_cameras": "reports.exchange.camera_files",
-    "read_image": "scenes.files.openexr.images",
-    "write_image": "scenes.files.openexr.images",
-    "camera_of": "reports.plate.camera",
-    "PlateFiles": "reports.plate.plate",
-    "write_plate": "reports.plate.plate",
+_NAMES = {
+    "scenes": "Aperture Camera Cull DepthFormat DepthMapping DoubleFrustum Fit "
+    "HogelImage InputError Offset Pivot Scene open_scene",
+    "reports.verification.baseline": "Baseline BaselineOptions baseline",
+    "reports.commands.budgeting": "BudgetReport budget",
+    "reports.exchange.camera_files": "CameraFiles write_cameras",
+    "compare": "Comparison compare_images",
+    "reports.exchange.convert": "Conversion ConversionOptions convert",
+    "reports.cost.cost": "CostReport cost",
+    "reports.effects.plan": "EffectsPlan explain",
+    "scenes.model.eye": "Eye",
+    "compare.run": "Judge JudgedDrawing JudgedHogel",
+    "reports.scene_check.new_scene": "NewScene new_scene",
+    "compare.planning.plan": "Plan",
+    "reports.plate.plate": "PlateFiles write_plate",
+    "raster": "Rasterizer",
+    "reference": "Reference",
+    "reports.error_report.report": "ReportFiles make_report",
+    "compare.planning.views": "Requirement",
+    "reports.scene_check.checking": "SceneCheck check",
+    "reports.eye.viewing": "SceneView view",
+    "reports.survey.answer": "Survey",
+    "reports.verification.verdict": "Verification",
+    "reports.plate.camera": "camera_of",
+    "reports.commands.planning": "make_plan plan",
+    "scenes.files.openexr.images": "read_image write_image",
+    "reports.survey.survey": "survey",
+    "reports.verification.verification": "verify",
 }
+"""Public names by the module that has them; type checkers read `__init__.pyi`."""
+
+_CALLED = {"cost": "measure_cost", "plan": "make_plan"}
+"""Names in these modules, where they are others."""
+
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = sorted([*_MODULES, "__version__"])  # noqa: PLE0605 - a list, of what is above
 
 
 def __getattr__(name: str) -> object:
@@ -199,11 +83,10 @@ def __getattr__(name: str) -> object:
         from importlib import metadata  # noqa: PLC0415 - it costs more than all the rest
 
         return metadata.version("xfrustum")
-    if name not in __all__:
+    if name not in _MODULES:
         raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")
-    module, _, other_name = _MODULES.get(name, "scenes").partition(":")
-    return getattr(import_module(f"xfrustum.{module}"), other_name or name)
+    return getattr(import_module(f"xfrustum.{_MODULES[name]}"), _CALLED.get(name, name))
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

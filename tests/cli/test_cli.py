@@ -428,4 +428,4 @@ def test_every_public_name_can_be_had_from_the_package() -> None:
     for name in xfrustum.__all__:
         assert getattr(xfrustum, name) is not None
     with pytest.raises(AttributeError, match="no_such_name"):
-        xfrustum.no_such_name  # noqa: B018
+        xfrustum.no_such_name  # type: ignore[attr-defined]  # noqa: B018

@@ -11,10 +11,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import click
-
+from tests.cli.test_help import commands
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.app import cli
 
 HEAVY = (
     "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly", "zarr",
@@ -72,15 +70,6 @@ STRANGE_VALUES = (
 )
 
 
-def commands() -> list[tuple[str, ...]]:
-    """Return every command and, of groups, every command in them."""
-    found: list[tuple[str, ...]] = []
-    for name, command in cli.commands.items():
-        found.append((name,))
-        found += [(name, inner) for inner in getattr(command, "commands", {})]
-    return found
-
-
 def loaded_by(lines: Sequence[Sequence[str]], folder: Path, watched: Sequence[str]) -> dict[str, list[str]]:
     """Run command lines in one new process; return what each but the help and the listing has loaded."""
     program = f"""
@@ -113,8 +102,8 @@ def test_help_listings_and_complaints_load_nothing_heavy_not_even_numpy(tmp_path
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     files = [line for name in (*FILES, "nosuch.toml") for line in of_scene(name)]
-    helped = [(*command, "--help") for command in commands()]
-    lines = [("--help",), ("scenes",), ("scenes", "--json"), *helped, *STRANGE_VALUES, *files]
+    helped = [(*name.split(), "--help") for name in commands()]
+    lines = [("--help",), ("scenes",), *helped, *STRANGE_VALUES, *files]
     assert loaded_by(lines, tmp_path, (*HEAVY, "numpy")) == {}
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
@@ -126,16 +115,8 @@ def test_unknown_names_and_the_list_of_hard_cases_load_numpy_alone(tmp_path: Pat
 
 def test_every_command_that_opens_a_scene_is_among_those_tried() -> None:
     opening = {
-        name
-        for name in commands()
-        if any(parameter.name in ("scene", "scenes") for parameter in _command(name).params)
+        tuple(name.split())
+        for name, command in commands().items()
+        if any(parameter.name in ("scene", "scenes") for parameter in command.params)
     }
     assert opening == {line[: line.index("S")] for line in OF_A_SCENE}
-
-
-def _command(name: Sequence[str]) -> click.Command:
-    found = cli.commands[name[0]]
-    if len(name) == 1:
-        return found
-    assert isinstance(found, click.Group)
-    return found.commands[name[1]]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from xfrustum.cli import options
+from xfrustum.terminal import say
 
 
 @click.command("read-scene")
@@ -23,7 +23,7 @@ def read_scene(scene: str) -> None:
 
     opened = open_scene(scene)
     for warning in opened.warnings:
-        options.warn(warning)
+        say(f"warning: {warning}")
     click.echo(f"{len(opened.faces)} {opened.content_hash} {look_hash(opened)}")
 
 

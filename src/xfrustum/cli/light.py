@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from xfrustum.cli.numbers import AUTO, Samples, SubApertures
-from xfrustum.terminal import say
+from xfrustum.cli import options
+from xfrustum.cli.options import option
+from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.effects import Effect
@@ -18,15 +18,21 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
     from xfrustum.scenes.plate.plate import Aperture
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+_SAMPLES = click.IntRange(1, MAX_SAMPLES)
 
 
-def _count_option(
-    flag: str, meaning: str, kind: click.ParamType[Any] | None = None
-) -> Callable[[Command], Command]:
-    """Return an option for a count of samples, whose default is the scene's."""
-    return click.option(flag, type=kind or Samples(), help=f"{meaning}  [default: the scene's]")
+def _samples(text: str) -> int:
+    if not 1 <= int(text) <= MAX_SAMPLES:
+        raise ValueError
+    return int(text)
 
+
+_POINTS = options.Read(
+    f"N|{options.AUTO}",
+    lambda text: text.lower() if text.lower() == options.AUTO else _samples(text),
+    "a number of points, or auto",
+)
+_OF_SCENE = "  [default: the scene's]"
 
 _OPTIONS = {
     "effects": click.option(
@@ -35,28 +41,31 @@ _OPTIONS = {
         metavar="all|auto|NAME,..",
         help="Effects that are simulated; `explain` lists them.  [default: auto, what the scene calls for]",
     ),
-    "supersample": _count_option("--supersample", "Points along each side of a pixel."),
-    "multisample": _count_option("--multisample", "OpenGL's own samples per pixel."),
-    "aperture": _count_option(
+    "supersample": option("--supersample", _SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}"),
+    "multisample": option("--multisample", _SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}"),
+    "aperture": option(
         "--aperture-samples",
-        "Points of the aperture's area (band limiting); auto: as many as `explain` says are needed.",
-        SubApertures(),
+        _POINTS,
+        f"Points of the aperture's area (band limiting); auto: as many as `explain` asks for.{_OF_SCENE}",
     ),
     "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help="Shadows, traced by Mitsuba.  [default: the scene's]"
+        "--shadows/--no-shadows", default=None, help=f"Shadows, traced by Mitsuba.{_OF_SCENE}"
     ),
     "interreflection": click.option(
         "--interreflection/--no-interreflection",
         default=None,
-        help="Light from other surfaces, by Mitsuba.  [default: the scene's]",
+        help=f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",
     ),
-    "samples": click.option(
-        "--samples", type=click.IntRange(2), help="Light paths per pixel.  [default: the scene's]"
-    ),
+    "samples": option("--samples", click.IntRange(2), f"Light paths per pixel.{_OF_SCENE}"),
 }
 RASTER = ("effects", "supersample", "multisample", "aperture")
 ALL = tuple(_OPTIONS)
 REFERENCE = ("effects", "supersample", "aperture", "shadows", "interreflection", "samples")
+
+
+def light_options(*names: str) -> Callable[[options.Command], options.Command]:
+    """Return what adds some of the options; the command receives them as one `light`."""
+    return options.gathered("light", Light, *(_OPTIONS[name] for name in names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,16 +81,22 @@ class Light:
     samples: int | None = None
 
     def applied(self, scene: Scene) -> Scene:
-        """Return the scene with these settings instead of its own.
+        """Return the scene with these settings instead of its own; `auto` is computed, and said.
 
         Raises
         ------
         click.UsageError
             Light paths are asked for, but no light transport.
         """
-        sampling = _given(
-            supersample=self.supersample, multisample=self.multisample, aperture=self._sub_apertures(scene)
-        )
+        points = self.aperture_samples
+        if points == options.AUTO:
+            from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
+
+            points = needed_sub_apertures(scene)
+            options.note(
+                f"--aperture-samples {options.AUTO}: {points} points stand for the area of each hogel"
+            )
+        sampling = _given(supersample=self.supersample, multisample=self.multisample, aperture=points)
         transport = _given(shadows=self.shadows, interreflection=self.interreflection, samples=self.samples)
         changed = replace(
             scene,
@@ -91,16 +106,6 @@ class Light:
         if self.samples is not None and not changed.transport.simulated:
             raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
         return changed
-
-    def _sub_apertures(self, scene: Scene) -> int | None:
-        """Return the count that is asked for; `auto` is computed, and said on standard error."""
-        if not isinstance(self.aperture_samples, str):
-            return self.aperture_samples
-        from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
-
-        count = needed_sub_apertures(scene)
-        say(f"note: --aperture-samples {AUTO}: {count} points stand for the area of each hogel")
-        return count
 
     def chosen(
         self,
@@ -144,8 +149,7 @@ class Light:
         click.UsageError
             Light transport is asked for with another tracer, or without some of the effects.
         """
-        transport = scene.transport
-        if not transport.simulated:
+        if not scene.transport.simulated:
             return given or "embree", False
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
@@ -158,26 +162,10 @@ class Light:
         if insisted:
             raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
         cause = f"--tracer {given}" if given else "--effects"
-        say(f"note: {cause} leaves out the scene's shadows and interreflection")
+        options.note(f"{cause} leaves out the scene's shadows and interreflection")
         return given or "embree", False
 
 
 def _given(**settings: Any) -> dict[str, Any]:
     """Return the settings that are not None."""
     return {name: value for name, value in settings.items() if value is not None}
-
-
-def light_options(*names: str) -> Callable[[Command], Command]:
-    """Add some of the options; the command receives them as one `light`."""
-
-    def decorate(command: Command) -> Command:
-        @functools.wraps(command)
-        def with_light(**options: Any) -> Any:
-            given = {f.name: options.pop(f.name) for f in fields(Light) if f.name in options}
-            return command(light=Light(**given), **options)
-
-        for name in reversed(names):
-            with_light = _OPTIONS[name](with_light)
-        return with_light  # type: ignore[return-value]  # wraps() keeps the name, not the type
-
-    return decorate

@@ -7,6 +7,7 @@ signals are obeyed.
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import logging
 import os
@@ -23,6 +24,19 @@ BAD_INPUT, UNEXPECTED_ERROR = 2, 70
 """Exit status where the user can mend what is wrong; after an error of the program itself (EX_SOFTWARE)."""
 
 TRACEBACK_OPTION = "--traceback"
+
+ADVICE = {
+    errno.ENAMETOOLONG: "give a shorter name",
+    errno.ENOSPC: "free some space or choose another place",
+    errno.EDQUOT: "free some space or choose another place",
+    errno.EFBIG: "choose a place where files may be larger",
+    errno.EROFS: "choose another place",
+    errno.EACCES: "choose another place, or ask for permission",
+    errno.EPERM: "choose another place, or ask for permission",
+    errno.ELOOP: "mend the symbolic links",
+    errno.EMFILE: "raise the limit on open files (ulimit -n)",
+}
+"""Advice to the user about errors of the operating system, by their numbers; others are unexpected."""
 
 
 def run() -> int:
@@ -73,8 +87,6 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     """Print an error in one line and return the exit status."""
     import click
 
-    from xfrustum.cli.files import ADVICE, in_words
-
     # The class is looked up and not imported: where it is not loaded, nothing has raised it.
     errors = sys.modules.get("xfrustum.scenes.errors")
     if isinstance(error, click.ClickException):
@@ -84,7 +96,8 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
         return 0
     elif isinstance(error, OSError) and error.errno in ADVICE:
-        say(f"error: {in_words(error)}")
+        place = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        say(f"error: {place}{os.strerror(error.errno)}; {ADVICE[error.errno]}")
     elif isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
         say(interrupts.WORDS[signal.SIGINT])
         return 128 + signal.SIGINT

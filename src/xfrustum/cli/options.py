@@ -1,301 +1,360 @@
-"""Options that commands share: apertures, near planes, settings of the double frustum.
+"""Options that commands share, the kinds of values that they take, and how commands print.
 
-Nothing heavy is imported before a command runs, so that `--help` answers at once.
+A kind is a function that reads text (`Read`); options that belong together reach a command as one argument
+(`gathered`). Nothing heavy is imported before a command runs, so that `--help` answers at once.
 """
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Sequence
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
+from click.shell_completion import CompletionItem
 
-from xfrustum.cli import completion
-from xfrustum.cli.numbers import AUTO, Positive
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
 from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.reports.blocks import Engine
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
     from xfrustum.scenes.plate.plate import Aperture
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Decorator = Callable[[Any], Any]
+
+LIMIT_EXCEEDED = 1
+"""Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
+
+TRACERS = ("embree", "mitsuba")
+"""`xfrustum.reference.TRACERS`, which takes long to load; tests/cli/test_help.py compares the two."""
+
+AUTO = "auto"
+"""Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst apertures."""
 
 
-class Name(click.ParamType[StrEnum]):
-    """One name out of an enumeration of `xfrustum.scenes.plate.double_frustum`."""
-
-    def __init__(self, enumeration: str) -> None:
-        self.name = enumeration
-
-    def _names(self) -> type[StrEnum]:
-        from xfrustum.scenes.plate import double_frustum
-
-        names: type[StrEnum] = getattr(double_frustum, self.name)
-        return names
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return the names to choose from."""
-        return f"[{'|'.join(self._names())}]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> StrEnum:
-        """Return the member of that name."""
-        names = self._names()
-        try:
-            return names(str(value).lower())
-        except ValueError:
-            self.fail(f"{value!r} is not one of {', '.join(names)}", param, ctx)
+def option(*names: Any, **settings: Any) -> Decorator:
+    """Return an option: its names, then its kind and its help, without keywords."""
+    *flags, kind, words = names
+    return click.option(*flags, type=kind, help=words, **settings)
 
 
-class Tracer(click.ParamType[str]):
-    """One of `xfrustum.reference.TRACERS`."""
+def command(example: str, **settings: Any) -> Callable[[Callable[..., Any]], click.Command]:
+    """Return the decorator of a command whose help ends with an example."""
+    return click.command(epilog=f"\b\nExample:\n  {example}", **settings)
 
-    name = "tracer"
+
+class Read(click.ParamType[Any]):
+    """A kind of value: a function that reads text, and what it wants where it raises ValueError."""
+
+    def __init__(self, name: str, read: Callable[[str], Any], wants: str) -> None:
+        self.name, self.read, self.wants = name, read, wants
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return the tracers to choose from."""
-        from xfrustum.reference import TRACERS
+        """Return the form of the value, for the help."""
+        return self.name
 
-        return f"[{'|'.join(TRACERS)}]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name of a tracer."""
-        from xfrustum.reference import TRACERS
-
-        if value not in TRACERS:
-            self.fail(f"{value!r} is not one of {', '.join(TRACERS)}", param, ctx)
-        return str(value)
-
-
-class Numbers(click.ParamType[tuple[float, ...]]):
-    """Numbers separated by commas."""
-
-    name = "N,N,.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the numbers in the order given."""
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value that was read."""
+        if not isinstance(value, str):  # a default
+            return value
         try:
-            return tuple(float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as 0.1,0.01", param, ctx)
+            return self.read(value.strip())
+        except (ValueError, OverflowError):
+            self.fail(f"{value!r} is not {self.wants}", param, ctx)
 
 
-class Sizes(click.ParamType[tuple[int, ...]]):
-    """Positive whole numbers separated by commas."""
-
-    name = "N,N,.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Return the numbers in the order given."""
-        try:
-            sizes = tuple(int(part) for part in str(value).split(","))
-        except ValueError:
-            sizes = ()
-        if min(sizes, default=0) < 1:
-            self.fail(f"{value!r} is not a list of positive whole numbers such as 512,1024", param, ctx)
-        return sizes
+def list_of(kind: Read, by: str = ",", name: str | None = None, wants: str | None = None) -> Read:
+    """Return the kind of several values, separated by a character."""
+    return Read(
+        name or f"{kind.name}{by}..",
+        lambda text: tuple(kind.read(part.strip()) for part in text.split(by)),
+        wants or kind.wants,
+    )
 
 
-class NameList(click.ParamType[tuple[StrEnum, ...]]):
-    """Names out of an enumeration of `xfrustum.scenes.plate.double_frustum`, separated by commas."""
-
-    def __init__(self, enumeration: str) -> None:
-        self._one = Name(enumeration)
-        self.name = enumeration
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return the names to choose from."""
-        return f"{self._one.get_metavar(param, ctx)},.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[StrEnum, ...]:
-        """Return the members of these names in the order given."""
-        return tuple(self._one.convert(part.strip(), param, ctx) for part in str(value).split(","))
+def or_auto(kind: Read) -> Read:
+    """Return the kind of a value or the word `auto`."""
+    return Read(
+        f"{kind.name}|{AUTO}",
+        lambda text: AUTO if text.lower() == AUTO else kind.read(text),
+        f"{kind.wants}, or {AUTO}",
+    )
 
 
-class FitHeights(click.ParamType["tuple[Fit | float, ...]"]):
-    """Fits as `FitHeight` takes them, separated by commas."""
+def one_of(names: Iterable[str], read: Callable[[str], Any] = str) -> Read:
+    """Return the kind of a name out of some, in small letters."""
+    known = tuple(names)
 
-    name = "angle|screen|Z,.."
+    def chosen(text: str) -> Any:
+        if text.lower() not in known:
+            raise ValueError
+        return read(text.lower())
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[Fit | float, ...]:
-        """Return the names and heights in the order given."""
-        return tuple(FitHeight().convert(part.strip(), param, ctx) for part in str(value).split(","))
-
-
-class CutLists(click.ParamType[tuple[tuple[float, ...], ...]]):
-    """Lists of cuts, as `Numbers` takes them, separated by semicolons; `none` is the list without a cut."""
-
-    name = "Z,Z;none"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[float, ...], ...]:
-        """Return the cuts of each list."""
-        parts = [part.strip().lower() for part in str(value).split(";")]
-        return tuple(() if part == "none" else Numbers().convert(part, param, ctx) for part in parts)
+    return Read(f"[{'|'.join(known)}]", chosen, f"one of {', '.join(known)}")
 
 
-class FitHeight(click.ParamType["Fit | float"]):
-    """The word `angle` or `screen`, or a height."""
-
-    name = "angle|screen|Z"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Fit | float:
-        """Return the name or the height."""
-        from xfrustum.scenes.plate.double_frustum import Fit
-
-        try:
-            return Fit(str(value).lower()) if str(value).lower() in list(Fit) else float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither angle nor screen nor a height", param, ctx)
+def member(enumeration: type[StrEnum]) -> Read:
+    """Return the kind of a member of an enumeration."""
+    return one_of(enumeration, enumeration)
 
 
-class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
-    """Apertures as column,row separated by semicolons."""
-
-    name = "I,J;I,J"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[int, int], ...]:
-        """Return (column, row) of each aperture."""
-        try:
-            pairs = [[int(part) for part in pair.split(",")] for pair in str(value).split(";")]
-            return tuple((column, row) for column, row in pairs)
-        except ValueError:
-            self.fail(f"{value!r} is not a list of column,row such as 40,30;0,0", param, ctx)
+def _positive(text: str, below: float = math.inf) -> float:
+    number = float(text)
+    if not 0 < number < below:
+        raise ValueError
+    return number
 
 
-class IndicesOrAuto(click.ParamType["tuple[tuple[int, int], ...] | str"]):
-    """Apertures as column,row separated by semicolons, or the word `auto`."""
-
-    name = "I,J;I,J|auto"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[int, int], ...] | str:
-        """Return (column, row) of each aperture, or the word."""
-        return AUTO if str(value).lower() == AUTO else Indices().convert(value, param, ctx)
+def _at_least_1(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise ValueError
+    return number
 
 
-class CountOrAuto(click.ParamType["int | str"]):
-    """A number of apertures, or the word `auto`."""
-
-    name = "N|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        """Return the number or the word."""
-        return AUTO if str(value).lower() == AUTO else click.IntRange(1).convert(value, param, ctx)
+def _pair(text: str, by: str = ",", read: Callable[[str], int] = int) -> tuple[int, int]:
+    first, second = text.split(by)
+    return read(first), read(second)
 
 
-class Index(click.ParamType[tuple[int, int]]):
-    """One aperture as column,row."""
-
-    name = "I,J"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Return (column, row)."""
-        try:
-            column, row = (int(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not column,row such as 40,30", param, ctx)
-        return column, row
+def _share(text: str) -> float:
+    share = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    if not 0 <= share <= 1:
+        raise ValueError
+    return share
 
 
-class Depths(click.ParamType[tuple[tuple[StrEnum, StrEnum], ...]]):
-    """Depth formats, each with a mapping after a colon; without one it is `standard`."""
-
-    name = "FORMAT[:MAPPING],.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[DepthFormat, DepthMapping], ...]:
-        """Return (format, mapping) of each."""
-        from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
-
-        try:
-            parts = [part.strip().lower().partition(":") for part in str(value).split(",")]
-            return tuple((DepthFormat(form), DepthMapping(name or "standard")) for form, _, name in parts)
-        except ValueError:
-            formats, mappings = ", ".join(DepthFormat), ", ".join(DepthMapping)
-            self.fail(f"{value!r}: formats are {formats}, mappings are {mappings}", param, ctx)
+def _length(text: str) -> tuple[float, str | None]:
+    match = re.fullmatch(r"([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", text)
+    if match is None:
+        raise ValueError
+    return _positive(match[1]), match[2] or None
 
 
-# One option for each field of DoubleFrustum, whose defaults hold where the option is left out.
-_SETTINGS = (
-    click.option("--near", type=Positive(), required=True, help="Offset of both cameras, 0 < N < reach."),
-    click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
-    click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
-    click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
-    click.option(
-        "--fit", type=FitHeight(), help="Height |z| drawn exactly.  [default: the first cut, or angle]"
-    ),
-    click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
-    click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
-    click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
-    click.option("--cull", type=Name("Cull"), help="Faces left out, by winding.  [default: none]"),
+def _fit(text: str) -> Fit | float:
+    return Fit(text.lower()) if text.lower() in set(Fit) else float(text)
+
+
+def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
+    form, _, mapping = text.lower().partition(":")
+    return DepthFormat(form), DepthMapping(mapping or "standard")
+
+
+POSITIVE = Read("FLOAT", _positive, "a positive, finite number")
+BELOW_1 = Read("FLOAT", functools.partial(_positive, below=1.0), "a number between 0 and 1, without both")
+SHARE = Read("SHARE", _share, "a share such as 1% or 0.01")
+LENGTH = Read("LENGTH", _length, "a length such as 600 or 600mm")
+NUMBERS = list_of(Read("N", float, ""), wants="a list of numbers such as 0.1,0.01")
+SIZES = list_of(Read("N", _at_least_1, ""), wants="a list of positive whole numbers such as 512,1024")
+COUNT = Read("N", _at_least_1, "a number of at least 1")
+INDEX = Read("I,J", _pair, "column,row such as 40,30")
+INDICES = list_of(INDEX, ";", "I,J;I,J", "a list of column,row such as 40,30;0,0")
+RESOLUTION = Read("W,H", functools.partial(_pair, read=_at_least_1), "W,H such as 400,300")
+TILES = Read("CxR", functools.partial(_pair, by="x", read=_at_least_1), "COLUMNSxROWS such as 8x6")
+FIT = Read("angle|screen|Z", _fit, "angle, screen or a height")
+DEPTHS = list_of(
+    Read("FORMAT[:MAPPING]", _depth, ""),
+    wants=f"a list of {', '.join(DepthFormat)}, each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
-
-_SETTING_NAMES = ("near", "depth", "mapping", "pivot", "fit", "offset", "slabs", "camera", "cull")
-_NEAR_WITHOUT_NEED = click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach.")
+FOLDER = click.Path(path_type=Path)
 
 
-def double_frustum_options(command: Command) -> Command:
-    """Add the options of the double frustum; the command receives them as one `settings`."""
+def gathered(name: str, make: Callable[..., Any], *options: Decorator) -> Callable[[Command], Command]:
+    """Return what adds options that a command receives as one argument: what `make` makes of their values."""
 
-    @functools.wraps(command)
-    def with_settings(**options: Any) -> Any:
-        return command(settings=_collect(options), **options)
+    def probe() -> None: ...
 
-    for option in reversed(_SETTINGS):
-        with_settings = option(with_settings)
-    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
+    for option in options:
+        option(probe)
+    keys = [parameter.name for parameter in probe.__click_params__]  # type: ignore[attr-defined]
+
+    def add(function: Command) -> Command:
+        @functools.wraps(function)
+        def with_one(**given: Any) -> Any:
+            own = {key: given.pop(key) for key in keys}
+            return function(**{name: make(**own)}, **given)
+
+        for option in reversed(options):
+            option(with_one)
+        return with_one  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+    return add
 
 
-def optional_double_frustum_options(command: Command) -> Command:
-    """Add the options of the double frustum; the command receives None where none of them is given.
+_SETTINGS_HELP = {
+    "near": "Offset of both cameras, 0 < N < reach.",
+    "depth": "Depth buffer format.",
+    "mapping": "Depth mapping.",
+    "pivot": "Center of the shear.",
+    "fit": "Height |z| drawn exactly.  [default: the first cut, or angle]",
+    "offset": "Whether cameras step back.",
+    "slabs": "Heights |z| at which both frusta are cut.",
+    "camera": "Which cameras draw.",
+    "cull": "Faces left out, by winding.",
+}
 
-    Raises
-    ------
-    click.UsageError
-        Some of them are given without --near.
+
+def _double_frustum_options(*, required: bool) -> list[Decorator]:
+    """Return an option for each field of DoubleFrustum, whose defaults hold where it is left out."""
+    kinds = {"near": POSITIVE, "fit": FIT, "slabs": NUMBERS}
+    defaults = {field.name: field.default for field in fields(DoubleFrustum)}
+    options = []
+    for name, words in _SETTINGS_HELP.items():
+        default, needed = defaults[name], required and name == "near"
+        if isinstance(default, StrEnum):
+            words = f"{words}  [default: {default}]"  # noqa: PLW2901
+            kinds[name] = member(type(default))
+        options.append(option(f"--{name}", kinds[name], words, required=needed))
+    return options
+
+
+def _settings(**given: Any) -> DoubleFrustum | None:
+    """Return the settings that options name; None where none does."""
+    named = {name: value for name, value in given.items() if value is not None}
+    if named and "near" not in named:
+        raise click.UsageError(f"--{next(iter(named))} is a setting of the two cameras: give --near too")
+    return DoubleFrustum(**named) if named else None
+
+
+double_frustum_options = gathered("settings", _settings, *_double_frustum_options(required=True))
+optional_double_frustum_options = gathered("settings", _settings, *_double_frustum_options(required=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Values of the options that say where blocks are done."""
+
+    scheduler: str | None = None
+    workers: int | None = None
+    devices: tuple[int, ...] | None = None
+    part: tuple[int, int] | None = None
+
+    @property
+    def asked(self) -> bool:
+        """Whether any of the options is given."""
+        return any(value is not None for value in vars(self).values())
+
+    def engine(self) -> Engine:
+        """Return where blocks are done."""
+        from xfrustum.reports.blocks import Engine, Part
+
+        part, workers = self.part, self.workers
+        parts = Part() if part is None else Part(number=part[0], count=part[1])
+        if part is not None and self.scheduler is None and workers is None:
+            workers = 1  # also for part 1/1: a job array may have one job
+        return Engine(scheduler=self.scheduler, workers=workers, devices=self.devices or (), part=parts)
+
+
+def engine_options(
+    default: str = "one per processor or GPU", *, draws: bool = True
+) -> Callable[[Command], Command]:
+    """Return what adds the options that say where blocks are done, which a command receives as `where`.
+
+    Parameters
+    ----------
+    default
+        Processes that work where none of these options is given, in words.
+    draws
+        Whether blocks are drawn, and devices are chosen.
     """
-
-    @functools.wraps(command)
-    def with_settings(**options: Any) -> Any:
-        given = [name for name in _SETTING_NAMES if options.get(name) is not None]
-        if given and "near" not in given:
-            raise click.UsageError(f"--{given[0]} is a setting of the two cameras: give --near too")
-        if given:
-            return command(settings=_collect(options), **options)
-        return command(settings=None, **{k: v for k, v in options.items() if k not in _SETTING_NAMES})
-
-    for option in reversed((_NEAR_WITHOUT_NEED, *_SETTINGS[1:])):
-        with_settings = option(with_settings)
-    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
+    part = Read("K/N", functools.partial(_pair, by="/"), "a part such as 3/8")
+    devices = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
+    added = [
+        click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
+        option("--workers", click.IntRange(1), f"Processes of this machine.  [default: {default}]"),
+        option("--part", part, "Do one of N parts, without Dask: for job arrays."),
+    ]
+    if draws:
+        words = "EGL devices by index, taken in turn.  [default: GPUs]"
+        added.insert(2, option("--devices", devices, words))
+    return gathered("where", Where, *added)
 
 
-def _collect(options: dict[str, Any]) -> DoubleFrustum:
-    """Remove the settings from a command's options, and return them."""
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Return a wish for names of files, and the built-in scenes whose names begin like a word."""
+    del context, parameter  # click hands over both, and neither matters
+    from xfrustum.scenes.library import builtin
 
-    given = {name: options.pop(name, None) for name in _SETTING_NAMES}
-    return DoubleFrustum(**{name: value for name, value in given.items() if value is not None})
+    named = [CompletionItem(name) for name in builtin.names() if name.startswith(begun)]
+    # Files come first: at their turn click's script for bash forgets the names that it has.
+    return [CompletionItem(begun, type="file"), *named]
+
+
+scene_argument = click.argument("scene", shell_complete=_scenes)
+aperture_option = option("--aperture", INDEX, "Column,row on the plate.  [default: the middle]")
+auto_option = option(
+    "--apertures",
+    "auto",
+    one_of([AUTO]),
+    "Instead of one aperture: the middle one and the worst of the plate.",
+)
+tracer_option = option("--tracer", one_of(TRACERS), "Ray tracer.", default="embree", show_default=True)
+decided_by_option = option(
+    "--decided-by",
+    click.Choice(["certified", "embree", "mitsuba"]),
+    "Certified truth, or a tracer's own picture, of which nothing is examined.",
+    default="certified",
+    show_default=True,
+)
+tolerance_option = option(
+    "--tolerance-px", POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX, show_default=True
+)
+seed_option = option(
+    "--seed", click.IntRange(0), "Start of the random numbers.", default=0, show_default=True
+)
+encoding_option = option(
+    "--encoding",
+    click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
+    "What pixels of pictures hold; not for OpenEXR.  [default: rgb; OpenEXR of a --command]",
+)
+quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
+json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+def out_option(what: str, *, required: bool = False) -> Decorator:
+    """Return the option for the folder or file that a command writes."""
+    return option("--out", FOLDER, what, required=required)
+
+
+def layout_option(name: str, words: str, *others: str) -> Decorator:
+    """Return the option that names a layout of files, or one of some other names."""
+
+    def known(text: str) -> str:
+        from xfrustum.scenes.files.layouts.catalogue import NAMES
+
+        kind = one_of((*NAMES, *others))
+        return str(kind.convert(text, None, None))
+
+    return option(name, Read("LAYOUT", known, "the name of a layout"), words)
+
+
+def accept_option(help_text: str) -> Decorator:
+    """Return the option for conventions that are no faults."""
+
+    def names(text: str) -> tuple[str, ...]:
+        from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
+
+        if text == "all":
+            return ACCEPTABLE
+        return tuple(one_of((*ACCEPTABLE, "all")).convert(part, None, None) for part in text.split(","))
+
+    return option("--accept", Read("NAME,NAME,..", names, "a list of conventions"), help_text)
+
+
+def is_given(parameter: str) -> bool:
+    """Return whether the current command's parameter of that name was given, and has not its default."""
+    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
 
 
 def open_scene(name: str) -> Scene:
@@ -310,7 +369,7 @@ def open_scene(name: str) -> Scene:
 
     scene = opened(name)
     for line in scene.warnings:
-        warn(line)
+        say(f"warning: {line}")
     return scene
 
 
@@ -325,15 +384,8 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
-def is_given(parameter: str) -> bool:
-    """Return whether the current command's parameter of that name was given, and has not its default."""
-    from click.core import ParameterSource
-
-    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
-
-
 def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
-    """Choose apertures by a scout of the plate, and say on standard error which and why.
+    """Choose the worst apertures of the plate, and say on standard error which and why.
 
     Raises
     ------
@@ -362,35 +414,15 @@ def one_or_auto(
     click.UsageError
         Both options are given.
     """
-    if auto is None:
-        aperture = chosen_aperture(scene, index)
-        look_at(scene, [aperture])
-        return aperture
-    if index is not None:
+    if auto is not None and index is not None:
         raise click.UsageError(
             "--aperture names one aperture and --apertures asks for many: give one of them"
         )
-    return auto_apertures(scene, quiet=quiet)
-
-
-def several_or_auto(
-    scene: Scene, indices: tuple[tuple[int, int], ...] | str | None, *, quiet: bool
-) -> tuple[Aperture, ...] | AutoApertures:
-    """Return the apertures of some indices, those of a report by default, or those that `auto` chooses.
-
-    Raises
-    ------
-    InputError
-        An index lies outside the plate, or none of the apertures sees anything.
-    """
-    if isinstance(indices, str):
+    if auto is not None:
         return auto_apertures(scene, quiet=quiet)
-    if indices is None:
-        given = scene.default_apertures()
-    else:
-        given = tuple(scene.plate.aperture(*index) for index in indices)
-    look_at(scene, given)
-    return given
+    aperture = chosen_aperture(scene, index)
+    look_at(scene, [aperture])
+    return aperture
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
@@ -423,7 +455,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
         raise InputError(unseen)
     if scene.source not in hard_cases.CASES:
         extent.require_seen(scene, scene.plate.apertures())
-    warn(unseen)
+    say(f"warning: {unseen}")
 
 
 def warn_of(scene: Scene) -> None:
@@ -431,28 +463,23 @@ def warn_of(scene: Scene) -> None:
     from xfrustum.compare import extent
 
     for warning in extent.warnings(scene):
-        warn(warning)
+        say(f"warning: {warning}")
 
 
-def warn(warning: str) -> None:
-    """Print a warning on standard error."""
-    say(f"warning: {warning}")
+def note(line: str) -> None:
+    """Print a note on standard error."""
+    say(f"note: {line}")
 
 
-def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
-    """Print a command's result on standard output.
-
-    Parameters
-    ----------
-    as_json
-        Whether to print one JSON object instead of text.
-    summary, text
-        The functions that make the object and the text.
-    """
-    if as_json:
-        print_json(summary())
-    else:
+def tell(as_json: bool, summary: Callable[[], Any], text: Callable[[], str]) -> None:
+    """Print a command's result on standard output: one JSON object, or text."""
+    if not as_json:
         echo(text())
+        return
+    from xfrustum.reports.common.json_ready import json_ready
+
+    # JSON escapes all other control characters.
+    echo(json.dumps(json_ready(summary()), allow_nan=False).replace("\x7f", "\\u007f"))
 
 
 def echo(text: str) -> None:
@@ -472,39 +499,3 @@ def echo(text: str) -> None:
         raise click.ClickException(
             f"standard output: cannot be written ({reason}); send it to a place that has room"
         ) from error
-
-
-scene_argument = click.argument("scene", shell_complete=completion.scenes)
-aperture_option = click.option(
-    "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
-)
-auto_option = click.option(
-    "--apertures",
-    "auto",
-    type=click.Choice([AUTO], case_sensitive=False),
-    help="Instead of one aperture: the middle one and the worst of the plate.",
-)
-tracer_option = click.option(
-    "--tracer", type=Tracer(), default="embree", show_default=True, help="Ray tracer."
-)
-free_tracer_option = click.option(
-    "--tracer", type=Tracer(), help="Ray tracer.  [default: embree; mitsuba for light transport]"
-)
-quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
-tolerance_option = click.option(
-    "--tolerance-px",
-    type=Positive(),
-    default=TOLERANCE_PX,
-    show_default=True,
-    help="Displacement that 99 % may have.",
-)
-json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
-
-
-def print_json(value: dict[str, Any]) -> None:
-    """Print one JSON object on standard output."""
-    from xfrustum.reports.common.json_ready import json_ready
-
-    text = json.dumps(json_ready(value), allow_nan=False)
-    # JSON escapes all other control characters.
-    echo(text.replace("\x7f", "\\u007f"))

@@ -8,27 +8,28 @@ from typing import TYPE_CHECKING
 import click
 
 from xfrustum.cli import options
+from xfrustum.cli.options import option
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
-@click.command()
+@options.command("xfrustum camera asymmetric --for json --near 0.1 --out cameras")
 @options.scene_argument
-@click.option(
+@option(
     "--for",
     "renderer",
+    click.Choice(["blender", "json", "gltf", "mitsuba"]),
+    "Blender: the crossed frustum itself and a script that renders it; else C and C*.",
     required=True,
-    type=click.Choice(["blender", "json", "gltf", "mitsuba"]),
-    help="Blender: the crossed frustum itself and a script that renders it; else C and C*.",
 )
-@click.option(
+@option(
     "--apertures",
-    type=options.Indices(),
-    help="Column,row of each.  [default: the middle; if recentered, also two corners; blender: all]",
+    options.INDICES,
+    "Column,row of each.  [default: the middle; if recentered, also two corners; blender: all]",
 )
 @options.optional_double_frustum_options
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
+@options.out_option("Folder.", required=True)
 @options.json_option
 def camera(
     *,
@@ -46,7 +47,6 @@ def camera(
     Blender 4.5 or newer, exactly and in one pass each (docs/blender.md).
     """
     opened = options.open_scene(scene)
-
     from xfrustum.reports.exchange.camera_files import write_cameras
 
     chosen = None if apertures is None else [opened.plate.aperture(*index) for index in apertures]

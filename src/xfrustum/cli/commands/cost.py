@@ -7,21 +7,22 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
+from xfrustum.cli.options import option
 
 
-@click.command()
+@options.command("xfrustum cost asymmetric --repeat 1 --out cost")
 @options.scene_argument
 @options.aperture_option
 @options.auto_option
 @options.tolerance_option
-@click.option(
+@option(
     "--repeat",
-    type=click.IntRange(1),
+    click.IntRange(1),
+    "Timed pictures of each configuration, after a warm-up.",
     default=5,
     show_default=True,
-    help="Timed pictures of each configuration, after a warm-up.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
+@options.out_option("Folder for the page and cost.json.")
 @options.quiet_option
 @options.json_option
 def cost(

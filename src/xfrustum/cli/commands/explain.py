@@ -1,4 +1,4 @@
-"""The command `explain`: the effects that a scene calls for, said before anything is simulated."""
+"""`explain`: the effects that a scene calls for, said before anything is simulated."""
 
 from __future__ import annotations
 
@@ -6,34 +6,33 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Length, Positive
+from xfrustum.cli.light import REFERENCE, light_options
+from xfrustum.cli.options import option
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
-    from xfrustum.reports.effects.plan import EffectsPlan
-    from xfrustum.scenes.plate.double_frustum import Camera
 
 
-@click.command()
+@options.command("xfrustum explain car --viewer 600 --near 0.1")
 @options.scene_argument
 @options.aperture_option
-@click.option("--slabs", type=options.Numbers(), help="Heights |z| at which both frusta are cut.")
-@click.option("--camera", type=options.Name("Camera"), help="Which cameras draw.  [default: both]")
+@option("--slabs", options.NUMBERS, "Heights |z| at which both frusta are cut.", default=())
+@option("--camera", options.member(Camera), "Which cameras draw.  [default: both]", default=Camera.BOTH)
 @options.tracer_option
-@cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
-@click.option("--near", type=Positive(), help="Near offset of the table of depths.  [default: reach/1000]")
-@click.option(
+@light_options(*REFERENCE[1:], "multisample")
+@option("--near", options.POSITIVE, "Near offset of the table of depths.  [default: reach/1000]")
+@option(
     "--viewer",
-    type=Length(),
-    help="Distance of an eye, such as 600mm: what a display shows there, and whether near is noticed.",
+    options.LENGTH,
+    "Distance of an eye, such as 600mm: what a display shows there, and whether near is noticed.",
 )
 @click.option("--measure", is_flag=True, help="Measure what each effect costs on this machine.")
-@click.option(
+@option(
     "--repeat",
-    type=click.IntRange(0),
-    help="Measured pairs of images, which implies --measure; 0 measures nothing.  [default: 6]",
+    click.IntRange(0),
+    "Measured pairs of images, which implies --measure; 0 measures nothing.  [default: 6]",
 )
 @options.quiet_option
 @options.json_option
@@ -41,8 +40,8 @@ def explain(
     *,
     scene: str,
     aperture: tuple[int, int] | None,
-    slabs: tuple[float, ...] | None,
-    camera: Camera | None,
+    slabs: tuple[float, ...],
+    camera: Camera,
     near: float | None,
     viewer: tuple[float, str | None] | None,
     measure: bool,
@@ -60,15 +59,13 @@ def explain(
     or an option here, asks for them.
     """
     opened = light.applied(options.open_scene(scene))
+    from xfrustum.compare.eye.limits import scene_length
     from xfrustum.reports.effects import plan as effects_plan
     from xfrustum.reports.effects import table as effects_table
-    from xfrustum.scenes import Camera, DoubleFrustum
+    from xfrustum.reports.effects.viewer import viewer_record, viewer_table
 
-    settings = DoubleFrustum(
-        near=near or effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
-        slabs=slabs or (),
-        camera=camera or Camera.BOTH,
-    )
+    near = near or effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach
+    settings = DoubleFrustum(near=near, slabs=slabs, camera=camera)
     chosen = options.chosen_aperture(opened, aperture)
     options.look_at(opened, [chosen])
     plan = effects_plan.explain(
@@ -79,22 +76,8 @@ def explain(
         repeat=(effects_plan.REPEAT if measure else 0) if repeat is None else repeat,
         progress=not quiet,
     )
-    summary, table = effects_table.summary, effects_table.table
-    if viewer is None:
-        options.tell(as_json, lambda: summary(plan), lambda: table(plan))
-        return
-    _tell_with_viewer(plan, viewer, as_json=as_json)
-
-
-def _tell_with_viewer(plan: EffectsPlan, viewer: tuple[float, str | None], *, as_json: bool) -> None:
-    from xfrustum.compare.eye.limits import scene_length
-    from xfrustum.reports.common.json_ready import json_object
-    from xfrustum.reports.effects import table as effects_table
-    from xfrustum.reports.effects.viewer import viewer_record, viewer_table
-
-    record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
-    options.tell(
-        as_json,
-        lambda: {**effects_table.summary(plan), "viewer": json_object(record)},
-        lambda: f"{effects_table.table(plan)}\n\n{viewer_table(record, plan.scene.units)}",
-    )
+    summary, text = effects_table.summary(plan), effects_table.table(plan)
+    if viewer is not None:
+        record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
+        summary, text = {**summary, "viewer": record}, f"{text}\n\n{viewer_table(record, opened.units)}"
+    options.tell(as_json, lambda: summary, lambda: text)

@@ -1,4 +1,4 @@
-"""The command that draws C alone, C* alone and both, as in the paper's figure 7."""
+"""`figure7`: C alone, C* alone and both, as in the paper's figure 7."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive
+from xfrustum.cli.options import option
 
 
-@click.command()
+@options.command("xfrustum figure7 car --out figure7")
 @click.argument("scene", default="car-studio")
 @options.aperture_option
-@click.option(
-    "--other",
-    type=options.Index(),
-    help="Second perspective of C*, column,row.  [default: one from which it shows most]",
+@option(
+    "--other", options.INDEX, "Second perspective of C*, column,row.  [default: one from which it shows most]"
 )
-@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
+@option("--near", options.POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
+@options.out_option("Folder.  [default: figure7/NAME]")
 def figure7(
     *,
     scene: str,

@@ -1,4 +1,4 @@
-"""Commands that study many scenes and settings instead of one."""
+"""`study`: many scenes and settings instead of one."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.where import Where, engine_options
-from xfrustum.terminal import say
+from xfrustum.cli.options import Where
 
 if TYPE_CHECKING:
     from xfrustum.reports.blocks import Engine
     from xfrustum.reports.studies.sweep import StudyFiles
 
+_EXAMPLE = "\b\nExample:\n  xfrustum study splitting --quick --out splitting"
 
-@click.group(no_args_is_help=False)
+
+@click.group(no_args_is_help=False, epilog=_EXAMPLE)
 def study() -> None:
     """Measure maps over many scenes and settings."""
 
 
-@study.command()
-@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: study/splitting]")
+@study.command(epilog=_EXAMPLE)
+@options.out_option("Folder.  [default: study/splitting]")
 @click.option("--quick", is_flag=True, help="A small part of the maps, in less than a minute.")
-@engine_options("this process")
+@options.engine_options("this process")
 @options.quiet_option
 @options.json_option
 def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
@@ -41,10 +42,10 @@ def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_js
     _tell(as_json, files, record, sentence)
 
 
-@study.command()
-@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: study/noticeable]")
+@study.command(epilog=_EXAMPLE.replace("splitting", "noticeable"))
+@options.out_option("Folder.  [default: study/noticeable]")
 @click.option("--quick", is_flag=True, help="One scene and a few settings, in less than a minute.")
-@engine_options("this process")
+@options.engine_options("this process")
 @options.quiet_option
 @options.json_option
 def noticeable(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
@@ -67,7 +68,7 @@ def _tell(
 ) -> None:
     """Print what a study found; files are None where other parts of a job array are not measured yet."""
     if files is None:
-        say("note: this part is measured; the last one to be finished writes the study")
+        options.note("this part is measured; the last one to be finished writes the study")
     else:
         options.tell(as_json, lambda: record(files), lambda: f"{sentence(files.rows)}\n{files.document}")
 

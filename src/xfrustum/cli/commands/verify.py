@@ -2,80 +2,19 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
-from xfrustum.cli.commands.convert import layout_option
-from xfrustum.cli.numbers import Positive
-from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
-from xfrustum.cli.where import Where, engine_options
-from xfrustum.terminal import say
+from xfrustum.cli.options import Where, option
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
-    from xfrustum.reports.verification.baseline import Baseline, Stated
+    from xfrustum.reports.verification.baseline import Baseline
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
-
-
-class Share(click.ParamType[float]):
-    """A share such as 1% or 0.01."""
-
-    name = "SHARE"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the share as a number from 0 to 1."""
-        text = str(value).strip()
-        try:
-            share = float(text[:-1]) / 100 if text.endswith("%") else float(text)
-        except ValueError:
-            share = -1.0
-        if not 0 <= share <= 1:
-            self.fail(f"{value!r} is not a share such as 1% or 0.01", param, ctx)
-        return share
-
-
-class Conventions(click.ParamType[tuple[str, ...]]):
-    """Names of conventions separated by commas."""
-
-    name = "NAME,NAME,.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Return the names."""
-        from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
-
-        names = tuple(part.strip() for part in str(value).split(","))
-        if names == ("all",):
-            return ACCEPTABLE
-        for name in names:
-            if name not in ACCEPTABLE:
-                self.fail(f"{name!r} is not one of {', '.join(ACCEPTABLE)}, all", param, ctx)
-        return names
-
-
-class LimitInPixels(click.ParamType["float | None"]):
-    """A number of pixels, or none for no limit."""
-
-    name = "PX|none"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | None:
-        """Return the limit, None where there is none."""
-        if str(value).strip() == "none":
-            return None
-        try:
-            return float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither a number of pixels nor none", param, ctx)
-
 
 LIMITS_NOT_STATED = (
     "exit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
@@ -83,27 +22,31 @@ LIMITS_NOT_STATED = (
 """Line for the terminal where hogels exceed limits that are not the user's, as they did when accepted."""
 
 
-class BaselineTolerance(click.ParamType["Stated"]):
-    """A share such as 5%, or amounts such as wrong_surfaces=3,displacement_p99_px=0.01."""
+def _tolerance(text: str) -> Any:
+    from xfrustum.reports.verification.baseline import Stated
 
-    name = "SHARE|NAME=AMOUNT,.."
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Stated:
-        """Return the tolerances."""
-        from xfrustum.reports.verification.baseline import Stated
-        from xfrustum.scenes.errors import InputError
-
-        try:
-            return Stated.of(str(value))
-        except InputError as error:
-            self.fail(str(error), param, ctx)
+    return Stated.of(text)
 
 
-_BASELINE_OPTIONS = (
-    click.option(
+def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
+    """Return what options ask of a baseline, its folder among it; None where there is none."""
+    if baseline is not None:
+        if asked.get("repeated") and not asked["approve"]:
+            raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
+        return {"folder": baseline, **asked}
+    for name in asked:
+        if options.is_given(name):
+            raise click.UsageError(f"--{name.replace('_', '-')} is about --baseline DIR: give it too")
+    return None
+
+
+_baseline_options = options.gathered(
+    "baseline",
+    _baseline,
+    option(
         "--baseline",
-        type=click.Path(path_type=Path),
-        help="Folder of accepted measures: fail on what got worse.",
+        options.FOLDER,
+        "Folder of accepted measures: fail on what got worse.",
     ),
     click.option("--approve", is_flag=True, help="Accept the present measures in --baseline."),
     click.option(
@@ -111,182 +54,78 @@ _BASELINE_OPTIONS = (
         is_flag=True,
         help="With --approve: the renderer is unchanged, so that differences are its noise.",
     ),
-    click.option(
+    option(
         "--baseline-tolerance",
-        type=BaselineTolerance(),
-        help="What counts as noise, such as 5% or wrong_surfaces=3.  [default: the spread of accepted runs]",
+        options.Read("SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3"),
+        "What counts as noise, such as 5% or wrong_surfaces=3.  [default: the spread of accepted runs]",
     ),
     click.option("--renderer", help="Name of the renderer in --baseline.  [default: SOURCE or the command]"),
     click.option("--device", help="Name of its device in --baseline.  [default: this machine's processor]"),
 )
 
-
-@dataclass(frozen=True, kw_only=True)
-class BaselineAsked:
-    """What the options of a baseline ask for; see `reports.verification.baseline.BaselineOptions`."""
-
-    folder: Path
-    approve: bool
-    repeated: bool
-    tolerance: Stated | None
-    renderer: str | None
-    device: str | None
+_PIXELS = options.Read(
+    "PX|none",
+    lambda text: None if text == "none" else float(text),
+    "a number of pixels or none",
+)
 
 
-def baseline_options(command: options.Command) -> options.Command:
-    """Add the options of a baseline; the command receives one `baseline`, None where there is none."""
-
-    @functools.wraps(command)
-    def with_one(
-        *,
-        baseline: Path | None,
-        approve: bool,
-        repeated: bool,
-        baseline_tolerance: Stated | None,
-        renderer: str | None,
-        device: str | None,
-        **rest: Any,
-    ) -> Any:
-        if baseline is None:
-            for name in ("approve", "repeated", "baseline_tolerance", "renderer", "device"):
-                if options.is_given(name):
-                    raise click.UsageError(f"--{name.replace('_', '-')} is about --baseline DIR: give it too")
-            return command(baseline=None, **rest)
-        if repeated and not approve:
-            raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
-        asked = BaselineAsked(
-            folder=baseline,
-            approve=approve,
-            repeated=repeated,
-            tolerance=baseline_tolerance,
-            renderer=renderer,
-            device=device,
-        )
-        return command(baseline=asked, **rest)
-
-    wrapped: options.Command = with_one  # type: ignore[assignment]  # wraps() keeps the name, not the type
-    for option in reversed(_BASELINE_OPTIONS):
-        wrapped = option(wrapped)
-    return wrapped
-
-
-def _held(
-    found: Verification,
-    asked: BaselineAsked,
-    near: float | None,
-    accept: tuple[str, ...],
-    encoding: str | None,
-) -> Baseline:
-    """Hold a verification to a baseline, and append the summary that GitHub shows."""
-    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary
-    from xfrustum.reports.verification.baseline import baseline as held_to
-
-    chosen = BaselineOptions(
-        renderer=asked.renderer,
-        device=asked.device,
-        near=near,
-        accept=accept,
-        encoding=encoding,
-        tolerance=asked.tolerance,
-        approve=asked.approve,
-        repeated=asked.repeated,
-    )
-    held = held_to(found, asked.folder, chosen)
-    problem = append_step_summary(held)
-    if problem is not None:
-        say(f"note: {problem}")
-    return held
-
-
-def _summary(found: Verification, held: Baseline | None) -> dict[str, Any]:
-    """Return the JSON object, with the answer of the baseline where there is one."""
-    return found.summary() | ({} if held is None else {"baseline": held.summary()})
-
-
-def _text(found: Verification, held: Baseline | None) -> str:
-    """Return the lines for the terminal, with those of the baseline where there is one."""
-    from xfrustum.reports.verification.files import table
-
-    if held is None:
-        return table(found)
-    from xfrustum.reports.verification.baseline import lines
-
-    decided = "" if found.passed or _status(found, held) else f"\n{LIMITS_NOT_STATED}"
-    return f"{table(found)}\n{lines(held)}{decided}"
-
-
-def _status(found: Verification, held: Baseline | None) -> int:
-    """Return the exit status: where measures are accepted, limits count only if they were stated."""
-    limited = any(options.is_given(name) for name in ("max_wrong", "max_displacement_px", "max_color"))
-    if held is None or limited or not (held.compared or held.approved):
-        passed = found.passed and (held is None or held.passed)
-    else:
-        passed = held.passed
-    return 0 if passed else LIMIT_EXCEEDED
-
-
-@click.command()
+@options.command(
+    "xfrustum verify asymmetric --apertures '20,20;60,40' --command 'xfrustum raster asymmetric "
+    "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'"
+)
 @options.scene_argument
 @click.argument("source", required=False)
 @click.option(
     "--command", help="In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'."
 )
-@click.option(
-    "--encoding",
-    type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
-    help="What pixels of pictures hold; not for OpenEXR.  [default: rgb; with --command, OpenEXR]",
+@options.encoding_option
+@options.layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
+@option("--apertures", options.INDICES, "Column,row of each.  [default: the whole plate]")
+@option("--near", float, "Near offset that the renderer is known to have.  [default: 0]")
+@options.accept_option(
+    "Conventions that are no faults: orientation, order, shift, fov, pitch, near, encoding; or all."
 )
-@layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
-@click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
-@click.option("--near", type=float, help="Near offset that the renderer is known to have.  [default: 0]")
-@click.option(
-    "--accept",
-    type=Conventions(),
-    help="Conventions that are no faults: orientation, order, shift, fov, pitch, near, encoding; or all.",
-)
-@click.option(
+@option(
     "--compare",
-    type=click.Choice(["color", "geometry"]),
+    click.Choice(["color", "geometry"]),
+    "What plain pictures are judged by; geometry is coverage and outlines, in any shading.",
     default="color",
     show_default=True,
-    help="What plain pictures are judged by; geometry is coverage and outlines, in any shading.",
 )
-@click.option(
+@option(
     "--max-wrong",
-    type=Share(),
+    options.SHARE,
+    "Limit of wrong surfaces, as a share of the pixels of a hogel that show something; for plain pictures "
+    "of wrong colors or outlines.",
     default="1%",
     show_default=True,
-    help="Limit of wrong surfaces, as a share of the pixels of a hogel that show something; for plain "
-    "pictures of wrong colors or outlines.",
 )
-@click.option(
+@option(
     "--max-displacement-px",
-    type=LimitInPixels(),
+    _PIXELS,
+    "Limit of how far 99 of 100 surface points or outlines are off; an unknown displacement exceeds every "
+    "limit but none.",
     default=str(TOLERANCE_PX),
     show_default=True,
-    help="Limit of how far 99 of 100 surface points or outlines are off; an unknown displacement exceeds "
-    "every limit but none.",
 )
-@click.option(
+@option(
     "--max-color",
-    type=float,
-    help="Difference of linear radiance that makes a color wrong.  [default: 0.009, rounding to 8 bits]",
+    float,
+    "Difference of linear radiance that makes a color wrong.  [default: 0.009, rounding to 8 bits]",
 )
-@click.option(
+@option(
     "--timeout",
     "timeout_s",
-    type=Positive(),
+    options.POSITIVE,
+    "Seconds that one run may take.",
     default=60.0,
     show_default=True,
-    help="Seconds that one run may take.",
 )
-@engine_options("this process", draws=False)
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for index.html, inspect.html, verification.json."
-)
-@click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
-@baseline_options
-@tev_option
+@options.engine_options("this process", draws=False)
+@options.out_option("Folder for index.html, inspect.html, verification.json.")
+@option("--junit", options.FOLDER, "JUnit XML file for continuous integration.")
+@_baseline_options
 @options.quiet_option
 @options.json_option
 def verify(
@@ -297,8 +136,7 @@ def verify(
     where: Where,
     out: Path | None,
     junit: Path | None,
-    baseline: BaselineAsked | None,
-    tev: str | None,
+    baseline: dict[str, Any] | None,
     quiet: bool,
     as_json: bool,
     **asked: Any,
@@ -309,43 +147,74 @@ def verify(
     picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit;
     with --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
     """
-    if tev is not None and out is None:
-        raise click.UsageError("--tev sends the images of inspect.html: give --out too")
     opened = options.open_scene(scene)
-    check_tev(tev)
-    from xfrustum.reports.verification.files import INSPECTION, write_junit, write_verification
+    from xfrustum.reports.verification.files import table, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
 
     _check_places(out, junit, baseline)
-    accepted = accept or ()
-    # What is stated although it is the default judges the same.
-    encoding = None if asked["encoding"] == "rgb" and asked["command"] is None else asked["encoding"]
+    judged: dict[str, Any] = {"near": near, "accept": accept or (), "progress": not quiet, **asked}
     if where.asked:
-        on_engine = _verified_on(
-            opened, where, out, near=near, accept=accepted, tev=tev, progress=not quiet, **asked
-        )
+        on_engine = _verified_on(opened, where, out, **judged)
         if on_engine is None:
-            say("note: this part is judged; the last one to be finished writes the verification")
+            options.note("this part is judged; the last one to be finished writes the verification")
             return 0
         found = on_engine
     else:
-        channels = out is not None
-        found = verified(opened, near=near, accept=accepted, channels=channels, progress=not quiet, **asked)
+        found = verified(opened, channels=out is not None, **judged)
     options.warn_of(opened)
     if asked["encoding"] in ("triangle-id", "object-id") and found.judged.startswith("colors"):
-        say(f"note: files without numbers (OpenEXR without id.*): --encoding {asked['encoding']} is not used")
+        options.note(
+            f"files without numbers (OpenEXR without id.*): --encoding {asked['encoding']} is not used"
+        )
     if out is not None:
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
-    held = None if baseline is None else _held(found, baseline, near, accepted, encoding)
-    options.tell(as_json, lambda: _summary(found, held), lambda: _text(found, held))
-    if out is not None and found.inspected:
-        send_to_tev(tev, out / INSPECTION, opened.name)
-    return _status(found, held)
+    if baseline is None:
+        options.tell(as_json, found.summary, lambda: table(found))
+        return 0 if found.passed else options.LIMIT_EXCEEDED
+    # What is stated although it is the default judges the same.
+    encoding = None if asked["encoding"] == "rgb" and asked["command"] is None else asked["encoding"]
+    held = _held(found, near=near, accept=accept or (), encoding=encoding, **baseline)
+    status = _status(found, held)
+    options.tell(
+        as_json,
+        lambda: {**found.summary(), "baseline": held.summary()},
+        lambda: _text(found, held, status),
+    )
+    return status
 
 
-def _check_places(out: Path | None, junit: Path | None, baseline: BaselineAsked | None) -> None:
+def _held(found: Verification, folder: Path, baseline_tolerance: Any, **asked: Any) -> Baseline:
+    """Hold a verification to a baseline, and append the summary that GitHub shows."""
+    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary
+    from xfrustum.reports.verification.baseline import baseline as held_to
+
+    held = held_to(found, folder, BaselineOptions(tolerance=baseline_tolerance, **asked))
+    problem = append_step_summary(held)
+    if problem is not None:
+        options.note(problem)
+    return held
+
+
+def _text(found: Verification, held: Baseline, status: int) -> str:
+    """Return the lines for the terminal, with those of the baseline."""
+    from xfrustum.reports.verification.baseline import lines
+    from xfrustum.reports.verification.files import table
+
+    decided = "" if found.passed or status else f"\n{LIMITS_NOT_STATED}"
+    return f"{table(found)}\n{lines(held)}{decided}"
+
+
+def _status(found: Verification, held: Baseline) -> int:
+    """Return the exit status: where measures are accepted, limits count only if they were stated."""
+    stated = any(options.is_given(name) for name in ("max_wrong", "max_displacement_px", "max_color"))
+    limited = stated or not (held.compared or held.approved)
+    passed = held.passed and (found.passed or not limited)
+    return 0 if passed else options.LIMIT_EXCEEDED
+
+
+def _check_places(out: Path | None, junit: Path | None, baseline: dict[str, Any] | None) -> None:
     """Refuse places that cannot be written, before anything is judged."""
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification.files import FILES
@@ -357,41 +226,32 @@ def _check_places(out: Path | None, junit: Path | None, baseline: BaselineAsked 
     if baseline is not None:
         from xfrustum.reports.verification.baseline import accepted_runs, check_folder
 
-        check_folder(baseline.folder)
-        accepted_runs(baseline.folder)
+        check_folder(baseline["folder"])
+        accepted_runs(baseline["folder"])
 
 
 def _verified_on(
-    scene: Scene,
-    where: Where,
-    out: Path | None,
-    *,
-    layout: str | None,
-    tev: str | None,
-    max_wrong: float,
-    max_displacement_px: float | None,
-    compare: str,
-    max_color: float | None,
-    apertures: Sequence[tuple[int, int]] | None,
-    progress: bool,
-    **renderer: Any,
+    scene: Scene, where: Where, out: Path | None, *, layout: str | None, progress: bool, **asked: Any
 ) -> Verification | None:
     """Judge where the options say; None where other parts are not finished yet."""
     from xfrustum.reports.verification.verification import limits_of
     from xfrustum.reports.verification.workers import ForeignRenderer, verify_on
     from xfrustum.scenes.files.foreign_images import Encoding
 
-    for option, value in (("--layout", layout), ("--tev", tev)):
-        if value is not None:
-            raise click.UsageError(f"{option} is for this process: leave out --workers and the like")
-    encoding = renderer.pop("encoding")
+    if layout is not None:
+        raise click.UsageError("--layout is for this process: leave out --workers and the like")
+    limits = limits_of(
+        *(asked.pop(name) for name in ("max_wrong", "max_displacement_px", "compare", "max_color"))
+    )
+    apertures, encoding = asked.pop("apertures"), asked.pop("encoding")
+    renderer = ForeignRenderer(encoding=None if encoding is None else Encoding(encoding), **asked)
     return verify_on(
         where.engine(),
         scene,
-        ForeignRenderer(encoding=None if encoding is None else Encoding(encoding), **renderer),
-        limits_of(max_wrong, max_displacement_px, compare, max_color),
+        renderer,
+        limits,
         apertures=apertures,
         out=out,
-        told=lambda line: say(f"note: {line}"),
+        told=options.note,
         progress=progress,
     )
