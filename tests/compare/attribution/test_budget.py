@@ -16,7 +16,7 @@ import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.app import cli
-from xfrustum.cli.commands import checks as cli_checks
+from xfrustum.cli.commands.budget import budget as budget_command
 from xfrustum.compare.attribution.budget import Budget, make_budget
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
@@ -238,7 +238,7 @@ def test_the_command_of_a_budget_makes_it_again() -> None:
     words = shlex.split(command(report))
     assert words[:5] == ["xfrustum", "budget", scene.source or scene.name, "--aperture", "0,0"]
     given = cli.make_context("xfrustum", words[1:])
-    taken = cli_checks.budget.make_context("budget", list(given.args))
+    taken = budget_command.make_context("budget", list(given.args))
     fields = {name: value for name, value in taken.params.items() if value is not None}
     for name in ("near", "depth", "mapping", "fit", "pivot"):
         assert fields[name] == getattr(settings, name)

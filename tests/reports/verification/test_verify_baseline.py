@@ -271,7 +271,9 @@ def test_the_command_line_of_the_action_is_one_that_verify_accepts(
     assert done.returncode == 1, "the exit status of verify is that of the step"
     words = json.loads((tmp_path / "words.json").read_text())
     assert words[0] == "verify"
-    context = cli.commands["verify"].make_context("verify", words[1:])
+    verify = cli.get_command(Context(cli), "verify")
+    assert verify is not None
+    context = verify.make_context("verify", words[1:])
     assert context.params["scene"] == "scene.toml"
     assert (context.params["device"], str(context.params["baseline"])) == ("Linux-X64", "xfrustum-baseline")
     assert {name: context.params[name] for name in expected} == expected
