@@ -12,7 +12,8 @@ prediction/      Closed forms of every error, from the truth's geometry alone
 renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
 rounding/        The bounds of a rasterizer's rounding, and the classifier of causes (edge, order, lost)
 run              Many hogels drawn and judged: the one loop behind reports, surveys, plans and plates
-scouting/        Which apertures of a plate decide the error: a look through many, before any is measured
+sampling        Samples of a plate's hogels, and what they bound: the share of all hogels with a property
+scout           Which apertures of a plate decide the error: a look through many, before any is measured
 selfcheck/       The truth against brute force in integers
 """
 

@@ -1,6 +1,7 @@
 """The verdict: sweeps over settings, tables, figures and the page that a person opens.
 
 benchmarks/       Benchmarks, as ratios within one run
+blocks            Work in blocks: in this process, by others of this machine, by a Dask cluster, or in parts
 cluster/          Whole plates in blocks of hogels, done by one process or by the workers of a Dask cluster
 commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
 common/           What all reports share: outputs, progress, times, pages, numbers in words
@@ -12,9 +13,10 @@ error_report/     The error report: every setting of a scene drawn, judged and t
                   Parquet
 eye/              What a viewer sees, as a page and as files
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
+parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
-scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
+scout             What people see of the scout of a plate: chosen apertures with their reasons, and a map
 studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 verification/     The verification of foreign renderers: sources, verdict, files

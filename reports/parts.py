@@ -1,4 +1,4 @@
-"""A folder of Parquet parts, one for each block, each there whole or not at all.
+"""Hogels in blocks, and a folder of Parquet parts: one for each block, each there whole or not at all.
 
 A part is written aside and renamed when it is on the disk: a part that is there is a block that is finished,
 whatever happened to the process that wrote it. A part carries a digest of its bytes: one that does not agree
@@ -11,13 +11,14 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import re
 import stat
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import metadata
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,18 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xfrustum.reports.cluster.claims import Claims
+from xfrustum.compare.sampling import aperture_at
+from xfrustum.reports.blocks import Job
+from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.look import look_hash
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
-DESCRIPTION, CLAIMS = "_description.json", "_claims"
-"""Files beside the parts; readers of Parquet leave out names that begin like these."""
+DESCRIPTION = "_description.json"
+"""File beside the parts; readers of Parquet leave out names that begin like this."""
 
 _DIGEST = re.compile(rb"xfrustum:sha256[^0-9a-f]{1,8}([0-9a-f]{64})")
 """Digest of a part in the part itself, among the key-value pairs of Parquet's footer: the SHA-256 of the file
@@ -44,11 +51,51 @@ MAX_NAMED_VALUES = 3
 MAX_VALUE_CHARACTERS = 40
 """Longest text of a value that is told; hashes and longer texts tell a reader nothing."""
 
-DESCRIPTION_CLAIM = 1 << 48
-"""Claim of whoever writes the description, far beyond the number of any block."""
+PIXELS_PER_BLOCK = 1 << 22
+"""Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
+core, while a task costs a scheduler a few milliseconds."""
 
-POLL_S = 0.02
-"""Seconds between two attempts to claim the description, which is written in a few milliseconds."""
+PIXELS_PER_HOGEL = 1 << 16
+"""Pixels that take as long as what a hogel costs however small it is: on the car, whose triangles are all
+transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
+
+MIN_BLOCKS = 16
+"""Number of blocks that even a small sample is cut into where it has as many hogels, so that there is
+something for several workers to do."""
+
+
+def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
+    """Return how many hogels a block has; it depends on the work alone, never on the number of workers.
+
+    Parameters
+    ----------
+    hogels
+        Number of all hogels.
+    frustum
+        Frustum whose resolution they have.
+    settings
+        Number of settings that each is judged with.
+    """
+    cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
+    return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelBlock:
+    """Some hogels by their places on the path of `aperture_at`, and the number of their part."""
+
+    number: int
+    places: Sequence[int]
+
+    def apertures(self, plate: Plate) -> list[Aperture]:
+        """Return the hogels of the block, in their order."""
+        return [aperture_at(plate, place) for place in self.places]
+
+
+def hogel_blocks(places: Sequence[int], size: int, first: int = 0) -> Iterator[HogelBlock]:
+    """Yield blocks of so many hogels each, with numbers from the first on; the last may have fewer."""
+    for number, begin in enumerate(range(0, len(places), size), first):
+        yield HogelBlock(number=number, places=places[begin : begin + size])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,40 +135,26 @@ class Parts:
         InputError
             The folder holds something else, or cannot be written.
         """
+        path, wanted = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with self._writable():
-            # Another process may have made the folder and nothing in it yet; the first thing is the claims.
-            begun = self.folder.exists() and any(self.folder.iterdir())
-            if begun and not (self.folder / CLAIMS).exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            # In this order: another process writes its description before anything else.
+            if any(self.folder.iterdir()) and not os.path.lexists(path):
                 raise InputError(
                     f"--out {self.out}: {self.name} exists and was not begun by this command; "
                     "choose another place"
                 )
-            self.folder.mkdir(parents=True, exist_ok=True)
-            (self.folder / CLAIMS).touch(exist_ok=True)
-            with self.claims() as claims:
-                while not claims.take(DESCRIPTION_CLAIM):
-                    time.sleep(POLL_S)
-                self._agree(json.loads(json.dumps(description)))
-
-    def _agree(self, wanted: dict[str, Any]) -> None:
-        path = self.folder / DESCRIPTION
-        if not path.exists():
-            write_file(path, json.dumps(wanted, indent=1).encode(), host=self.out)
-            return
+            if not os.path.lexists(path):
+                write_file(path, json.dumps(wanted, indent=1).encode(), host=self.out)
         try:
             found = json.loads(_regular(path) or b"")
         except ValueError:
             found = None
-        if found == wanted:
-            return
-        raise InputError(
-            f"--out {self.out}: was begun with {differences_words(found, wanted)}; "
-            f"give what it was begun with, or another place, or delete {self.folder} to begin anew"
-        )
-
-    def claims(self) -> Claims:
-        """Return what tells processes that work here at once who does which block."""
-        return Claims(self.folder / CLAIMS)
+        if found != wanted:
+            raise InputError(
+                f"--out {self.out}: was begun with {differences_words(found, wanted)}; "
+                f"give what it was begun with, or another place, or delete {self.folder} to begin anew"
+            )
 
     def finished(self, number: int) -> bool:
         """Return whether a block's part is there, and is as it was written."""
@@ -224,6 +257,35 @@ class Parts:
                 f"--out {self.out}: cannot write there ({error.strerror or error}); "
                 "free some space or choose another place"
             ) from error
+
+
+def scene_description(scene: Scene) -> dict[str, Any]:
+    """Return what of a scene decides results, in JSON's types: a folder knows it again by this."""
+    parts = {name: getattr(scene, name) for name in ("plate", "frustum", "sampling", "transport")}
+    hashes = {"content": scene.content_hash, "look": look_hash(scene)}
+    described: dict[str, Any] = json_ready({**hashes, **parts, "version": metadata.version("xfrustum")})
+    return described
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RowsJob(Job):
+    """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
+
+    scene: Scene
+    parts: Parts
+
+    def finished(self, block: HogelBlock) -> bool:
+        """Return whether a block has its part."""
+        return self.parts.finished(block.number)
+
+    def size(self, block: HogelBlock) -> int:
+        """Return the number of hogels of a block."""
+        return len(block.places)
+
+    def words(self, block: HogelBlock) -> str:
+        """Return the number of a block, and its first aperture."""
+        column, row = aperture_at(self.scene.plate, block.places[0]).index
+        return f"block {block.number} (from aperture {column},{row})"
 
 
 def _regular(path: Path) -> bytes | None:

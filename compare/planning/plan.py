@@ -13,7 +13,7 @@ from xfrustum.compare.planning.reason import Outcome, disproved, why, why_not
 from xfrustum.compare.planning.robust import most_robust, price
 from xfrustum.compare.planning.search import MAX_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
 from xfrustum.compare.planning.views import Quality, Requirement, Views
-from xfrustum.compare.scouting.automatic import AutoApertures
+from xfrustum.compare.scout import AutoApertures
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.shown import Shown, Table

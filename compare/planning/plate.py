@@ -30,14 +30,14 @@ from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
 from xfrustum.compare.run import NO_TRUTHS, Judge
-from xfrustum.compare.scouting.sample import (
+from xfrustum.compare.sampling import (
     CONFIDENCE,
     RandomSample,
     confidence_of_each,
     sample_hogels,
     share_at_most,
 )
-from xfrustum.compare.scouting.scout import Look, Scout
+from xfrustum.compare.scout import Look, Scout
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum

@@ -20,7 +20,7 @@ from xfrustum.compare.eye.noticeable import (
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.numbers import index_below, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
-from xfrustum.compare.scouting.scout import Scout
+from xfrustum.compare.scout import Scout
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG
 

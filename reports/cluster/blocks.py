@@ -6,16 +6,11 @@ is cut into blocks without being gone through.
 
 from __future__ import annotations
 
-import bisect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from itertools import accumulate
 
-from xfrustum.compare.scouting.strata import GrowingSample
-from xfrustum.scenes.arrays import Indices
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
@@ -153,50 +148,3 @@ class ListedBlocks(Blocks):
         """Return the apertures of a block."""
         some = self.indices[number * self.size : (number + 1) * self.size]
         return [self.plate.aperture(*index) for index in some]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SampleBlocks(Blocks):
-    """Samples of a plate, each look's new hogels in blocks of neighbors on the path over the plate.
-
-    Attributes
-    ----------
-    sample
-        The samples.
-    size
-        Number of hogels of a block; the last one of a look may have fewer.
-    looks
-        Number of looks.
-    """
-
-    sample: GrowingSample
-    size: int
-    looks: int = 1
-
-    def numbers(self, look: int) -> range:
-        """Return the numbers of the blocks with the hogels that a look adds."""
-        return range(self._ends[look], self._ends[look + 1])
-
-    def hogels(self, look: int) -> int:
-        """Return the number of hogels that a look adds."""
-        return self.sample.size(look) - (self.sample.size(look - 1) if look else 0)
-
-    def apertures(self, number: int) -> list[Aperture]:
-        """Return the apertures of a block."""
-        look = bisect.bisect_right(self._ends, number) - 1
-        begin = (number - self._ends[look]) * self.size
-        return [
-            self.sample.aperture(place) for place in _new_places(self.sample, look)[begin : begin + self.size]
-        ]
-
-    @cached_property
-    def _ends(self) -> list[int]:
-        """Number of the first block of each look, and the number of all blocks."""
-        counts = (-(-self.hogels(look) // self.size) for look in range(self.looks))
-        return [0, *accumulate(counts)]
-
-
-@lru_cache(maxsize=1)
-def _new_places(sample: GrowingSample, look: int) -> Indices:
-    """Return the places that a look adds; a process asks for those of one look many times."""
-    return sample.new_places(look)

@@ -16,14 +16,14 @@ from xfrustum.compare.attribution.budget import (
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
-from xfrustum.compare.scouting.automatic import AutoApertures
+from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.scouting.automatic import ChoiceRecord, spelled
+from xfrustum.reports.scout import ChoiceRecord, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene

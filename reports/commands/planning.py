@@ -19,9 +19,8 @@ from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.scouting.automatic import AutoApertures
-from xfrustum.compare.scouting.sample import RandomSample
-from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.compare.sampling import RandomSample
+from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.progress import progress_bar

@@ -13,7 +13,7 @@ from xfrustum.compare import compare_images
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.run import images_under_way, in_order
-from xfrustum.compare.scouting.automatic import AutoApertures
+from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
@@ -24,7 +24,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.cost.trade_off import FastestWithin, Option, answers, pareto
 from xfrustum.reports.cost.ways import Way, drawn, traced
-from xfrustum.reports.scouting.automatic import choices
+from xfrustum.reports.scout import choices
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed

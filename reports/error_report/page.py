@@ -9,7 +9,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from xfrustum.compare.metrics.paired import CONFIDENCE
-from xfrustum.compare.scouting.scout import FILM_PIXELS
+from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
@@ -20,7 +20,7 @@ from xfrustum.reports.error_report.measurement import Measurement, SettingPictur
 from xfrustum.reports.error_report.record import headline, recommended_command
 from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.scene_check.page_section import scene_fit
-from xfrustum.reports.scouting.map import map_figures
+from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture

@@ -31,7 +31,7 @@ from xfrustum.reports.error_report.best import (
 from xfrustum.reports.error_report.light import LightReport
 from xfrustum.reports.error_report.measurement import Measurement, Ratios, StageParts
 from xfrustum.reports.error_report.sweep import LEFT_OUT, Sweep
-from xfrustum.reports.scouting.automatic import ScoutRecord
+from xfrustum.reports.scout import ScoutRecord
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

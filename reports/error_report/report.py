@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.scouting.automatic import AutoApertures
+from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid

@@ -17,7 +17,7 @@ from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
-from xfrustum.compare.scouting.automatic import AutoApertures
+from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import TracersAlone
 from xfrustum.reference.plain import CERTIFIED, CERTIFIED_DECISION, Decision, open_reference
 from xfrustum.reports.common import provenance

@@ -9,7 +9,7 @@ from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.eye.noticeable import blur_arcmin, replay_noise_arcsec
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, EyeRequirement, NearLimit, binding
-from xfrustum.compare.scouting.sample import CONFIDENCE
+from xfrustum.compare.sampling import CONFIDENCE
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench

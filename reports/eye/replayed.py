@@ -11,7 +11,7 @@ from xfrustum.compare.eye.loss import Views, renderer_loss
 from xfrustum.compare.eye.noticeable import Display, eyes_apart
 from xfrustum.compare.eye.stereo import DepthShift, disparity
 from xfrustum.compare.prediction.chain import with_exact_depth
-from xfrustum.compare.scouting.sample import share_at_most
+from xfrustum.compare.sampling import share_at_most
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.eye.sources import Drawing
 from xfrustum.reports.eye.viewing import stereo_eyes

@@ -22,7 +22,7 @@ from xfrustum.compare.eye.noticeable import Display, finest_separation, resolved
 from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
-from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.compare.scout import Scout, scout
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.json_ready import json_ready

@@ -8,17 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from xfrustum.compare.scouting.sample import CONFIDENCE
-from xfrustum.compare.scouting.strata import (
-    confidence_of_each_setting,
-    risk_of_look,
-    share_beyond,
-    share_beyond_at_least,
-)
+from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.survey.tally import P99, Tally, WorstHogel
+from xfrustum.reports.survey.tally import P99, Tally
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.pictures import map_of, png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
@@ -32,15 +26,6 @@ class WorstRecord:
     aperture: tuple[int, int]
     displacement_p99_px: float | None
     surface_fraction: float | None
-
-    @classmethod
-    def of(cls, worst: WorstHogel) -> WorstRecord:
-        """Return how a hogel is written."""
-        return cls(
-            aperture=worst.aperture,
-            displacement_p99_px=worst.displacement_p99_px,
-            surface_fraction=worst.surface_fraction,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +101,7 @@ class Extent:
             return beyond / self.hogels
         if not self.complete:
             return None
-        return share_beyond(beyond, self.judged, self.hogels, self._risk(settings))
+        return share_beyond(beyond, self.judged, self.hogels, risk_of_claim(settings, self.look))
 
     def decides(self, beyond: int, settings: int, limit: float) -> bool:
         """Return whether the share of one setting surely keeps a limit, or surely exceeds it.
@@ -127,12 +112,8 @@ class Extent:
         bound = self.bound(beyond, settings)
         if bound is None or self.everything or bound <= limit:
             return bound is not None
-        return share_beyond_at_least(beyond, self.judged, self.hogels, self._risk(settings)) > limit
-
-    def _risk(self, settings: int) -> float:
-        """Return the risk of a bound on one of several settings, at this look."""
-        each = confidence_of_each_setting(settings)
-        return 1 - each if self.look is None else risk_of_look(self.look, each)
+        risk = risk_of_claim(settings, self.look)
+        return share_beyond_at_least(beyond, self.judged, self.hogels, risk) > limit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -185,11 +166,18 @@ class Survey(Shown, Summarized[SurveyRecord]):
     def share(self, setting: int) -> ShareRecord:
         """Return the counts and the bound of a setting."""
         tally = self.tallies[setting]
+        worst = tally.worst[0] if tally.worst else None
         return ShareRecord(
             judged=tally.judged,
             beyond=tally.beyond,
             share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
-            worst=WorstRecord.of(tally.worst[0]) if tally.worst else None,
+            worst=None
+            if worst is None
+            else WorstRecord(
+                aperture=worst.aperture,
+                displacement_p99_px=worst.displacement_p99_px,
+                surface_fraction=worst.surface_fraction,
+            ),
         )
 
     @property

@@ -30,16 +30,8 @@ so that from bin to bin it changes by a factor of about three."""
 class DepthBins:
     """Displacement by depth of content: for each bin of |z|, over all pixels that show a surface there.
 
-    Bins are half decades of |z| over the reach; the first one goes down to the plate.
-
-    Attributes
-    ----------
-    pixels
-        Number of pixels.
-    squares_px2
-        Sum of the squared displacements.
-    max_px
-        Largest displacement; 0 where there is no pixel.
+    Bins are half decades of |z| over the reach; the first one goes down to the plate. `squares_px2` are sums
+    of squared displacements; where there is no pixel all three are 0.
     """
 
     pixels: tuple[int, ...]
@@ -47,22 +39,15 @@ class DepthBins:
     max_px: tuple[float, ...]
 
     @classmethod
-    def of(cls, drawn: HogelImage, displacement: Floats, reach: float) -> DepthBins:
+    def of(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
         """Sort the pixels of a drawing by the height of what they show.
 
-        Parameters
-        ----------
-        drawn
-            The drawing.
-        displacement
-            (H, W, 2) its displacement in pixels, NaN where it shows no surface off the plate.
-        reach
-            Longest reach, scene units.
+        `displacement` is (H, W, 2) in pixels, NaN where it shows no surface off the plate.
         """
         moved = lengths(displacement)
         shown = np.isfinite(moved)
         moved, depth = moved[shown], np.abs(drawn.height[shown].astype(np.float64))
-        ends = depth_ends()
+        ends, reach = depth_ends(), max(drawn.camera.reach)
         place = np.searchsorted(np.array(ends[1:-1]) * reach, depth, side="right")
         bins = len(ends) - 1
         largest = np.zeros(bins)
@@ -89,43 +74,11 @@ class Device:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgedWith:
-    """Everything that the rows of one process have in common.
-
-    Attributes
-    ----------
-    tolerance_px
-        Displacement beyond which a hogel is counted.
-    reach
-        Longest reach, scene units.
-    device
-        Device that draws.
-    """
-
-    tolerance_px: float
-    reach: float
-    device: Device
-
-
-@dataclass(frozen=True, kw_only=True)
 class DrawnRow:
-    """One hogel that our rasterizer drew with one setting.
+    """One hogel that our rasterizer drew with one setting: what `report` measures, and error by depth.
 
-    Attributes
-    ----------
-    column, row
-        Place of the hogel on the plate.
-    setting
-        Number of the setting, from 0.
-    beyond
-        Whether it is beyond the tolerance (`compare.beyond`). Displacement alone does not see depth fighting
-        or a lost object, for all that is shown may be where it belongs.
-    settings, comparison, causes, unexplained
-        What `report` measures.
-    depth
-        Displacement by depth of content.
-    device
-        Device that drew it.
+    `beyond` (`compare.beyond`) counts wrong surfaces too: displacement alone does not see depth fighting or a
+    lost object, for all that is shown may be where it belongs.
     """
 
     column: int
@@ -140,7 +93,14 @@ class DrawnRow:
     device: Device
 
     @classmethod
-    def of(cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, judged: JudgedWith) -> DrawnRow:
+    def of(
+        cls,
+        aperture: Aperture,
+        setting: int,
+        drawing: JudgedDrawing,
+        tolerance_px: float,
+        device: Device,
+    ) -> DrawnRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
         assert isinstance(comparison, Comparison) and drawn is not None
@@ -150,13 +110,13 @@ class DrawnRow:
             column=aperture.column,
             row=aperture.row,
             setting=setting,
-            beyond=is_beyond(displacement_p99(comparison), comparison.surface.fraction, judged.tolerance_px),
+            beyond=is_beyond(displacement_p99(comparison), comparison.surface.fraction, tolerance_px),
             settings=drawing.settings,
             comparison=comparison.numbers,
             causes={cause.name: cause.numbers for cause in drawing.causes},
             unexplained=drawing.unexplained,
-            depth=DepthBins.of(drawn, comparison.maps.displacement, judged.reach),
-            device=judged.device,
+            depth=DepthBins.of(drawn, comparison.maps.displacement),
+            device=device,
         )
 
 
@@ -188,18 +148,9 @@ class ForeignNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignRow:
-    """One hogel of another renderer, judged as `verify` does.
+    """One hogel of another renderer, judged as `verify` does, as found and corrected for the diagnosis.
 
-    Attributes
-    ----------
-    column, row, setting
-        As in `DrawnRow`; there is one setting.
-    beyond
-        Whether it is missing or exceeds a limit.
-    verdict, problem
-        The verdict in a word, and the reason where the hogel is missing.
-    as_found, corrected
-        Numbers of the image as found, and corrected for the diagnosis.
+    `beyond` is whether it is missing or exceeds a limit; `problem` is the reason where it is missing.
     """
 
     column: int

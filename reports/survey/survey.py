@@ -4,36 +4,27 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.scouting.strata import (
-    GrowingSample,
-    clean_sample,
-    confidence_of_each_setting,
-    risk_of_look,
-)
-from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
-from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
-from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
+from xfrustum.reports.blocks import Engine, Workers, open_workers
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
-from xfrustum.reports.parts import Parts
+from xfrustum.reports.parts import HogelBlock, Parts, hogel_blocks, hogels_per_block, scene_description
 from xfrustum.reports.survey.answer import Extent, Survey
-from xfrustum.reports.survey.foreign import ForeignJob, ForeignPlate
-from xfrustum.reports.survey.hogels import HogelsJob, ShownHogel, worst_hogel
-from xfrustum.reports.survey.page import FILES, Pictured, write_survey
-from xfrustum.reports.survey.tally import Tally, tallies
+from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, ForeignPlate, shown_hogel
+from xfrustum.reports.survey.page import FILES, write_survey
+from xfrustum.reports.survey.tally import Tally, add_rows
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 ROWS = "survey.parquet"
@@ -72,27 +63,6 @@ class Chosen:
         if self.until is not None and not 0 < real(self.until) < 1:
             raise InputError(f"--until must be a share between 0 and 100 %, not {self.until}")
 
-    def blocks(self, scene: Scene, settings: int) -> Blocks:
-        """Return the blocks of these hogels.
-
-        Parameters
-        ----------
-        scene
-            Scene of the plate.
-        settings
-            Number of settings, each of which is claimed something of.
-        """
-        plate, frustum = scene.plate, scene.frustum
-        hogels = math.prod(plate.hogels)
-        first = self.sample
-        if self.until is not None:
-            first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each_setting(settings)))
-        if first is None or first >= hogels:
-            return Tiles.of(plate, hogels_per_block(hogels, frustum, settings))
-        sample = GrowingSample(plate=plate, first=first, seed=self.seed)
-        looks = 1 if self.until is None else sample.looks
-        return SampleBlocks(sample=sample, size=hogels_per_block(first, frustum, settings), looks=looks)
-
 
 def survey(  # noqa: PLR0913 - one keyword for each option of the command
     scene: Scene,
@@ -110,7 +80,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 
     Stopped at any moment and called again it goes on where it was, and ends with the rows of a run that was
     not disturbed but for one column: the index of `device` is that of the worker that took the block, so
-    that with several GPUs it depends on who was free. Several processes may do one survey at once.
+    that with several GPUs it depends on who was free.
 
     Parameters
     ----------
@@ -123,14 +93,13 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     chosen
         Which hogels are judged; a sample of `DEFAULT_SAMPLE` by default.
     tolerance_px
-        Displacement of 1 % of a hogel's points beyond which it is counted; it is counted too where more than
-        `MAX_WRONG` of its pixels show the wrong surface.
+        Displacement of 1 % of a hogel's points beyond which it is counted; see `compare.beyond`.
     tracer
         Tracer that gives the truth a second opinion.
     engine
         Where hogels are judged; as many processes as this one may use processors by default.
     told
-        Called with notes in words, such as the address of the dashboard.
+        Called with notes in words.
     progress
         Whether to draw a bar on standard error.
 
@@ -147,133 +116,120 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
+    parts = Parts(out=out.absolute(), name=ROWS)
+    job: DrawnJob | ForeignJob
     if isinstance(settings, ForeignPlate):
-        settings = settings.found(scene, told)
-    job, several = _job(scene, settings, chosen, tolerance_px, tracer, out)
-    run = _Run(
-        scene=scene, job=job, settings=several, chosen=chosen, tolerance_px=tolerance_px, engine=engine
-    )
-    return run.done(told, progress=progress)
-
-
-Surveyed = HogelsJob | ForeignJob
-
-
-def _job(
-    scene: Scene,
-    settings: DoubleFrustum | Sequence[DoubleFrustum] | ForeignPlate,
-    chosen: Chosen,
-    tolerance_px: float,
-    tracer: str,
-    out: Path,
-) -> tuple[Surveyed, tuple[DoubleFrustum | None, ...]]:
-    """Return the work, described in its folder, and the settings that are judged."""
-    ticket, parts = SceneTicket.of(scene), Parts(out=out.absolute(), name=ROWS)
-    work: dict[str, Any]
-    job: Surveyed
-    if isinstance(settings, ForeignPlate):
-        blocks, state = chosen.blocks(scene, 1), settings.state(scene.plate)
-        job = ForeignJob(
-            ticket=ticket, plate=settings, state=state, tolerance_px=tolerance_px, blocks=blocks, parts=parts
-        )
+        plate = settings.found(scene, told)
+        state = plate.state(scene.plate)
+        job = ForeignJob(scene=scene, parts=parts, plate=plate, state=state, tolerance_px=tolerance_px)
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": settings.description, "state of the images": state}
+        work: dict[str, Any] = {"images": plate.description, "state of the images": state}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:
             raise InputError("a survey needs at least one setting; give --near or --nears")
         for one in drawn:
             one.check_against(scene.frustum)
-        blocks = chosen.blocks(scene, len(drawn))
-        job = HogelsJob(
-            ticket=ticket,
-            settings=drawn,
-            tracer=tracer,
-            tolerance_px=tolerance_px,
-            blocks=blocks,
-            parts=parts,
-        )
+        job = DrawnJob(scene=scene, parts=parts, settings=drawn, tracer=tracer, tolerance_px=tolerance_px)
         several = drawn
         work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
-    hogels = blocks.description
-    parts.open(
-        json_ready({"scene": ticket.description, **work, "tolerance_px": tolerance_px, "hogels": hogels})
-    )
-    return job, several
+    hogels = Hogels.of(scene, chosen, len(several))
+    description = {**work, "tolerance_px": tolerance_px, "hogels": hogels}
+    parts.open(json_ready({"scene": scene_description(scene), **description}))
+    run = _Run(job=job, settings=several, hogels=hogels, until=chosen.until, engine=engine, told=told)
+    return run.done(progress=progress)
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
+class Hogels:
+    """Which hogels are judged: the whole plate, or samples that grow; in blocks of `size`."""
+
+    plate: Plate
+    sample: GrowingSample | None
+    looks: int
+    size: int
+
+    @classmethod
+    def of(cls, scene: Scene, chosen: Chosen, settings: int) -> Hogels:
+        """Return the hogels of a plate, of which something is claimed of each of several settings."""
+        hogels, first = math.prod(scene.plate.hogels), chosen.sample
+        if chosen.until is not None:
+            first = clean_sample(chosen.until, hogels, risk_of_claim(settings, look=0))
+        if first is None or first >= hogels:
+            size = hogels_per_block(hogels, scene.frustum, settings)
+            return cls(plate=scene.plate, sample=None, looks=1, size=size)
+        sample = GrowingSample(plate=scene.plate, first=first, seed=chosen.seed)
+        looks = 1 if chosen.until is None else sample.looks
+        size = hogels_per_block(first, scene.frustum, settings)
+        return cls(plate=scene.plate, sample=sample, looks=looks, size=size)
+
+    def blocks(self, look: int, first: int) -> list[HogelBlock]:
+        """Return the blocks that a look adds, numbered from the first on."""
+        if self.sample is None:
+            return list(hogel_blocks(range(math.prod(self.plate.hogels)), self.size, first))
+        return list(hogel_blocks(self.sample.new_places(look).tolist(), self.size, first))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Run:
     """One survey under way."""
 
-    scene: Scene
-    job: Surveyed
+    job: DrawnJob | ForeignJob
     settings: tuple[DoubleFrustum | None, ...]
-    chosen: Chosen
-    tolerance_px: float
+    hogels: Hogels
+    until: float | None
     engine: Engine
-    tallies: list[Tally] = field(default_factory=list)
+    told: Callable[[str], object]
 
-    def done(self, told: Callable[[str], object], *, progress: bool) -> Survey:
-        """Judge what is not judged yet, and write the outcome where it is complete."""
-        begun, blocks, part = time.perf_counter(), self.job.blocks, self.engine.part
-        first = blocks.numbers(0)
-        with open_team(self.engine, len(first), self.scene, told, draws=self.job.draws) as team:
-            for look in range(blocks.looks):
-                numbers = list(part.of(blocks.numbers(look)))
-                damaged = sum(map(self.job.parts.damaged, numbers))
+    def done(self, *, progress: bool) -> Survey:
+        """Judge what is not judged yet, look after look, and write the outcome where it is complete."""
+        begun, job, part = time.perf_counter(), self.job, self.engine.part
+        found = [Tally(self.hogels.plate.hogels) for _ in self.settings]
+        blocks = self.hogels.blocks(0, 0)
+        count = len(blocks)
+        with open_workers(self.engine, len(blocks), draws=job.draws) as workers:
+            for look in range(self.hogels.looks):
+                if look:
+                    blocks = self.hogels.blocks(look, count)
+                    count += len(blocks)
+                mine = list(part.of(blocks))
+                damaged = sum(job.parts.damaged(block.number) for block in mine)
                 if damaged:
-                    folder = self.job.parts.folder
-                    told(f"{damaged} of {len(numbers)} blocks in {folder} are damaged, and are made again")
-                hogels = blocks.hogels(look) // part.count
-                run_blocks(self.job, numbers, team, hogels, "survey", progress=progress)
-                complete = part.everything or all(map(self.job.finished, blocks.numbers(look)))
-                self._count(look)
-                found = self._survey(look, complete, team, begun)
-                if found.decided:
+                    words = f"{damaged} of {len(mine)} blocks in {job.parts.folder}"
+                    self.told(f"{words} are damaged, and are made again")
+                workers.run(job, mine, sum(map(job.size, mine)), progress=progress)
+                finished = blocks if part.everything else list(filter(job.finished, blocks))
+                complete = len(finished) == len(blocks)
+                add_rows(found, (job.parts.read(block.number) for block in finished))
+                survey = self._survey(found, look, complete, workers, begun)
+                if survey.decided:
                     break
-            if complete:
-                pictures = self._pictured(found, team)
-                found = self._survey(look, complete, team, begun)
-        if complete:
-            write_survey(found, pictures, self.job.parts.out)
-        return found
+            if not complete:
+                return survey
+            worst = survey.tallies[survey.best].worst
+            shown = [workers.ask(job, shown_hogel, one.aperture, survey.best) for one in worst]
+            survey = self._survey(found, look, complete, workers, begun)
+        write_survey(survey, list(zip(worst, shown, strict=True)), job.parts.out)
+        return survey
 
-    def _count(self, look: int) -> None:
-        """Add the rows of a look to those of the looks before."""
-        hogels = self.scene.plate.hogels
-        self.tallies = tallies(self._tables(look), self.tallies, len(self.settings), hogels)
-
-    def _tables(self, look: int) -> Iterator[pa.Table]:
-        for number in self.job.blocks.numbers(look):
-            if self.engine.part.everything or self.job.finished(number):
-                yield self.job.parts.read(number)
-
-    def _survey(self, look: int, complete: bool, team: Team, begun: float) -> Survey:
-        blocks = self.job.blocks
-        sampled = isinstance(blocks, SampleBlocks)
+    def _survey(
+        self, found: Sequence[Tally], look: int, complete: bool, workers: Workers, begun: float
+    ) -> Survey:
+        sample = self.hogels.sample
         return Survey(
-            scene=self.scene,
+            scene=self.job.scene,
             settings=self.settings,
-            tallies=tuple(self.tallies),
+            tallies=tuple(found),
             extent=Extent(
-                hogels=math.prod(self.scene.plate.hogels),
-                judged=self.tallies[0].judged,
-                look=look if self.chosen.until is not None and sampled else None,
-                seed=self.chosen.seed if sampled else None,
+                hogels=math.prod(self.hogels.plate.hogels),
+                judged=found[0].judged,
+                look=look if self.until is not None and sample else None,
+                seed=None if sample is None else sample.seed,
                 complete=complete,
             ),
-            tolerance_px=self.tolerance_px,
-            limit=self.chosen.until,
-            judged_by=f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
-            workers=team.workers,
+            tolerance_px=self.job.tolerance_px,
+            limit=self.until,
+            judged_by=f"beyond {self.job.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
+            workers=workers.count,
             wall_s=time.perf_counter() - begun,
         )
-
-    def _pictured(self, found: Survey, team: Team) -> list[Pictured]:
-        """Return the worst hogels of the best setting with their pictures, drawn anew."""
-        pictured = []
-        for worst in found.tallies[found.best].worst:
-            shown: ShownHogel = team.ask(self.job, worst_hogel, *worst.aperture, found.best)
-            pictured.append(Pictured(worst=worst, pictures=shown.pictures, inspected=shown.inspected))
-        return pictured

@@ -44,20 +44,9 @@ MAP_COLUMNS = {
 class WorstHogel:
     """A hogel by how bad it is: first whether it is beyond, then by displacement, then by its wrong surfaces.
 
-    Attributes
-    ----------
-    beyond
-        Whether it is beyond the tolerance.
-    badness
-        99th percentile of displacement; infinite where that is unknown of a hogel that is beyond, 0 where
-        nothing is displaced.
-    surface_fraction
-        Share of wrong surfaces; of images that name none, share of wrong pixels; None for a hogel that is
-        missing.
-    aperture
-        Column and row.
-    displacement_p99_px
-        99th percentile of displacement; None where there is none.
+    `badness` is the 99th percentile of displacement: infinite where that is unknown of a hogel beyond, 0
+    where nothing is displaced. Of images that name no surfaces, `surface_fraction` is the share of wrong
+    pixels; it is None for a hogel that is missing.
     """
 
     beyond: bool
@@ -68,17 +57,10 @@ class WorstHogel:
 
 
 class Tally:
-    """Counts, maps and the worst hogels of the rows of one setting.
-
-    Parameters
-    ----------
-    hogels
-        Columns and rows of the plate.
+    """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many columns and rows.
 
     Attributes
     ----------
-    judged, beyond
-        Number of hogels, and of those beyond the tolerance.
     worst
         The worst hogels, the worst first.
     maps
@@ -170,28 +152,12 @@ class Tally:
         np.fmax.at(self.maps[name], place, values)
 
 
-def tallies(
-    tables: Iterable[pa.Table], before: Sequence[Tally], settings: int, hogels: tuple[int, int]
-) -> list[Tally]:
-    """Count the rows of some parts, each setting for itself.
-
-    Parameters
-    ----------
-    tables
-        Rows part by part.
-    before
-        What was kept of earlier parts, to which these are added; empty where there are none.
-    settings
-        Number of settings.
-    hogels
-        Columns and rows of the plate.
-    """
-    found = list(before) or [Tally(hogels) for _ in range(settings)]
+def add_rows(found: Sequence[Tally], tables: Iterable[pa.Table]) -> None:
+    """Count the rows of some parts, those of each setting in its tally."""
     for table in tables:
         numbers = _numbers(table, "setting")
         for setting, tally in enumerate(found):
             tally.add(table.filter(pa.array(numbers == setting)))
-    return found
 
 
 def displacement_ends() -> Floats:

@@ -36,9 +36,9 @@ from xfrustum import (
     verify,
     view,
 )
-from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.blocks import Engine
 from xfrustum.reports.commands.budgeting import auto_budget
-from xfrustum.reports.scouting.automatic import auto_apertures
+from xfrustum.reports.scout import auto_apertures
 from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance.display import encoded

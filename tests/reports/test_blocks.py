@@ -18,7 +18,7 @@ import pytest
 
 from tests.support.dask_processes import dask, free_port, scheduler, worker
 from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
-from xfrustum.cli.where import Where
+from xfrustum.cli.options import Where
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
 from xfrustum.scenes import InputError, open_scene

@@ -25,7 +25,7 @@ from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
-    from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports.blocks import Engine
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
@@ -392,8 +392,8 @@ def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
     InputError
         None of them sees anything.
     """
-    from xfrustum.reports.scouting.automatic import auto_apertures as chosen
-    from xfrustum.reports.scouting.automatic import notes
+    from xfrustum.reports.scout import auto_apertures as chosen
+    from xfrustum.reports.scout import notes
 
     auto = chosen(scene, progress=not quiet)
     look_at(scene, auto.apertures)

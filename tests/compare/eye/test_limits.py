@@ -26,7 +26,7 @@ from xfrustum.compare.eye.noticeable import (
     surface_content,
 )
 from xfrustum.compare.planning.viewer import CRACK, seen_content
-from xfrustum.compare.scouting.scout import scout
+from xfrustum.compare.scout import scout
 from xfrustum.reports.effects.viewer import viewer_record
 from xfrustum.scenes import DoubleFrustum, InputError
 

@@ -21,8 +21,8 @@ from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.plate import PlatePlanner, largest_share
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.run import Judge
-from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, share_at_most
-from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
+from xfrustum.compare.scout import Scout, scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands.planning import make_plan

@@ -15,7 +15,7 @@ from xfrustum.compare.eye.noticeable import Content, Display, stereo_change_arcs
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement
 from xfrustum.compare.planning.views import Quality, Requirement
-from xfrustum.compare.scouting.sample import RandomSample
+from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.commands.planning import make_viewer_plan, table
 from xfrustum.reports.eye.planned import (
     PlannedRecord,

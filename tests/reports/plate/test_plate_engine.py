@@ -17,7 +17,7 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene
 from xfrustum.cli.main import main
-from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.blocks import Engine
 from xfrustum.reports.plate.engine import write_plate_on
 from xfrustum.scenes.model.plate_content import PlateContent
 

@@ -22,8 +22,7 @@ from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, c
 from xfrustum.cli.main import main
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.displacement import Spread
-from xfrustum.reports.blocks import device_index
-from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
 

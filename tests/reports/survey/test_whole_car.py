@@ -18,10 +18,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from xfrustum.reports.cluster.blocks import SampleBlocks
+from xfrustum.compare.sampling import GrowingSample, aperture_at, risk_of_claim, share_beyond
 from xfrustum.reports.survey.answer import Extent
-from xfrustum.reports.survey.survey import Chosen
-from xfrustum.reports.survey.tally import tallies
+from xfrustum.reports.survey.survey import Chosen, Hogels
+from xfrustum.reports.survey.tally import Tally, add_rows
 from xfrustum.scenes import Scene, open_scene
 
 RECORDED = Path(__file__).parent / "car-81x61.parquet"
@@ -77,17 +77,13 @@ def bound_of(scene: Scene, rows: pa.Table, chosen: Chosen) -> tuple[float, int]:
 
     Hogels are chosen, counted and bounded by the survey's own code; only judging them is left out.
     """
-    blocks = chosen.blocks(scene, 1)
-    assert isinstance(blocks, SampleBlocks)
-    found = tallies((), (), 1, scene.plate.hogels)
-    for look in range(blocks.looks):
-        places = [
-            aperture.row * scene.plate.hogels[0] + aperture.column
-            for number in blocks.numbers(look)
-            for aperture in blocks.apertures(number)
-        ]
-        found = tallies([rows.take(places)], found, 1, scene.plate.hogels)
-        (tally,) = found
+    hogels, tally, count = Hogels.of(scene, chosen, 1), Tally(scene.plate.hogels), 0
+    for look in range(hogels.looks):
+        blocks = hogels.blocks(look, count)
+        count += len(blocks)
+        apertures = [one for block in blocks for one in block.apertures(scene.plate)]
+        places = [one.row * scene.plate.hogels[0] + one.column for one in apertures]
+        add_rows([tally], [rows.take(places)])
         extent = Extent(
             hogels=len(rows),
             judged=tally.judged,
@@ -134,3 +130,18 @@ def test_the_recorded_survey_and_a_sample_of_it_agree(scene: Scene, rows: pa.Tab
     bound, judged = bound_of(scene, rows, Chosen(seed=1))
     assert judged == 300
     assert truth <= bound < truth + 0.1
+
+
+def test_bounds_on_several_settings_hold_together(scene: Scene, rows: pa.Table) -> None:
+    claims = [claimed(rows, claim)["beyond"].to_numpy(zero_copy_only=False) for claim in CLAIMS]
+    columns = scene.plate.hogels[0]
+    path = [aperture_at(scene.plate, place) for place in range(len(rows))]
+    order = np.array([one.row * columns + one.column for one in path])
+    held = 0
+    for seed in range(SEEDS):
+        drawn = order[GrowingSample(plate=scene.plate, first=150, seed=seed).places(0)]
+        risk = risk_of_claim(len(claims))
+        held += all(
+            share_beyond(int(wrong[drawn].sum()), 150, len(rows), risk) >= wrong.mean() for wrong in claims
+        )
+    assert held >= MIN_HOLDING

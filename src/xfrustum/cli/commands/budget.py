@@ -39,7 +39,7 @@ def budget(
     """
     opened = light.applied(options.open_scene(scene))
     settings.check_against(opened.frustum)
-    from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports.commands import budgeting
     from xfrustum.reports.commands.budget_page import FILES, folder_of, write_budget
     from xfrustum.reports.common.outputs import check_writable_folder

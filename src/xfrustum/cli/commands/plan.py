@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from xfrustum.compare.eye.limits import Viewer
     from xfrustum.compare.planning.search import DepthBuffer
     from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.scouting.automatic import AutoApertures
-    from xfrustum.compare.scouting.sample import RandomSample
+    from xfrustum.compare.sampling import RandomSample
+    from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
 
@@ -125,8 +125,8 @@ def plan(
     from xfrustum.compare.eye.limits import Viewer, scene_length
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.scouting.automatic import AutoApertures
-    from xfrustum.compare.scouting.sample import RandomSample
+    from xfrustum.compare.sampling import RandomSample
+    from xfrustum.compare.scout import AutoApertures
     from xfrustum.raster import require_room
     from xfrustum.reports.commands.planning import make_plan, table
 

@@ -15,7 +15,7 @@ from xfrustum.scenes.plate.double_frustum import Cull, Offset, Pivot
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
-    from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate.plate import Aperture
 
 _CUTS = options.Read(

@@ -13,7 +13,7 @@ from xfrustum.cli import options
 from xfrustum.cli.options import Where, option
 
 if TYPE_CHECKING:
-    from xfrustum.reports.survey.foreign import ForeignPlate
+    from xfrustum.reports.survey.jobs import ForeignPlate
     from xfrustum.reports.survey.survey import Chosen
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -125,7 +125,7 @@ def _asked(
     accept: tuple[str, ...] | None,
 ) -> tuple[DoubleFrustum, ...] | ForeignPlate:
     """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
-    from xfrustum.reports.survey.foreign import ForeignPlate
+    from xfrustum.reports.survey.jobs import ForeignPlate
     from xfrustum.scenes.files.foreign_images import Encoding
 
     if images is None:

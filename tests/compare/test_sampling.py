@@ -10,12 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from xfrustum.compare.scouting.sample import confidence_of_each, share_at_most
-from xfrustum.compare.scouting.strata import (
+from xfrustum.compare.sampling import (
     GrowingSample,
+    RandomSample,
+    aperture_at,
     clean_sample,
-    confidence_of_each_setting,
-    risk_of_look,
+    confidence_of_each,
+    risk_of_claim,
+    sample_hogels,
+    share_at_most,
     share_beyond,
 )
 from xfrustum.scenes import InputError, Plate
@@ -47,7 +50,7 @@ def test_each_sample_keeps_the_hogels_of_the_one_before_and_the_last_has_all(
         assert set(sample.new_places(look).tolist()) == set(places) - before
         before = set(places)
     assert before == set(range(math.prod(plate.hogels)))
-    assert {sample.aperture(place).index for place in before} == {a.index for a in plate.apertures()}
+    assert {aperture_at(plate, place).index for place in before} == {a.index for a in plate.apertures()}
 
 
 @given(PLATES, st.integers(1, 40), st.integers(0, 3))
@@ -97,12 +100,12 @@ def test_the_bound_for_draws_with_replacement_is_conservative_for_draws_without(
 def test_bounds_hold_wherever_a_survey_stops() -> None:
     wrong = np.zeros(1000, dtype=bool)
     wrong[np.random.default_rng(2).permutation(1000)[:55]] = True
-    lies, first = 0, clean_sample(0.05, 1000, risk_of_look(0))
+    lies, first = 0, clean_sample(0.05, 1000, risk_of_claim(look=0))
     for seed in range(SEEDS):
         sample = GrowingSample(plate=plate(40, 25), first=first, seed=seed)
         for look in range(sample.looks):
             places = sample.places(look)
-            bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_look(look))
+            bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_claim(look=look))
             if bound <= 0.05:
                 lies += 1
                 break
@@ -110,8 +113,8 @@ def test_bounds_hold_wherever_a_survey_stops() -> None:
 
 
 def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
-    assert sum(risk_of_look(look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
-    assert 3 * (1 - confidence_of_each_setting(3)) == pytest.approx(0.05)
+    assert sum(risk_of_claim(look=look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
+    assert 3 * risk_of_claim(3) == pytest.approx(0.05)
     assert confidence_of_each(1) == 0.95
     assert confidence_of_each(3) ** 3 == pytest.approx(0.95)
 
@@ -141,3 +144,47 @@ def test_strange_samples_are_refused() -> None:
         GrowingSample(plate=plate(2, 2), first=0)
     with pytest.raises(InputError, match="from 0"):
         GrowingSample(plate=plate(2, 2), first=1, seed=-1)
+
+
+def test_fifty_nine_clean_hogels_bound_one_in_twenty_and_299_one_in_a_hundred() -> None:
+    """(1 - q)^59 < 0.05 from q = 0.0495 on: Clopper and Pearson's bound where nothing was found."""
+    assert share_at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
+    assert share_at_most(0, 59) < 0.05 < share_at_most(0, 58)
+    assert share_at_most(0, 299) < 0.01 < share_at_most(0, 298)
+    assert share_at_most(59, 59) == 1.0
+
+
+@given(beyond=st.integers(0, 20), more=st.integers(0, 20), share=st.floats(0.01, 0.99))
+def test_the_bound_holds_as_often_as_it_says(beyond: int, more: int, share: float) -> None:
+    """A share beyond the bound would show so few hogels, or fewer, with a chance of at most 5 %."""
+    count = beyond + more + 1
+    bound = share_at_most(beyond, count)
+    if share > bound:
+        chance = sum(math.comb(count, k) * share**k * (1 - share) ** (count - k) for k in range(beyond + 1))
+        assert chance <= 0.05 + 1e-9
+
+
+@given(
+    columns=st.integers(1, 30),
+    rows=st.integers(1, 30),
+    hogels=st.integers(1, 80),
+    seed=st.integers(0, 99),
+)
+def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
+    columns: int, rows: int, hogels: int, seed: int
+) -> None:
+    plate, sample = Plate(size=(1.0, 1.0), hogels=(columns, rows)), RandomSample(hogels=hogels, seed=seed)
+    taken = [plate.middle]
+    drawn = [one.index for one in sample_hogels(plate, sample, taken)]
+    assert drawn == [one.index for one in sample_hogels(plate, sample, taken)]
+    assert len(set(drawn)) == len(drawn) == min(hogels, columns * rows - 1)
+    assert plate.middle.index not in drawn
+    if len(drawn) >= 4 * rows:
+        # One of each part of the plate: no row is left out.
+        assert {row for _, row in drawn} == set(range(rows))
+
+
+def test_a_sample_of_nothing_is_refused() -> None:
+    for wrong in ({"hogels": 0}, {"seed": -1}):
+        with pytest.raises(InputError):
+            RandomSample(**wrong)

@@ -7,15 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.support.views import view
-from xfrustum.compare.scouting import scout as scouting
-from xfrustum.compare.scouting.sample import RandomSample, sample_hogels, share_at_most
-from xfrustum.compare.scouting.scout import FILM_PIXELS, Scout, scout
+from xfrustum.compare import scout as scouting
+from xfrustum.compare.scout import FILM_PIXELS, MAX_AUTO_APERTURES, AutoApertures, Look, Scout, scout
 from xfrustum.reference import Reference
-from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
+from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.geometry.shapes import build_shape
 
 RADIUS, GAP = 3.0, 0.25
@@ -111,48 +108,64 @@ def test_no_more_apertures_are_looked_through_than_allowed(monkeypatch: pytest.M
     assert len(found.looks) == len(steps) <= 44
 
 
-# What a sample bounds ------------------------------------------------------------------------------------
+# What `auto` takes -----------------------------------------------------------------------------------------
 
 
-def test_fifty_nine_clean_hogels_bound_one_in_twenty_and_299_one_in_a_hundred() -> None:
-    """(1 - q)^59 < 0.05 from q = 0.0495 on: Clopper and Pearson's bound where nothing was found."""
-    assert share_at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
-    assert share_at_most(0, 59) < 0.05 < share_at_most(0, 58)
-    assert share_at_most(0, 299) < 0.01 < share_at_most(0, 298)
-    assert share_at_most(59, 59) == 1.0
+@pytest.fixture(scope="module")
+def both_sides() -> Scout:
+    """All apertures of a small plate in the middle of the parts on both of its sides."""
+    scene: Scene = view("asymmetric", (64, 48))
+    return scout(replace(scene, plate=Plate(size=scene.plate.size, hogels=(6, 4))))
 
 
-@given(beyond=st.integers(0, 20), more=st.integers(0, 20), share=st.floats(0.01, 0.99))
-def test_the_bound_holds_as_often_as_it_says(beyond: int, more: int, share: float) -> None:
-    """A share beyond the bound would show so few hogels, or fewer, with a chance of at most 5 %."""
-    count = beyond + more + 1
-    bound = share_at_most(beyond, count)
-    if share > bound:
-        chance = sum(math.comb(count, k) * share**k * (1 - share) ** (count - k) for k in range(beyond + 1))
-        assert chance <= 0.05 + 1e-9
+def only(both_sides: Scout, *looks: Look) -> AutoApertures:
+    return AutoApertures.of(replace(both_sides, looks=looks))
 
 
-@given(
-    columns=st.integers(1, 30),
-    rows=st.integers(1, 30),
-    hogels=st.integers(1, 80),
-    seed=st.integers(0, 99),
-)
-def test_a_sample_is_seeded_and_spread_and_leaves_out_what_it_must(
-    columns: int, rows: int, hogels: int, seed: int
+def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(both_sides: Scout) -> None:
+    auto = AutoApertures.of(both_sides)
+    assert auto.apertures[0] == both_sides.scene.plate.middle
+    assert 2 <= len(auto.chosen) <= MAX_AUTO_APERTURES and len(set(auto.apertures)) == len(auto.chosen)
+    reasons = {one.aperture: one.why for one in auto.chosen}
+    for worst, words in (
+        (max(both_sides.looks, key=lambda look: look.pixels_per_near), "largest displacement"),
+        (min(both_sides.looks, key=lambda look: look.nearest), "surface nearest to the plate"),
+        (max(both_sides.looks, key=lambda look: look.outline_widths), "longest outlines"),
+    ):
+        assert words in reasons[worst.aperture]
+        assert f"nearest visible |z| {worst.nearest:.2g}" in reasons[worst.aperture]
+
+
+def test_the_near_from_which_on_the_worst_is_displaced_too_much_is_told(both_sides: Scout) -> None:
+    worst = max(both_sides.looks, key=lambda look: look.pixels_per_near)
+    told = next(one.why for one in AutoApertures.of(both_sides).chosen if one.aperture == worst.aperture)
+    near = float(told.split("from near ")[1].split()[0])
+    assert near == pytest.approx(0.5 / worst.pixels_per_near, rel=0.05)
+
+
+def test_a_middle_that_sees_nothing_is_left_out_unless_nothing_is_seen_at_all(both_sides: Scout) -> None:
+    middle = both_sides.scene.plate.middle
+    dark = [
+        replace(look, height=np.full_like(look.height, np.nan)) if look.aperture == middle else look
+        for look in both_sides.looks
+    ]
+    assert middle not in only(both_sides, *dark).apertures
+    assert only(both_sides, *(look for look in dark if look.aperture == middle)).apertures == (middle,)
+
+
+def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_no_other(
+    both_sides: Scout,
 ) -> None:
-    plate, sample = Plate(size=(1.0, 1.0), hogels=(columns, rows)), RandomSample(hogels=hogels, seed=seed)
-    taken = [plate.middle]
-    drawn = [one.index for one in sample_hogels(plate, sample, taken)]
-    assert drawn == [one.index for one in sample_hogels(plate, sample, taken)]
-    assert len(set(drawn)) == len(drawn) == min(hogels, columns * rows - 1)
-    assert plate.middle.index not in drawn
-    if len(drawn) >= 4 * rows:
-        # One of each part of the plate: no row is left out.
-        assert {row for _, row in drawn} == set(range(rows))
+    first, *others = both_sides.looks
+    blocked = replace(first, height=np.zeros_like(first.height))
+    auto = only(both_sides, blocked, *others)
+    assert auto.blocked == 1 and blocked.aperture not in auto.apertures
+    assert only(both_sides, blocked).apertures == (blocked.aperture,)
 
 
-def test_a_sample_of_nothing_is_refused() -> None:
-    for wrong in ({"hogels": 0}, {"seed": -1}):
-        with pytest.raises(InputError):
-            RandomSample(**wrong)
+def test_where_all_apertures_see_alike_the_middle_is_enough(both_sides: Scout) -> None:
+    seen = both_sides.looks[0]
+    alike = [
+        replace(look, height=seen.height, outline_widths=seen.outline_widths) for look in both_sides.looks
+    ]
+    assert only(both_sides, *alike).apertures == (both_sides.scene.plate.middle,)

@@ -11,8 +11,7 @@ import pytest
 
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
-from xfrustum.reports.scouting.automatic import auto_apertures
-from xfrustum.reports.scouting.map import MAX_MAP_CELLS, MapCells, map_figures
+from xfrustum.reports.scout import MAX_MAP_CELLS, MapCells, auto_apertures, map_figures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)

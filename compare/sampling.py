@@ -1,0 +1,237 @@
+"""Samples of a plate's hogels, and what they bound: the share of all hogels with a property.
+
+The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; that of `plan` is `share_at_most`.
+
+**One sample.** A path runs to and fro over the rows of the plate, and a sample has one hogel, drawn at
+random, from each of n equal runs of this path. Let p be the mean over the runs of their share of hogels with
+a property. The number found in the sample is a sum of independent trials whose probabilities have the mean p,
+and such a sum falls far below its mean less often than a binomial number does (Hoeffding 1956): where
+P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So the bound of Clopper and Pearson, made for the
+binomial number, is conservative. It is so for simple random samples without replacement too (Hoeffding 1963):
+both know more of a finite plate than trials with replacement would. The theorem leaves out the case in which
+all hogels but one are found; there nothing is claimed. Runs of unequal length differ by one hogel, which
+`share_beyond` allows for.
+
+**Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half that has a
+hogel keeps it, and one is drawn from the other half. A hogel drawn uniformly from a run, given the half that
+it lies in, is drawn uniformly from that half, so that every sample is again one uniform and independent hogel
+from each run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from xfrustum.scenes.arguments import settle, whole
+from xfrustum.scenes.arrays import Indices
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.tolerances import SAMPLED_HOGELS
+
+CONFIDENCE = 0.95
+"""Probability that the bound on the share of hogels holds."""
+
+
+def aperture_at(plate: Plate, place: int) -> Aperture:
+    """Return the aperture at a place of the path that goes to and fro over the rows of a plate, from 0."""
+    columns = plate.hogels[0]
+    row, along = divmod(int(place), columns)
+    return plate.aperture(columns - 1 - along if row % 2 else along, row)
+
+
+def place_of(plate: Plate, aperture: Aperture) -> int:
+    """Return the place of an aperture on the path of `aperture_at`."""
+    columns, (column, row) = plate.hogels[0], aperture.index
+    return row * columns + (columns - 1 - column if row % 2 else column)
+
+
+def _check(hogels: int, seed: int) -> tuple[int, int]:
+    hogels, seed = whole(hogels), whole(seed)
+    if hogels < 1:
+        raise InputError(f"a sample must have at least one hogel, not {hogels!r}")
+    if seed < 0:
+        raise InputError(f"a seed must be a count from 0, not {seed!r}")
+    return hogels, seed
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomSample:
+    """How many hogels are drawn at random, and the start of the random numbers.
+
+    Raises
+    ------
+    InputError
+        There are none, or the seed is negative.
+    """
+
+    hogels: int = SAMPLED_HOGELS
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        hogels, seed = _check(self.hogels, self.seed)
+        settle(self, hogels=hogels, seed=seed)
+
+    def next(self) -> RandomSample:
+        """Return another sample, as large and independent of this one."""
+        return replace(self, seed=self.seed + 1)
+
+
+def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:
+    """Draw one hogel from each of as many equal runs of the path, from which some apertures are left out.
+
+    All hogels where there are no more.
+    """
+    taken = [place_of(plate, aperture) for aperture in without]
+    path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
+    random = np.random.default_rng(sample.seed)
+    runs = np.array_split(path, min(sample.hogels, len(path))) if len(path) else []
+    return [aperture_at(plate, random.choice(run)) for run in runs]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrowingSample:
+    """Samples of a plate, each twice as large as the one before, which it contains.
+
+    Attributes
+    ----------
+    plate
+        The plate whose hogels are drawn.
+    first
+        Number of hogels of the first sample; as many as the plate has where it has fewer.
+    seed
+        Start of the random numbers.
+
+    Raises
+    ------
+    InputError
+        There are none, or the seed is negative.
+    """
+
+    plate: Plate
+    first: int
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        first, seed = _check(self.first, self.seed)
+        settle(self, first=min(first, self.hogels), seed=seed)
+
+    @property
+    def hogels(self) -> int:
+        """Number of hogels of the plate."""
+        return math.prod(self.plate.hogels)
+
+    @property
+    def looks(self) -> int:
+        """Number of samples until there is no hogel left."""
+        return 1 + math.ceil(math.log2(self.hogels / self.first))
+
+    def size(self, look: int) -> int:
+        """Return the number of hogels of a sample, 0 for the first."""
+        return min(self.first << look, self.hogels)
+
+    def places(self, look: int) -> Indices:
+        """Return where the hogels of a sample lie on the path, (n,) in ascending order."""
+        places = np.zeros(0, dtype=np.int64)
+        for number in range(look + 1):
+            runs = self.first << number
+            ends = np.arange(runs + 1, dtype=np.int64) * self.hogels // runs
+            random = np.random.default_rng((self.seed, number))
+            drawn = random.integers(ends[:-1], np.maximum(ends[1:], ends[:-1] + 1))
+            drawn[np.searchsorted(ends, places, side="right") - 1] = places
+            # With more runs than hogels some are empty, and the others have one hogel each.
+            places = np.asarray(drawn[ends[1:] > ends[:-1]], dtype=np.int64)
+        return places
+
+    def new_places(self, look: int) -> Indices:
+        """Return those of `places` that the sample before does not have."""
+        places = self.places(look)
+        return np.setdiff1d(places, self.places(look - 1), assume_unique=True) if look else places
+
+
+def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
+    """Return the upper bound of a share from a random sample (Clopper and Pearson 1934).
+
+    Parameters
+    ----------
+    beyond, sampled
+        How many of the sample have the property, and how many there are.
+    confidence
+        Probability that the bound holds.
+    """
+    if beyond >= sampled:
+        return 1.0
+    return float(scipy.stats.beta.ppf(confidence, beyond + 1, sampled - beyond))
+
+
+def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
+    """Return the upper bound on a share of a plate's hogels from a `GrowingSample`.
+
+    Parameters
+    ----------
+    beyond, judged
+        Number of sampled hogels with the property, and of all sampled hogels.
+    hogels
+        Number of hogels of the plate. Where all were sampled, the share itself is returned.
+    risk
+        Probability with which the bound may be wrong.
+    """
+    possible = (hogels - judged + beyond) / hogels
+    if judged == hogels or (judged > 1 and beyond >= judged - 1):
+        return possible
+    # A run may hold more hogels than the mean one, all with the property: then the plate's share is larger
+    # than the mean of the runs' shares, by this factor at most.
+    longest = math.ceil(hogels / judged) * judged / hogels
+    return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
+
+
+def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
+    """Return the lower bound on a share of a plate's hogels: all but the upper bound on those without it."""
+    return 1 - share_beyond(judged - beyond, judged, hogels, risk)
+
+
+def confidence_of_each(claims: int, confidence: float = CONFIDENCE) -> float:
+    """Return the confidence of each of several claims that hold together with some confidence (Sidak 1967).
+
+    This is exact for independent claims and safe for those that tend to hold or fail together.
+    """
+    return float(confidence ** (1 / claims))
+
+
+def risk_of_claim(settings: int = 1, look: int | None = None, confidence: float = CONFIDENCE) -> float:
+    """Return the probability with which one bound of a survey may be wrong, for all to hold together.
+
+    Settings share the risk equally (Bonferroni), whatever they have to do with each other: Sidak's correction
+    is safe only for claims that tend to hold or fail together, and of two settings one may be wrong just
+    where the other is right. Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add up to
+    one. So all bounds hold together, however many looks there are, and also the last one, wherever the survey
+    stops (the union bound, which asks for no independence).
+
+    Parameters
+    ----------
+    settings
+        Number of settings, each of which is claimed something of.
+    look
+        Number of the look, 0 for the first; None where there is only one.
+    confidence
+        Probability with which all hold together.
+    """
+    risk = (1 - confidence) / settings
+    return risk if look is None else risk / ((look + 1) * (look + 2))
+
+
+def clean_sample(share: float, hogels: int, risk: float) -> int:
+    """Return the size of the smallest first sample that bounds a share where no hogel has the property.
+
+    The whole plate where no smaller one does.
+    """
+    if share <= 0:
+        return hogels
+    size = min(hogels, max(1, math.floor(math.log(risk) / math.log1p(-min(share, 1 - 1e-9)))))
+    while size < hogels and share_beyond(0, size, hogels, risk) > share:
+        size += 1
+    return size
