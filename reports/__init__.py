@@ -6,7 +6,7 @@ cluster/          Whole plates in blocks of hogels, done by one process or by th
 commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
 common/           What all reports share: outputs, progress, times, pages, numbers in words
 cost/             What accuracy costs in time
-effects/          What a scene calls for, and what it costs
+explain           What a scene calls for, what bounds its errors by depth, and what a viewer sees
 exchange/         The exchange with other programs: plates in layouts of files, and cameras for other
                   renderers
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and

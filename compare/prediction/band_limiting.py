@@ -26,7 +26,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from xfrustum.compare.extent.content import DepthBin, depth_bins
+from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture

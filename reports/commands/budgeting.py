@@ -14,7 +14,7 @@ from xfrustum.compare.attribution.budget import (
     said_of_budget,
 )
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
-from xfrustum.compare.extent import require_seen
+from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import scipy
 
-from xfrustum.compare.extent import require_seen
+from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.measure import meets

@@ -8,17 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.extent import (
-    ObjectExtent,
-    Sight,
-    extents,
-    heights,
-    length,
-    plate_warnings,
-    unseen_facts,
-    warnings,
-)
-from xfrustum.compare.extent.facts import Point
+from xfrustum.compare.extent import ObjectExtent, Point, Sight, extents
+from xfrustum.compare.extent_words import heights, length, plate_warnings, unseen_facts, warnings
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.summaries import Summarized

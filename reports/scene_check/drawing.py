@@ -7,7 +7,8 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from xfrustum.compare.extent import aside_of_frusta, box, heights, length
+from xfrustum.compare.extent import aside_of_frusta, box
+from xfrustum.compare.extent_words import heights, length
 from xfrustum.reports.scene_check.picture_frame import (
     HEIGHT,
     LEFT,

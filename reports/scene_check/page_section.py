@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from xfrustum.compare.extent import warnings
+from xfrustum.compare.extent_words import warnings
 from xfrustum.reports.scene_check.drawing import NAMESPACE, draw_view
 from xfrustum.reports.scene_check.picture_frame import View
 from xfrustum.scenes.model.scene import Scene

@@ -15,7 +15,7 @@ import numpy as np
 from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.findings import Findings, find_out
 from xfrustum.compare.diagnosis.views.view_shear import with_view_shear
-from xfrustum.compare.extent import require_seen
+from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel

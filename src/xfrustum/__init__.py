@@ -48,7 +48,7 @@ _NAMES = {
     "compare": "Comparison compare_images",
     "reports.exchange.convert": "Conversion ConversionOptions convert",
     "reports.cost.cost": "CostReport cost",
-    "reports.effects.plan": "EffectsPlan explain",
+    "reports.explain": "EffectsPlan explain",
     "scenes.model.eye": "Eye",
     "compare.run": "Judge JudgedDrawing JudgedHogel",
     "reports.scene_check.new_scene": "NewScene new_scene",

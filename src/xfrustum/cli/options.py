@@ -443,7 +443,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     InputError
         None of the apertures sees anything of the objects; with `black_is_right`, no aperture of the plate.
     """
-    from xfrustum.compare import extent
+    from xfrustum.compare import extent_words as extent
     from xfrustum.scenes.errors import InputError
     from xfrustum.scenes.library.hard import cases as hard_cases
 
@@ -460,7 +460,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
 
 def warn_of(scene: Scene) -> None:
     """Warn on standard error of objects that the reach cuts, and of those that are tiny beside the plate."""
-    from xfrustum.compare import extent
+    from xfrustum.compare import extent_words as extent
 
     for warning in extent.warnings(scene):
         say(f"warning: {warning}")

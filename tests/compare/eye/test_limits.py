@@ -27,7 +27,7 @@ from xfrustum.compare.eye.noticeable import (
 )
 from xfrustum.compare.planning.viewer import CRACK, seen_content
 from xfrustum.compare.scout import scout
-from xfrustum.reports.effects.viewer import viewer_record
+from xfrustum.reports.explain import viewer_record
 from xfrustum.scenes import DoubleFrustum, InputError
 
 CAR = view("car", (192, 192))
@@ -88,9 +88,9 @@ def test_explain_and_the_study_agree_on_what_is_seen(name: str, distance: float,
     viewer, display = Viewer(distance=distance), Display.of(scene)
     change = stereo_change_arcsec(surface_content(scene), viewer, display, settings)
     _, hidden, crack = resolved_crack(viewer, display, settings)
-    assert (record.stereo_change_arcsec, record.crack_arcmin) == (change, crack)
-    assert record.seen == (change > STEREO_ACUITY_ARCSEC or crack > hidden) == (near != 0.045)
-    assert record.seen == (near > record.largest_unseen_near)
+    assert (record["stereo_change_arcsec"], record["crack_arcmin"]) == (change, crack)
+    assert record["seen"] == (change > STEREO_ACUITY_ARCSEC or crack > hidden) == (near != 0.045)
+    assert record["seen"] == (near > record["largest_unseen_near"])
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
     assert (found.near_stereo, found.diffraction_arcmin, found.rays_per_pupil) == (None, None, None)
     assert found.near == found.near_crack
     record = viewer_record(replace(CAR, units="units"), 600.0, DoubleFrustum(near=1.0))
-    assert record.stereo_change_arcsec is None
-    assert [one.name for one in record.near_limits] == [CRACK]
+    assert record["stereo_change_arcsec"] is None
+    assert [one.name for one in record["near_limits"]] == [CRACK]
     with pytest.raises(InputError, match="distance"):
         Viewer(distance=-1.0)

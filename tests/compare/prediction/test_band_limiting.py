@@ -13,7 +13,7 @@ import pytest
 from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
-from xfrustum.compare.extent.content import depth_bins
+from xfrustum.compare.extent import depth_bins
 from xfrustum.compare.prediction.band_limiting import (
     DISCREPANCY,
     LEVEL,

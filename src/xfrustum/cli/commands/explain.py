@@ -60,24 +60,22 @@ def explain(
     """
     opened = light.applied(options.open_scene(scene))
     from xfrustum.compare.eye.limits import scene_length
-    from xfrustum.reports.effects import plan as effects_plan
-    from xfrustum.reports.effects import table as effects_table
-    from xfrustum.reports.effects.viewer import viewer_record, viewer_table
+    from xfrustum.reports import explain as explaining
 
-    near = near or effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach
+    near = near or explaining.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach
     settings = DoubleFrustum(near=near, slabs=slabs, camera=camera)
     chosen = options.chosen_aperture(opened, aperture)
     options.look_at(opened, [chosen])
-    plan = effects_plan.explain(
+    plan = explaining.explain(
         opened,
         chosen,
         settings,
         tracer=tracer,
-        repeat=(effects_plan.REPEAT if measure else 0) if repeat is None else repeat,
+        repeat=(explaining.REPEAT if measure else 0) if repeat is None else repeat,
         progress=not quiet,
     )
-    summary, text = effects_table.summary(plan), effects_table.table(plan)
+    summary, text = explaining.summary(plan), explaining.table(plan)
     if viewer is not None:
-        record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
-        summary, text = {**summary, "viewer": record}, f"{text}\n\n{viewer_table(record, opened.units)}"
+        record = explaining.viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
+        summary, text = {**summary, "viewer": record}, f"{text}\n\n{explaining.viewer_table(record, opened.units)}"
     options.tell(as_json, lambda: summary, lambda: text)

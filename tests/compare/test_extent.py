@@ -14,9 +14,8 @@ import xfrustum
 from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
-from xfrustum.compare.extent import extents, require_seen, unseen_sentence, warnings
-from xfrustum.compare.extent.layers import share_between
-from xfrustum.compare.extent.sight import apertures_in_sight, in_sight
+from xfrustum.compare.extent import apertures_in_sight, extents, in_sight, share_between
+from xfrustum.compare.extent_words import require_seen, unseen_sentence, warnings
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.library.hard import cases as hard_cases

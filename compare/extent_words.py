@@ -8,8 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.extent.facts import Point, box, in_plate, share_in_reach
-from xfrustum.compare.extent.sight import apertures_in_sight, aside_of_frusta, in_sight
+from xfrustum.compare.extent import (
+    Point,
+    apertures_in_sight,
+    aside_of_frusta,
+    box,
+    in_plate,
+    in_sight,
+    share_in_reach,
+)
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.plate import Aperture

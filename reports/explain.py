@@ -1,0 +1,676 @@
+"""`xfrustum explain`: what a scene calls for, what bounds errors at each depth, and what a viewer sees.
+
+The answer comes from the scene alone: `scenes.model.effects` decides what is in sight and whether leaving it
+out changes a bit, and closed forms say what near offset, depth buffer, shear and band limiting do.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.extent import DepthBin, depth_bins
+from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.eye.limits import Viewer, display_limits
+from xfrustum.compare.eye.noticeable import Display, require_before_viewer, resolved_crack, surface_content
+from xfrustum.compare.prediction.band_limiting import (
+    LEVEL,
+    band_limit,
+    contrast_of,
+    error_bound,
+    widest_blur,
+)
+from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.reference import TRACERS
+from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arguments import whole
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Decision, Effect, Question, decide
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.slabs import SlabContent, slab_contents
+from xfrustum.scenes.notebook.shown import Shown, Table
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import TOLERANCE_PX
+
+REPEAT = FEWEST_DIFFERENCES
+"""Measured pairs of images for each effect, where costs are measured."""
+
+DEFAULT_NEAR_PER_REACH = 1e-3
+"""Near where none is asked for."""
+
+EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
+"""Numbers of sub-apertures whose errors are told: none but the middle, and what one might pay for."""
+
+MEASURED_PATHS = 4
+"""Light paths per pixel with which light transport is timed: its time is proportional to their number."""
+
+PROCEDURE = (
+    "each image with and without the effect, in turn, the first of a pair in alternation, after one of each "
+    "that "
+    "warms up; medians, of the differences for costs; color only, one sample unless samples are what is "
+    "measured; "
+    "light transport from its time for 4 paths a pixel"
+)
+"""How costs are measured, in words."""
+
+RENDERERS = ("raster", "reference")
+"""Names of the renderers whose costs are measured."""
+
+SINGLE_SAMPLE = Sampling()
+
+
+# Costs ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """The seconds that an effect adds to an image: median, spread and interval of differences of pairs."""
+
+    seconds: float
+    spread: float
+    interval: tuple[float, float]
+    repetitions: int
+    without: float
+    """Median time of the image without the effect."""
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the effect is told to take time, or to save it: the interval is on one side of zero."""
+        low, high = self.interval
+        return self.repetitions >= FEWEST_DIFFERENCES and (low > 0 or high < 0)
+
+    def times(self, factor: float) -> Cost:
+        """Return the cost of an effect that takes so many times as long."""
+        low, high = self.interval
+        return replace(
+            self,
+            seconds=factor * self.seconds,
+            spread=factor * self.spread,
+            interval=(factor * low, factor * high),
+        )
+
+
+Image = Callable[[], object]
+
+
+def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
+    """Return the time that the first of two images takes beyond the second.
+
+    After one pair that warms up, the images of a pair are made in alternating order: the second may find
+    caches filled, or a processor slowed down.
+    """
+    pairs = [_pair(with_it, without_it, swapped=turn % 2 == 0) for turn in range(repeat + 1)][1:]
+    differences = [one - other for one, other in pairs]
+    quartiles = statistics.quantiles(differences, n=4) if repeat > 1 else differences * 3
+    return Cost(
+        seconds=statistics.median(differences),
+        spread=(quartiles[2] - quartiles[0]) / 2,
+        interval=median_interval(differences),
+        repetitions=repeat,
+        without=statistics.median(other for _, other in pairs),
+    )
+
+
+def _pair(with_it: Image, without_it: Image, *, swapped: bool) -> tuple[float, float]:
+    if swapped:
+        other = _seconds(without_it)
+        return _seconds(with_it), other
+    return _seconds(with_it), _seconds(without_it)
+
+
+def _seconds(image: Image) -> float:
+    start = time.perf_counter()
+    image()
+    return time.perf_counter() - start
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectTimes:
+    """Measures the image of one aperture by both renderers, which are loaded only then."""
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    tracer: str
+    repeat: int
+
+    def of_effects(self, with_it: frozenset[Effect], without_it: frozenset[Effect]) -> dict[str, Cost]:
+        """Return the cost of one set of effects beyond another, by renderer."""
+        found = {"raster": self._cost("raster", (SINGLE_SAMPLE, with_it), (SINGLE_SAMPLE, without_it))}
+        # A true line meets the same surface first, whichever cameras would draw it.
+        if (with_it ^ without_it) - {Effect.C, Effect.C_STAR}:
+            found["reference"] = self._cost(
+                "reference", (SINGLE_SAMPLE, with_it), (SINGLE_SAMPLE, without_it)
+            )
+        return found
+
+    def of_sampling(self, sampling: Sampling) -> dict[str, Cost]:
+        """Return the cost of finer sampling beyond one sample, by renderer."""
+        return {name: self._cost(name, (sampling, None), (SINGLE_SAMPLE, None)) for name in RENDERERS}
+
+    def of_transport(self, transport: Transport) -> dict[str, Cost]:
+        """Return the cost of Mitsuba's light transport: the whole time of an image of its own."""
+        from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415 - only where measured
+
+        tracer, few = PathTracer(self.scene), replace(transport, samples=MEASURED_PATHS)
+        found = cost(lambda: tracer.render(self.aperture, few), lambda: None, self.repeat)
+        return {"reference": found.times(transport.samples / MEASURED_PATHS)}
+
+    def _cost(self, renderer: str, *images: tuple[Sampling, frozenset[Effect] | None]) -> Cost:
+        from xfrustum.raster import Rasterizer  # noqa: PLC0415 - only where measured
+        from xfrustum.reference import Reference  # noqa: PLC0415 - likewise
+
+        (fine, more), (plain, fewer) = images
+        if renderer == "reference":
+            one, other = (Reference(self.scene, self.tracer, some) for some in (more, fewer))
+            return cost(
+                lambda: one.trace(self.aperture, fine), lambda: other.trace(self.aperture, plain), self.repeat
+            )
+        with Rasterizer(self.scene, more) as first, Rasterizer(self.scene, fewer) as second:
+            asked = (self.aperture, self.settings)
+            return cost(
+                lambda: first.render(*asked, normals=False, sampling=fine),
+                lambda: second.render(*asked, normals=False, sampling=plain),
+                self.repeat,
+            )
+
+
+# What a scene calls for ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One effect, or a setting of the scene: whether it is used, the fact that decided it, and its costs."""
+
+    name: str
+    used: bool
+    reason: str
+    objects: tuple[int, ...] = ()
+    out_of_sight: tuple[int, ...] = ()
+    costs: dict[str, Cost] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class EffectsPlan(Shown):
+    """The effects that one image will have, decided before anything runs, and their measured costs.
+
+    Attributes
+    ----------
+    rows
+        The local effects, and then the settings of the scene.
+    slabs
+        Slabs of both cameras, from the back.
+    left_out
+        Cost of all local effects beyond those used, by renderer; empty if not measured.
+    repeat
+        Measured pairs of images; 0 if nothing was measured.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    tracer: str
+    rows: tuple[Row, ...]
+    slabs: tuple[SlabContent, ...]
+    depths: dict[str, Any]
+    left_out: dict[str, Cost]
+    repeat: int
+
+    @property
+    def drawn(self) -> tuple[SlabContent, ...]:
+        """The slabs that have something in them, of the cameras that are used."""
+        used = {row.name for row in self.rows if row.used}
+        return tuple(slab for slab in self.slabs if slab.triangles and slab.camera.value in used)
+
+    @property
+    def passes(self) -> tuple[tuple[Camera, tuple[float, float], str], ...]:
+        """Camera, heights and what is drawn of each of the rasterizer's passes, in order."""
+        reflects = any(row.used for row in self.rows if row.name == Effect.REFLECTION)
+        kinds = ("surfaces", "reflections") if reflects else ("surfaces",)
+        return tuple((slab.camera, slab.heights, kind) for kind in kinds for slab in self.drawn)
+
+    def _said(self) -> str:
+        column, row = self.aperture.index
+        used, left_out = (
+            ", ".join(one.name for one in self.rows if one.used is wanted) or "nothing"
+            for wanted in (True, False)
+        )
+        return (
+            f"aperture {column},{row} of {self.scene.name!r} calls for {used}; it is drawn without {left_out}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        rows = [(one.name, "used" if one.used else "left out", one.reason) for one in self.rows]
+        return (Table(head=("effect", "", "reason"), rows=rows),)
+
+
+def explain(
+    scene: Scene,
+    aperture: Aperture | None = None,
+    settings: DoubleFrustum | None = None,
+    *,
+    tracer: str = "embree",
+    repeat: int = 0,
+    progress: bool = False,
+) -> EffectsPlan:
+    """Say what an image of a scene calls for and, if asked, measure what each effect costs here and now.
+
+    Parameters
+    ----------
+    aperture, settings
+        Image that is asked for; by default of the middle aperture, with both cameras and no slabs.
+    tracer
+        One of `xfrustum.reference.TRACERS`.
+    repeat
+        Measured pairs of images for each effect; 0 measures nothing, and answers from the scene alone.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+        usable OpenGL.
+    """
+    aperture = aperture or scene.plate.middle
+    settings = settings or DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)
+    settings.check_against(scene.frustum)
+    if whole(repeat) < 0:
+        raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
+    if tracer not in TRACERS:
+        raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
+    require_seen(scene, [aperture])
+    question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
+    rows = [_local(one) for one in decide(scene, question=question)] + _settings_of(scene, repeat > 0)
+    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
+    left_out: dict[str, Cost] = {}
+    if repeat:
+        times = EffectTimes(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
+        with progress_bar(len(rows) + 1, "explain", "effect", shown=progress) as bar:
+            for number, row in enumerate(rows):
+                rows[number] = replace(row, costs=_measured(row, used, times))
+                bar.update()
+            left_out = times.of_effects(ALL_EFFECTS, used)
+            bar.update()
+    return EffectsPlan(
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        tracer=tracer,
+        rows=tuple(rows),
+        slabs=slab_contents(scene, settings),
+        depths=depths(scene, aperture, settings),
+        left_out=left_out,
+        repeat=repeat,
+    )
+
+
+def _local(one: Decision) -> Row:
+    return Row(
+        name=one.effect,
+        used=one.used,
+        reason=one.reason,
+        objects=one.objects,
+        out_of_sight=one.out_of_sight,
+    )
+
+
+def _settings_of(scene: Scene, measured: bool) -> list[Row]:
+    """Return the rows of what changes the picture and therefore is simulated only if it is asked for."""
+    sampling, transport = scene.sampling, scene.transport
+    side, many = sampling.supersample, sampling.multisample
+    paths = f"{transport.samples} light paths a pixel"
+    points = f"{side} x {side} points a pixel and {many} coverage samples are asked for"
+    rows = (
+        ("antialiasing", side > 1 or many > 1, points, "2 x 2 points a pixel"),
+        (
+            "band-limiting",
+            sampling.aperture > 1,
+            f"{sampling.aperture} sub-apertures are asked for",
+            "4 sub-apertures",
+        ),
+        ("shadows", transport.shadows, f"asked for, with {paths}", paths),
+        ("interreflection", transport.interreflection, f"asked for, with {paths}", paths),
+    )
+    return [
+        Row(
+            name=name,
+            used=used,
+            reason=asked if used else f"not asked for{f'; the cost is that of {cheap}' if measured else ''}",
+        )
+        for name, used, asked, cheap in rows
+    ]
+
+
+def _measured(row: Row, used: frozenset[Effect], times: EffectTimes) -> dict[str, Cost]:
+    """Return the cost of an effect that is added to those used, or taken away from them, or of a setting."""
+    asked = times.scene.sampling
+    match row.name:
+        case "antialiasing":
+            return times.of_sampling(replace(asked, aperture=1) if row.used else Sampling(supersample=2))
+        case "band-limiting":
+            return times.of_sampling(Sampling(aperture=asked.aperture if row.used else 4))
+        case "shadows" | "interreflection":
+            samples = times.scene.transport.samples
+            return times.of_transport(Transport(samples=samples, **{row.name: True}))
+        case _:
+            effect = Effect(row.name)
+            return times.of_effects(used | {effect}, used - {effect})
+
+
+# What bounds errors at each depth --------------------------------------------------------------------------
+
+
+def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
+    """Return the content of an aperture's frustum by depth, with errors in closed form: `depths` in JSON.
+
+    The near offset displaces what lies below the first cut, and a fit makes that less: without an own one the
+    first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
+    """
+    bins, corner = depth_bins(scene, [aperture]), math.hypot(*scene.frustum.resolution) / 2
+    contrast = contrast_of(scene, [aperture])
+    fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
+    rows, nears = [], list(settings.slabs)
+    for one in bins:
+        sections = settings.sections(scene.frustum.reach[1 if one.behind else 0])
+        of_fit = 1.0 if fitted is None else abs(1 - one.nearest / fitted)
+        displaced = one.nearest < sections[0][1]
+        if displaced:
+            nears.append(one.nearest * TOLERANCE_PX / max(corner * of_fit - TOLERANCE_PX, TOLERANCE_PX))
+        moved = settings.near / (one.nearest + settings.near) if displaced else 0.0
+        band = band_limit(scene, one, contrast)
+        row = {name: getattr(one, name) for name in ("heights", "nearest", "farthest", "triangles", "share")}
+        rows.append(
+            {
+                "side": "behind" if one.behind else "before",
+                **row,
+                "near_px": corner * moved * of_fit,
+                "shear_px": _shear_px(scene, aperture) * moved,
+                "separation": _separation(one, sections, settings),
+                "blur_px": band.blur_px[::-1],
+                "sub_apertures": band.sub_apertures,
+            }
+        )
+    counts, blurs = [row["sub_apertures"] for row in rows], [widest_blur(scene, one) for one in bins]
+    return {
+        "rows": rows,
+        "near": settings.near,
+        "largest_near": min(nears, default=0.0) or None,
+        "tolerance_px": TOLERANCE_PX,
+        "contrast": contrast,
+        "sub_apertures": None if None in counts else max((count for count in counts if count), default=1),
+        "cuts": settings.slabs,
+        "band_errors": [
+            {
+                "sub_apertures": count,
+                "levels": max((error_bound(count, blur, contrast) for blur in blurs), default=0.0) / LEVEL,
+            }
+            for count in EXAMPLE_SUB_APERTURES
+        ],
+    }
+
+
+def _separation(content: DepthBin, sections: Sequence[tuple[float, float]], settings: DoubleFrustum) -> float:
+    """Return the smallest separation ordered at a bin's farthest content, in the slab that draws it."""
+    low, high = next((one for one in sections if content.farthest <= one[1]), sections[-1])
+    # The first slab's camera has stepped back; those of the others stand in the aperture.
+    back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
+    w = np.array([content.farthest + back])
+    return float(smallest_separation(w, near, high + back, settings.depth, settings.mapping)[0])
+
+
+def _shear_px(scene: Scene, aperture: Aperture) -> float:
+    """Return the length of (W/2 kx/tx, H/2 ky/ty): pixels by which a shear of n per depth moves the film."""
+    screen = scene.frustum.screen
+    if screen is None:
+        return 0.0
+    # k/t is the distance from aperture to the screen's middle, in half sizes of the screen.
+    away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
+    return float(np.hypot(*(np.array(scene.frustum.resolution) / 2 * away)))
+
+
+# As JSON -------------------------------------------------------------------------------------------------
+
+
+def summary(plan: EffectsPlan) -> dict[str, Any]:
+    """Return the object that `explain --json` prints."""
+    sampling, scene = plan.scene.sampling, plan.scene
+    found = {
+        "scene": {"name": scene.name, "hash": scene.content_hash},
+        "aperture": plan.aperture.index,
+        "effects": [_effect(row) for row in plan.rows],
+        "objects": list(_objects(plan)),
+        "depths": plan.depths,
+        "cameras": list(dict.fromkeys(slab.camera for slab in plan.drawn)),
+        "slabs": [asdict(slab) for slab in plan.slabs],
+        "passes": [
+            {"camera": camera, "heights": heights, "draws": kind} for camera, heights, kind in plan.passes
+        ],
+        "samples": {
+            "pixel": sampling.supersample**2,
+            "multisample": sampling.multisample,
+            "aperture": sampling.aperture,
+        },
+        "transport": scene.transport,
+        "tracer": plan.tracer,
+        "image_s": _by_renderer(plan.left_out, "without"),
+        "left_out_s": _by_renderer(plan.left_out, "seconds"),
+        "left_out_interval_s": _by_renderer(plan.left_out, "interval"),
+        "repeat": plan.repeat,
+        "procedure": PROCEDURE,
+    }
+    ready: dict[str, Any] = json_ready(found)
+    return ready
+
+
+def _effect(row: Row) -> dict[str, Any]:
+    told = {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
+    numbers = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
+    return told | {key: _by_renderer(row.costs, name) for key, name in numbers.items()}
+
+
+def _by_renderer(costs: dict[str, Cost], name: str) -> dict[str, Any]:
+    """Return a number of the cost by each renderer; None where it was not measured or means nothing."""
+    return {one: getattr(costs[one], name) if one in costs else None for one in RENDERERS}
+
+
+def _objects(plan: EffectsPlan) -> Iterator[dict[str, Any]]:
+    """Yield each object with the local effects that it calls for."""
+    cameras = (Effect.C, Effect.C_STAR)
+    for number, part in enumerate(plan.scene.objects):
+        z = part.vertices[:, 2]
+        rows = [row for row in plan.rows if number in row.objects]
+        yield {
+            "number": number,
+            "name": part.name,
+            "heights": (float(z.min()), float(z.max())),
+            "in_sight": any(row.name in cameras for row in rows),
+            "effects": [row.name for row in rows if row.used and row.name not in cameras],
+        }
+
+
+# As text -------------------------------------------------------------------------------------------------
+
+
+def table(plan: EffectsPlan) -> str:
+    """Return the plan as text: the effects, then what is drawn, sampled and traced."""
+    units, told, measured = plan.scene.units, summary(plan), RENDERERS if plan.repeat else ()
+    lines = [("effect", "", *measured, "because")]
+    for row in plan.rows:
+        costs = (_time(row.costs.get(name)) for name in measured)
+        lines.append((row.name, "used" if row.used else "left out", *costs, row.reason))
+    text = [*_columns(lines), ""]
+    for one in told["objects"]:
+        low, high = map(digits, one["heights"])
+        called = (", ".join(one["effects"]) or "no effect") if one["in_sight"] else "out of sight"
+        text.append(f"object {one['number']}, {one['name']}, heights {low} to {high} {units}: {called}")
+    text += ["", *_by_depth(plan), ""]
+    for slab in plan.slabs:
+        low, high = map(digits, slab.heights)
+        side = "behind" if slab.camera is Camera.C else "before"
+        content = {0: "empty, skipped", 1: "1 triangle"}.get(slab.triangles, f"{slab.triangles:,} triangles")
+        text.append(f"slab {low} to {high} {units} {side} the plate, camera {slab.camera}: {content}")
+    kinds = [kind for *_, kind in plan.passes]
+    samples, transport = told["samples"], told["transport"]
+    asked = [name for name in ("shadows", "interreflection") if transport[name]]
+    text += [
+        f"passes: {kinds.count('surfaces')} of surfaces, {kinds.count('reflections')} of reflections",
+        f"samples: {samples['pixel']} a pixel, {samples['multisample']} of coverage, {samples['aperture']} "
+        f"over "
+        "the aperture",
+        f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}",
+    ]
+    for name, cost_of_all in plan.left_out.items():
+        text.append(
+            f"{name} {_duration(cost_of_all.without)} an image, all effects besides {_time(cost_of_all)}"
+        )
+    if plan.left_out:
+        text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
+    return "\n".join(text)
+
+
+def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Yield lines of cells, each column as wide as its longest cell."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+
+
+def _by_depth(plan: EffectsPlan) -> Iterator[str]:
+    """Yield the content of the frustum by depth, and what bounds its errors."""
+    found, units = plan.depths, plan.scene.units
+    cuts = f"cut at {', '.join(map(digits, found['cuts']))} {units}" if found["cuts"] else "without cuts"
+    yield (
+        f"what lies in the frustum of aperture {plan.aperture.column},{plan.aperture.row} by depth, hidden "
+        f"surfaces "
+        f"included; near {digits(found['near'])} {units}, {cuts}, {plan.settings.depth_label}:"
+    )
+    lines: list[tuple[str, ...]] = [
+        (f"|z| ({units})", "surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
+    ]
+    for row in found["rows"]:
+        least, largest = (digits(one) if math.isfinite(one) else "any" for one in row["blur_px"])
+        lines.append(
+            (
+                f"{digits(row['nearest'])} to {digits(row['farthest'])} {row['side']}",
+                percent(row["share"]),
+                f"{digits(row['near_px'])} px",
+                f"{digits(row['shear_px'])} px",
+                f"{digits(row['separation'])} {units}",
+                f"{least} to {largest} px",
+                "over 65,536" if row["sub_apertures"] is None else f"{row['sub_apertures']:,}",
+            )
+        )
+    yield from _columns(lines)
+    within = f"within {digits(found['tolerance_px'])} px"
+    if found["largest_near"] is None:
+        yield f"no near keeps content that touches the plate {within}"
+    else:
+        largest = digits(found["largest_near"])
+        yield f"near up to {largest} {units} keeps all of it {within}; for the plate ask `xfrustum plan`"
+    used, enough = plan.scene.sampling.aperture, found["sub_apertures"]
+    errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
+    yield (
+        f"band limiting: {used:,} sub-apertures are used; edges may be off by so many levels of 8 bits: "
+        f"{', '.join(errors)}; {'over 65,536' if enough is None else f'{enough:,}'} keep them under one"
+    )
+
+
+def _time(found: Cost | None) -> str:
+    """Write a cost, or the interval of its repetitions where it cannot be told from nothing."""
+    if found is None:
+        return "-"
+    if not found.resolved:
+        low, high = found.interval
+        return f"not told ({_duration(low)} to {_duration(high)})"
+    return _duration(found.seconds)
+
+
+def _duration(seconds: float) -> str:
+    return f"{digits(seconds)} s" if abs(seconds) >= 1 else f"{digits(1e3 * seconds)} ms"
+
+
+# For a viewer --------------------------------------------------------------------------------------------
+
+
+def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
+    """Return what a display can show to a viewer at a distance, and whether a near offset is seen there.
+
+    The key `viewer` of `explain --viewer --json`. All surfaces within the reach count, as if every one were
+    seen.
+
+    Raises
+    ------
+    InputError
+        A surface within the reach lies behind the viewer.
+    """
+    from xfrustum.compare.planning.viewer import EyeRequirement, binding  # noqa: PLC0415 - loads the reference
+
+    viewer, display, content = Viewer(distance=distance), Display.of(scene), surface_content(scene)
+    require_before_viewer(scene, content, viewer)
+    requirement = EyeRequirement(viewer=viewer, display=display, content=content)
+    found = requirement.limits_with(settings)
+    binds = binding(found)
+    change = None if display.millimeters is None else requirement.stereo_change(settings)
+    crack, hidden = None, math.inf
+    if content.through:
+        _, hidden, crack = resolved_crack(viewer, display, settings)
+    return {
+        "limits": display_limits(scene, viewer),
+        "near": settings.near,
+        "near_limits": found,
+        "largest_unseen_near": math.inf
+        if binds is None or binds.largest_near is None
+        else binds.largest_near,
+        "stereo_change_arcsec": change,
+        "crack_arcmin": crack,
+        "seen": (change or 0.0) > viewer.stereo_acuity_arcsec or (crack or 0.0) > hidden,
+        "bent": scene.frustum.recentered,
+    }
+
+
+def viewer_table(record: dict[str, Any], units: str) -> str:
+    """Return the same as lines of text."""
+    limits, near, largest = record["limits"], record["near"], record["largest_unseen_near"]
+    unseen = (
+        f"up to n = {digits(largest)} {units}"
+        if 0 < largest < math.inf
+        else "at any n"
+        if largest
+        else "at no n"
+    )
+    lines = [
+        f"for a viewer at {digits(limits.viewer.distance)} {units}:",
+        f"  a hogel is seen under {digits(limits.pitch_arcmin)}', its pixels under "
+        f"{digits(limits.pixel_arcmin)}'; the "
+        f"eye resolves {digits(limits.viewer.acuity_arcmin)}'",
+        f"  depth of field: {_depth(limits.before, units)} before the plate, {_depth(limits.behind, units)} "
+        f"behind it",
+        f"  a near offset n, a gap of 2 n at the plate, is not seen {unseen}",
+        f"  n = {digits(near)} {units} is {'seen' if record['seen'] else 'not seen'}",
+    ]
+    names = {
+        "stereo": ("stereo_change_arcsec", "arc seconds of disparity"),
+        "crack": ("crack_arcmin", "' of crack"),
+    }
+    for one in record["near_limits"]:
+        key, unit = names[one.name]
+        lines.append(f"    {digits(record[key])} {unit}; up to {digits(one.allowed)} are not noticed")
+    if record["stereo_change_arcsec"] is None:
+        lines.append(f"    whether two eyes see it is not known: how long is one of the scene's {units}?")
+    return "\n".join(lines)
+
+
+def _depth(depth: float, units: str) -> str:
+    return "any depth" if math.isinf(depth) else f"{digits(depth)} {units}"
