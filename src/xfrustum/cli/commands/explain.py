@@ -77,5 +77,8 @@ def explain(
     summary, text = explaining.summary(plan), explaining.table(plan)
     if viewer is not None:
         record = explaining.viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
-        summary, text = {**summary, "viewer": record}, f"{text}\n\n{explaining.viewer_table(record, opened.units)}"
+        summary, text = (
+            {**summary, "viewer": record},
+            f"{text}\n\n{explaining.viewer_table(record, opened.units)}",
+        )
     options.tell(as_json, lambda: summary, lambda: text)
