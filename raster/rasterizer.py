@@ -115,6 +115,11 @@ class Rasterizer(ContextOwner):
         self._targets.clear()
         self._context.release()
 
+    def check_sampling(self, sampling: Sampling) -> None:
+        """Raise InputError where the device cannot sample so finely."""
+        with self._context:
+            check_sampling(sampling, self.device["renderer"])
+
     def effects_for(self, settings: DoubleFrustum) -> frozenset[Effect]:
         """Return the effects that pictures with these settings are drawn with."""
         if not self._automatic or not loses_far_plane(self.scene, settings):

@@ -13,13 +13,18 @@ from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.rays import hogel_lines
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.notebook.shown import Brief
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
+
+MAX_PIXELS_PER_DEGREE = 10_000
+"""Largest number of an eye's pixels in a degree: eyes resolve 60, and FLIP's filters grow with it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,10 +201,21 @@ def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
 
 
 def pixels_per_degree(scene: Scene, eye: Eye) -> float:
-    """Return how many of an eye's pixels a degree of its view holds, in the middle of the plate's width."""
+    """Return how many of an eye's pixels a degree of its view holds, in the middle of the plate's width.
+
+    Raises
+    ------
+    InputError
+        The eye sees the plate under so small an angle that there are more than `MAX_PIXELS_PER_DEGREE`.
+    """
     x, _, height = eye.position
     half = scene.plate.size[0] / 2
     seen = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))
+    if not seen * MAX_PIXELS_PER_DEGREE >= eye.resolution[0]:
+        raise InputError(
+            f"the eye at {','.join(map(digits, eye.position))} sees the plate's width under {digits(seen)} "
+            f"degrees, with more than {MAX_PIXELS_PER_DEGREE:,} pixels a degree: bring it nearer"
+        )
     return eye.resolution[0] / seen
 
 

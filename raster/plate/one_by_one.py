@@ -8,6 +8,7 @@ from typing import Self
 
 from xfrustum.raster.plate.averaging import stored
 from xfrustum.raster.rasterizer import Rasterizer
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -36,6 +37,11 @@ class OneByOne:
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
         self._rasterizer = Rasterizer(scene, self.content.effects)
         self.device = self._rasterizer.device
+        try:
+            self._rasterizer.check_sampling(scene.sampling)
+        except InputError:
+            self._rasterizer.release()
+            raise
         self.effects = self._rasterizer.effects_for(settings)
 
     def __enter__(self) -> Self:

@@ -123,7 +123,7 @@ class TableRow:
 
 def write_parquet(sweep: Sweep, path: Path) -> None:
     """Write one row per aperture and setting, whose columns follow from `TableRow`."""
-    pq.write_table(table_of(TableRow, [TableRow.of(row, sweep) for row in sweep.rows]), path)
+    pq.write_table(table_of(TableRow, [TableRow.of(row, sweep) for row in sweep.rows]), path.absolute())
 
 
 def report_content(sweep: Sweep, light: LightReport | None = None) -> dict[str, Any]:

@@ -17,12 +17,24 @@ from xfrustum.reports.exchange.plate_group import (
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.layouts.catalogue import LAYOUTS, layout_for, layouts_named
-from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, looks_like
-from xfrustum.scenes.files.layouts.layout import PICTURE_SUFFIXES, Layout, Naming, PlateShape
-from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles, PlateRows, WithLevels
-from xfrustum.scenes.files.layouts.writing import Target, write_files
+from xfrustum.scenes.files.layouts import (
+    LAYOUTS,
+    PICTURE_SUFFIXES,
+    Layout,
+    Naming,
+    PlateShape,
+    layout_for,
+    layouts_named,
+)
+from xfrustum.scenes.files.pictures import BYTE_LEVELS
+from xfrustum.scenes.files.plate_files import (
+    PARAMETERS_FILE,
+    PlateRows,
+    Target,
+    WithLevels,
+    find_files,
+    write_files,
+)
 
 ZARR = "zarr"
 """Name under which a Zarr group counts as a layout."""
@@ -190,7 +202,7 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
         return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)
     shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
     layouts = LAYOUTS if read_as is None else layouts_named(read_as)
-    found = looks_like(source, shape, layouts)[0]
+    found = find_files(source, shape, layouts)
     if found.missing:
         raise InputError(
             f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
@@ -202,7 +214,7 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
             f"{source}: {found.beyond} of {len(found.files)} files of the layout {found.layout.name} "
             f"lie beyond a plate of {found.shape.words}; {advice}"
         )
-    return _Read(plate=LaidOutFiles(files=found).rows(), layout=found.layout.name, reasons=found.reasons)
+    return _Read(plate=found.rows(), layout=found.layout.name, reasons=found.reasons)
 
 
 def _into_group(work: _Work, array: PlateArray | None) -> Conversion:
@@ -246,7 +258,7 @@ def _into_files(work: _Work, layout_name: str, options: ConversionOptions) -> Co
     if not _is_named(layout, plate.shape, naming):
         raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
     target = Target(layout=layout, naming=naming)
-    files, losses = target.files(plate.shape), target.losses(plate)
+    files, losses = layout.file_count(plate.shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
         with progress_bar(files, "convert", "file", shown=work.progress) as bar:
             write_files(plate, target, staging.folder, bar.update)
@@ -259,7 +271,8 @@ def _into_files(work: _Work, layout_name: str, options: ConversionOptions) -> Co
 
 def _is_named(layout: Layout, shape: PlateShape, naming: Naming) -> bool:
     """Return whether files under these names are files of the layout: `pleno` has no other than .ppm."""
-    return layout.index_of(next(iter(layout.parts(shape, naming))).name) is not None
+    name = Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
+    return layout.read_name(name) is not None
 
 
 def _stem(out: Path, layout: Layout) -> str:

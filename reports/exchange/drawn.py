@@ -16,8 +16,7 @@ from xfrustum.reports.exchange.convert import (
     convert,
 )
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.layouts.catalogue import layouts_named
-from xfrustum.scenes.files.layouts.layout import PICTURE_SUFFIXES, Naming, PlateShape
+from xfrustum.scenes.files.layouts import PICTURE_SUFFIXES, Naming, PlateShape, layouts_named
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.model.scene import Scene
 
@@ -81,7 +80,7 @@ class LaidOutPlate:
         shape = PlateShape(hogels=scene.plate.hogels, resolution=scene.frustum.resolution)
         for layout in layouts_named(self.layout):
             # A layout that has no place for such a plate says so here.
-            next(iter(layout.parts(shape, Naming())))
+            layout.stem(next(layout.indices(shape)), shape, Naming())
         single = self.layout in ONE_PICTURE and self.files.suffix.lower() in PICTURE_SUFFIXES
         check_writable_folder(self.files.absolute().parent if single else self.files)
 

@@ -7,7 +7,9 @@ CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import product
@@ -17,14 +19,14 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import ZstdCodec
-from zarr.errors import ArrayNotFoundError, GroupNotFoundError
 
 from xfrustum.reports.plate.shards import read_places
 from xfrustum.scenes.arrays import Bytes, Numbers
+from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.layouts.layout import Pixels, PlateShape
-from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import PlateRows, Plates, empty_row, whole_plate
+from xfrustum.scenes.files.layouts import Pixels, PlateShape
+from xfrustum.scenes.files.pictures import BYTE_LEVELS
+from xfrustum.scenes.files.plate_files import PlateRows, Plates, empty_row, whole_plate
 
 METADATA = "zarr.json"
 """Name of the file in the folder of a Zarr group of format 3."""
@@ -34,6 +36,36 @@ LAYOUT_ATTRIBUTE = "xfrustum:converted"
 
 COMPRESSION_LEVEL = 1
 """Level of Zstandard, as in plates that are drawn."""
+
+
+_DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+"""Exceptions that Zarr and its codecs raise at metadata and chunks that were damaged."""
+
+
+@contextmanager
+def _reading(place: Path) -> Iterator[None]:
+    """Turn what Zarr raises at a damaged group into an InputError of one line."""
+    try:
+        yield
+    except _DAMAGE as error:
+        told = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{place}: is no plate that can be read ({told:.200}); write it again") from error
+
+
+def _check_regular(folder: Path) -> None:
+    """Refuse a folder with pipes, devices or sockets in it: reading a pipe waits for ever."""
+    try:
+        for inside, _, names in os.walk(folder, onerror=_raised):
+            for name in names:
+                path = Path(inside) / name
+                if not path.is_file():
+                    raise InputError(f"{path}: is no regular file; take it out of the Zarr group")
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
+
+
+def _raised(error: OSError) -> None:
+    raise error
 
 
 class PlateArray(StrEnum):
@@ -79,10 +111,8 @@ class GroupRows:
         """
         pixels = empty_row(self)
         for column in range(self.shape.hogels[0]):
-            try:
+            with _reading(self.place):
                 hogel: Any = self.stored[number, column]
-            except OSError as error:
-                raise InputError(f"{self.place}: cannot be read ({error.strerror})") from error
             pixels[column] = hogel if self.array is PlateArray.COLOR else packed(hogel)
         return pixels
 
@@ -109,20 +139,21 @@ def open_group(place: Path, array: PlateArray | None) -> GroupRows:
     InputError
         The folder is no plate, or its arrays are of another kind.
     """
-    try:
+    _check_regular(place)
+    with _reading(place):
         group = zarr.open_group(place, mode="r")
         names = [name for name in PlateArray if name in group]
         chosen = array or (names[0] if names else PlateArray.COLOR)
         if chosen not in names:
             raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
         stored = group[chosen]
-    except (GroupNotFoundError, ArrayNotFoundError, ValueError, OSError) as error:
-        raise InputError(f"{place}: is no plate that can be read ({error})") from error
     dimensions = 5 if chosen is PlateArray.COLOR else 4
     if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
     shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
+    largest = max(math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ()))
+    check_allowed(place, largest * stored.dtype.itemsize, f"one hogel or chunk of {chosen}")
     floating = stored.dtype.kind == "f"
     dtype = stored.dtype if chosen is PlateArray.COLOR else np.dtype(np.uint8)
     if dtype not in (np.uint8, np.float16, np.float32):
@@ -137,7 +168,8 @@ def missing_hogels(place: Path, array: PlateArray) -> int:
     Shards at the right and lower edge reach beyond the plate; chunks there are no hogels. Groups by
     others, in which a hogel is not a chunk, do not tell, and 0 is returned.
     """
-    stored = zarr.open_group(place, mode="r")[array]
+    with _reading(place):
+        stored = zarr.open_group(place, mode="r")[array]
     assert isinstance(stored, zarr.Array)
     shape = stored.shape
     if stored.chunks != (1, 1, *shape[2:]):

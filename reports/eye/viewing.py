@@ -230,11 +230,13 @@ def view(
     Raises
     ------
     InputError
-        There is no eye, or the hogels cannot be had.
+        There is no eye, one sees the plate from too far aside, or the hogels cannot be had.
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
     chosen = tuple(eyes) if stereo is None else stereo_eyes(eyes, stereo)
+    for eye in chosen:
+        pixels_per_degree(scene, eye)  # before anything is traced
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in chosen]
     drawn, numbered = _drawn(scene, chosen, takes, source, progress=progress)

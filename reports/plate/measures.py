@@ -21,11 +21,12 @@ import pyarrow.parquet as pq
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.plate.one_by_one import plate_hogel
-from xfrustum.raster.rasterizer import normals_of
+from xfrustum.raster.rasterizer import Rasterizer, normals_of
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
 from xfrustum.reports.plate.layout import Block
 from xfrustum.reports.plate.sources import check_drawable, visible_effects
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
@@ -87,9 +88,18 @@ class JudgedSource:
         self.settings: DoubleFrustum | None = settings
         self._settings = settings
         self._judge = Judge(scene, effects=content.effects)
-        effects = self._judge.submit(lambda rasterizer: rasterizer.effects_for(settings)).result()
+        try:
+            effects = self._judge.submit(lambda rasterizer: self._examined(rasterizer, settings)).result()
+        except BaseException:
+            self._judge.release()
+            raise
         self.simulated = visible_effects(effects, scene, settings)
         self.renderer = self._judge.device["renderer"]
+
+    def _examined(self, rasterizer: Rasterizer, settings: DoubleFrustum) -> frozenset[Effect]:
+        """Return the effects of the drawings; InputError where the device cannot make them."""
+        rasterizer.check_sampling(self.scene.sampling)
+        return rasterizer.effects_for(settings)
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Draw and judge hogels, and yield them in the order of their apertures."""
@@ -170,7 +180,7 @@ class Table:
     def rows(self, block: Block) -> pa.Table | None:
         """Return the rows of a block, by row and column; None where its file is missing or damaged."""
         try:
-            found = pq.read_table(self.path(block))
+            found = pq.read_table(self.path(block).absolute())
         except (OSError, pa.ArrowException, ValueError):
             return None
         return found if set(PLACES) <= set(found.column_names) else None

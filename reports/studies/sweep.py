@@ -73,12 +73,12 @@ def write_rows(kind: type[Row], rows: Sequence[Row], origin: Origin, path: Path)
     table, common = table_of(kind, rows), table_of(Origin, [origin] * len(rows))
     for column in common.schema:
         table = table.append_column(column, common[column.name])
-    pq.write_table(table, path, compression="zstd")
+    pq.write_table(table, path.absolute(), compression="zstd")
 
 
 def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
     """Return the rows of a file of `write_rows`, and where they came from."""
-    found = pq.read_table(path).to_pylist()
+    found = pq.read_table(path.absolute()).to_pylist()
     names = {one.name for one in fields(kind)}  # type: ignore[arg-type]  # a dataclass; no type says so
     reader = TypeAdapter(kind)
     rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)

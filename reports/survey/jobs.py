@@ -25,7 +25,7 @@ from xfrustum.reports.verification.sources import absolute_pattern, folder_named
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding
-from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, pictures_at
+from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, pictures_at
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Plate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,18 @@ from xfrustum.reports.verification.sources import Problem, Source
 from xfrustum.reports.verification.verdict import Hogel, Verification
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
-from xfrustum.scenes.files.layouts.cameras import Views
-from xfrustum.scenes.files.layouts.catalogue import LAYOUTS, layouts_named
-from xfrustum.scenes.files.layouts.detection import FileSet, looks_like
-from xfrustum.scenes.files.layouts.hogel_files import HogelFiles
-from xfrustum.scenes.files.layouts.layout import Layout, PlateShape
-from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles, with_levels
-from xfrustum.scenes.files.layouts.tiles import CubeVi, Quilt
+from xfrustum.scenes.files.layouts import (
+    CUBEVI_TILES,
+    LAYOUTS,
+    Index,
+    Layout,
+    Pixels,
+    PlateShape,
+    layouts_named,
+    tiled_views,
+)
+from xfrustum.scenes.files.pictures import BYTE_LEVELS
+from xfrustum.scenes.files.plate_files import FileSet, find_files, with_levels
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Plate
@@ -74,18 +78,15 @@ class LaidOut:
     files: FileSet
     reference: Reference
     encoding: Encoding
-    _read: LaidOutFiles = field(init=False)
 
     def __post_init__(self) -> None:
-        self._read = LaidOutFiles(files=self.files)
         self.name = f"{self.files.place}, layout {self.files.words}"
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there is a file for none of the hogels."""
         if not (self.files.layout.in_hogels and self._fits):
             return
-        parts = (self._read.part(*aperture.index) for aperture in apertures)
-        if not any(part is not None and part.index in self.files.files for part in parts):
+        if not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
             raise InputError(f"SOURCE {self.files.place}: has no file of the hogels that are asked for")
 
     @property
@@ -104,11 +105,10 @@ class LaidOut:
             )
         camera = self.reference.camera(aperture)
         try:
-            part = self._read.part(*aperture.index)
-            path = None if part is None else self.files.files.get(part.index)
+            path = self.files.file_of_hogel(*aperture.index)
             if path is not None and path.suffix.lower() == ".exr":
                 return self._of_exr(path, camera)
-            picture = self._read.hogel(*aperture.index)
+            picture = self.files.hogel(*aperture.index)
         except InputError as error:
             raise Problem(str(error)) from error
         if picture.levels is None:
@@ -119,8 +119,7 @@ class LaidOut:
     def _of_exr(self, path: Path, camera: HogelCamera) -> HogelImage:
         """Return an image with all channels that its file has."""
         image = read_foreign(path, camera, self.encoding)
-        layout = self.files.layout
-        found = TURNED if isinstance(layout, HogelFiles) and layout.turned else UPRIGHT
+        found = TURNED if self.files.layout.turned else UPRIGHT
         arrays: dict[str, Any] = {
             name: found.upright(array)
             for name in ("triangle", "object", "position", "normal", "color")
@@ -152,7 +151,7 @@ def laid_out(place: Path, layout: str | None, reference: Reference, encoding: En
         The layout does not exist, or the files do not fit it.
     """
     layouts = LAYOUTS if layout is None else layouts_named(layout)
-    files = looks_like(place, shape_of(reference.scene), layouts)[0]
+    files = find_files(place, shape_of(reference.scene), layouts)
     return LaidOut(files=files, reference=reference, encoding=encoding)
 
 
@@ -163,7 +162,7 @@ def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
         if layout == stated.layout:
             continue
         try:
-            found = looks_like(stated.place, told, (layout,))[0]
+            found = find_files(stated.place, told, (layout,))
         except InputError:
             continue
         if found.shape == told and not found.missing:
@@ -171,27 +170,31 @@ def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
 
 
 def mistaken(layout: Layout) -> tuple[Layout, ...]:
-    """Return what others take for a layout: numbers in the other order, and views from the top."""
-    if isinstance(layout, HogelFiles):
-        return (_exchanged(layout, "i", "j"),)
-    if isinstance(layout, Views):
-        return (_exchanged(layout, "r", "c"),)
-    if isinstance(layout, Quilt):
-        return tuple(
-            Quilt(downward=downward, exchanged=exchanged)
-            for exchanged in (False, True)
-            for downward in (False, True)
-            if downward or exchanged
-        )
-    return (CubeVi(downward=False),) if isinstance(layout, CubeVi) else ()
+    """Return what others take for a layout: numbers in the other order, and views from the other side."""
+    numbers = layout.stated if layout.name == "quilt" else layout.numbers
+    exchanged = (_exchanged(layout, *numbers),) if len(numbers) == 2 else ()
+    if layout.name == "quilt":
+        return (*exchanged, *(_other_side(one, downward=True) for one in (layout, *exchanged)))
+    return (_other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
 
 
-def _exchanged(layout: HogelFiles | Views, first: str, second: str) -> Layout:
+def _exchanged(layout: Layout, first: str, second: str) -> Layout:
     """Return a layout whose names state two numbers in the other order."""
     pattern = layout.pattern.replace(f"<{first}>", "<swapped>").replace(f"<{second}>", f"<{first}>")
-    words = f"{layout.words}, with the two numbers of its names exchanged"
-    exchanged: Layout = replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words)
-    return exchanged
+    words = layout.words.replace("columns x rows", "rows x columns")
+    if words == layout.words:
+        words = f"{words}, with the two numbers of its names exchanged"
+    return replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words)
+
+
+def _other_side(layout: Layout, *, downward: bool) -> Layout:
+    """Return a layout of tiles whose view 0 lies at the top left, or at the bottom left."""
+
+    def view(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
+        return tiled_views(pixels, tiles or CUBEVI_TILES, downward=downward)
+
+    before, after = ("bottom left", "top left") if downward else ("top left", "bottom left")
+    return replace(layout, view=view, words=layout.words.replace(before, after))
 
 
 def with_layout_named(

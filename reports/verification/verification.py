@@ -34,7 +34,7 @@ from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
-from xfrustum.scenes.files.layouts.detection import FileSet
+from xfrustum.scenes.files.plate_files import FileSet
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks

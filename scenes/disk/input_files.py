@@ -184,6 +184,21 @@ def check_declared(path: Path, declared: int, what: str) -> None:
         raise _too_much(path, f"{what}, {in_words(declared)} of memory")
 
 
+def check_allowed(path: Path, declared: int, what: str) -> None:
+    """Refuse what takes more memory than one input may, however small its files are.
+
+    Raises
+    ------
+    InputError
+        It takes too much; the message names the option that raises the bound.
+    """
+    if declared > _Bound.memory:
+        raise InputError(
+            f"{path}: {what} takes {in_words(declared)} of memory, more than {in_words(_Bound.memory)}; "
+            f"mend it, or raise the bound with {RAISING_OPTION}"
+        )
+
+
 def check_picture_size(path: Path, width: int, height: int) -> None:
     """Refuse a picture that declares more pixels than memory allows.
 

@@ -1,10 +1,12 @@
 """Scenes from files: tables, meshes, maps and images.
 
-layouts/          Layouts: the ways in which people store the pictures of a plate, by name
+layouts           Layouts: the ways in which people store the pictures of a plate, as a table
 meshes/           mesh files: what is checked, what is read, and nothing that is made up
 openexr/          hogel images as OpenEXR files
 environment_file  Environment maps from OpenEXR and Radiance HDR files, through OpenImageIO
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
+pictures          Pictures as arrays, read and written without a change of any bit
+plate_files       The pixels of a plate in files of any layout: found, read row by row, and written
 rgb_pictures      Pictures of 8 bits, PNG and the like: their red, green and blue as the file stores them
 scene_content     The content of a scene file: its checked tables turned into objects, materials and lights
 scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key,
@@ -12,4 +14,5 @@ scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read,
 scene_tables      The tables of a scene file: their keys and the values that each may hold (see
                   CONVENTIONS.md)
 table_errors      Errors in tables, described in one line: the key, and the values allowed there
+video             Rows of hogels as videos, through PyAV
 """

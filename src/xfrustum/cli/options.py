@@ -331,7 +331,7 @@ def layout_option(name: str, words: str, *others: str) -> Decorator:
     """Return the option that names a layout of files, or one of some other names."""
 
     def known(text: str) -> str:
-        from xfrustum.scenes.files.layouts.catalogue import NAMES
+        from xfrustum.scenes.files.layouts import NAMES
 
         kind = one_of((*NAMES, *others))
         return str(kind.convert(text, None, None))

@@ -13,8 +13,8 @@ from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
 from xfrustum.reports.exchange.plate_group import PlateArray, missing_hogels, read_group, write_group
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.files.layouts.layout import PlateShape
-from xfrustum.scenes.files.layouts.reading import Plates
+from xfrustum.scenes.files.layouts import PlateShape
+from xfrustum.scenes.files.plate_files import Plates
 
 FULL = ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci")
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
@@ -151,7 +151,7 @@ def test_no_hogel_that_is_there_is_left_out(
     assert main([*arguments, "--hogels", "4,3"]) == 0
 
 
-def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_says_which_layout_it_find_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, _ = group(tmp_path, "uint8")
     convert(source, tmp_path / "files", write_as="hocking")
     assert main(["convert", str(tmp_path / "files"), str(tmp_path / "views"), "--to", "views"]) == 0

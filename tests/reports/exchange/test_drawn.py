@@ -15,9 +15,8 @@ from xfrustum import DoubleFrustum, open_scene, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.drawn import LaidOutPlate
 from xfrustum.reports.exchange.plate_group import PlateArray, read_group
-from xfrustum.scenes.files.layouts.catalogue import layouts_named
-from xfrustum.scenes.files.layouts.detection import looks_like
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles
+from xfrustum.scenes.files.layouts import layouts_named
+from xfrustum.scenes.files.plate_files import find_files
 
 
 @pytest.fixture
@@ -45,7 +44,7 @@ def test_beside_the_group_lies_the_same_plate_as_views(
         **{"losses": [], "notes": []},
     }
     drawn, _ = read_group(out, PlateArray.COLOR)
-    files = LaidOutFiles(files=looks_like(tmp_path / "plate-views")[0])
+    files = find_files(tmp_path / "plate-views")
     assert files.plate.pixels.dtype == np.float16
     assert np.array_equal(files.plate.pixels, drawn.pixels)
     assert drawn.pixels.any()
@@ -64,8 +63,8 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
     assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
     write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
     expected, _ = read_group(tmp_path / "again.zarr", PlateArray.COLOR)
-    found = looks_like(out, layouts=layouts_named("burnett"))[0]
-    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, expected.pixels)
+    found = find_files(out, layouts=layouts_named("burnett"))
+    assert np.array_equal(found.plate.pixels, expected.pixels)
     assert (out / "Hogel_1x3.exr").exists()
 
 
@@ -73,8 +72,8 @@ def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path
     out = tmp_path / "plate.zarr"
     assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
     expected, _ = read_group(out, PlateArray.TRIANGLE)
-    found = looks_like(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))[0]
-    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, expected.pixels)
+    found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
+    assert np.array_equal(found.plate.pixels, expected.pixels)
     assert expected.pixels.any()
 
 

@@ -257,6 +257,8 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
         (["--eye=0,0,300", "--resolution=4"], "W,H"),
         (["--eye=0,0,300", "--quilt=2x2"], "needs --out"),
         (["--eye=0,0,300", "--quilt=2"], "COLUMNSxROWS"),
+        (["--eye=1e20,0,1"], "bring it nearer"),
+        (["--eye=1e200,0,1", "--near=0.5"], "bring it nearer"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(

@@ -18,11 +18,9 @@ from xfrustum.reports.verification.files import table
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import InputError, Plate, Scene, Screen
-from xfrustum.scenes.files.layouts.catalogue import layout_for
-from xfrustum.scenes.files.layouts.layout import Naming
-from xfrustum.scenes.files.layouts.reading import Plates
-from xfrustum.scenes.files.layouts.writing import Target, write_files
+from xfrustum.scenes.files.layouts import Naming, layout_for
 from xfrustum.scenes.files.openexr.images import write_image
+from xfrustum.scenes.files.plate_files import Plates, Target, write_files
 
 
 def scene_of(resolution: tuple[int, int], hogels: tuple[int, int] = (3, 3)) -> Scene:

@@ -11,13 +11,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from xfrustum.scenes import InputError
-from xfrustum.scenes.files.layouts import reading
-from xfrustum.scenes.files.layouts.catalogue import NAMES, layout_for, layouts_named
-from xfrustum.scenes.files.layouts.detection import looks_like
-from xfrustum.scenes.files.layouts.layout import Naming, Pixels, PlateShape
-from xfrustum.scenes.files.layouts.picture_files import Picture, read_picture, write_picture
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, WithLevels, with_levels
-from xfrustum.scenes.files.layouts.writing import Target, write_files
+from xfrustum.scenes.files import plate_files
+from xfrustum.scenes.files.layouts import NAMES, Naming, Pixels, PlateShape, layout_for, layouts_named
+from xfrustum.scenes.files.pictures import Picture, read_picture, write_picture
+from xfrustum.scenes.files.plate_files import Plates, Target, WithLevels, find_files, with_levels, write_files
 
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
 """Names of the layouts that keep one row of pixels of each hogel."""
@@ -49,9 +46,9 @@ def test_a_plate_that_was_written_is_read_again_bit_by_bit(name: str, tmp_path: 
     before = plate(shape)
     assert target(name).losses(before) == ()
     write_files(before, target(name), tmp_path)
-    found = looks_like(tmp_path, shape, layouts_named(name))[0]
+    found = find_files(tmp_path, shape, layouts_named(name))
     assert (found.missing, found.strangers, found.shape) == (0, 0, shape)
-    after = LaidOutFiles(files=found)
+    after = found
     assert np.array_equal(with_levels(after.plate.pixels, after.plate.levels, 255), before.pixels)
     for column, row in ((0, 0), (3, 1), (1, 2)):
         one = after.hogel(column, row)
@@ -63,8 +60,8 @@ def test_a_plate_that_was_written_is_read_again_bit_by_bit(name: str, tmp_path: 
 def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path) -> None:
     before = plate(shape_for(name), dtype)
     write_files(before, target(name, ".exr"), tmp_path)
-    found = looks_like(tmp_path, shape_for(name), layouts_named(name))[0]
-    after = LaidOutFiles(files=found).plate
+    found = find_files(tmp_path, shape_for(name), layouts_named(name))
+    after = found.plate
     assert after.pixels.dtype == before.pixels.dtype
     assert np.array_equal(after.pixels, before.pixels)
 
@@ -93,7 +90,7 @@ def test_a_plate_that_is_had_row_by_row_gives_the_same_files_and_rows(name: str,
     assert rows.asked == [0, 1, 2]
     files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
     assert files == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
-    found = LaidOutFiles(files=looks_like(tmp_path / "rows", shape, layouts_named(name))[0])
+    found = find_files(tmp_path / "rows", shape, layouts_named(name))
     after = WithLevels(plate=found.rows(), levels=255)
     assert (after.shape, after.dtype) == (before.shape, before.dtype)
     for number in (2, 0, 1):
@@ -106,7 +103,7 @@ def test_rows_of_hogels_are_read_alone_where_files_have_pixels_of_one_row(tmp_pa
     for name in NAMES:
         (tmp_path / name).mkdir()
         write_files(plate(shape_for(name)), target(name), tmp_path / name)
-        found = LaidOutFiles(files=looks_like(tmp_path / name, shape_for(name), layouts_named(name))[0])
+        found = find_files(tmp_path / name, shape_for(name), layouts_named(name))
         if not isinstance(found.rows(), Plates):
             by_rows.add(name)
     assert by_rows == {"hogels", "hocking", "burnett"}
@@ -118,9 +115,9 @@ def test_a_row_that_is_too_large_for_memory_lies_in_a_scratch_file(
     shape = shape_for("hogels")
     before = plate(shape)
     write_files(before, target("hogels"), tmp_path)
-    rows = LaidOutFiles(files=looks_like(tmp_path, shape)[0]).rows()
+    rows = find_files(tmp_path, shape).rows()
     assert not isinstance(rows.row(1), np.memmap)
-    monkeypatch.setattr(reading, "MAX_BYTES_IN_MEMORY", before.row(1).nbytes - 1)
+    monkeypatch.setattr(plate_files, "MAX_BYTES_IN_MEMORY", before.row(1).nbytes - 1)
     found = rows.row(1)
     assert isinstance(found, np.memmap)
     assert np.array_equal(found, before.row(1))
@@ -133,7 +130,7 @@ def test_horizontal_parallax_keeps_the_stated_row(name: str, tmp_path: Path) -> 
     assert "row 2" in target(name).losses(before)[0]
     write_files(before, target(name), tmp_path)
     flat = PlateShape(hogels=shape.hogels, resolution=(40, 1))
-    after = LaidOutFiles(files=looks_like(tmp_path, flat, layouts_named(name))[0]).plate
+    after = find_files(tmp_path, flat, layouts_named(name)).plate
     assert np.array_equal(after.pixels, before.pixels[:, :, 2:3])
 
 
@@ -143,9 +140,9 @@ def test_video_rows_are_read_again_bit_by_bit(tmp_path: Path) -> None:
     before = plate(PlateShape(hogels=(4, 3), resolution=(16, 8)))
     write_files(before, target("burnett", ".avi"), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"HogelRow_{j}.avi" for j in range(3)]
-    found = looks_like(tmp_path)[0]
+    found = find_files(tmp_path)
     assert found.layout.name == "burnett"
-    after = LaidOutFiles(files=found).plate
+    after = found.plate
     assert not after.lossy
     assert np.array_equal(after.pixels, before.pixels)
 
@@ -168,7 +165,8 @@ NAMES_OF_FILES = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_files_have_the_names_that_others_give_them(name: str) -> None:
-    written = [part.name for part in layout_for(name, None).parts(shape_for(name), target(name).naming)]
+    one, shape = target(name), shape_for(name)
+    written = [one.file_name(index, shape) for index in one.layout.indices(shape)]
     assert {min(written), max(written)} == NAMES_OF_FILES[name]
 
 
@@ -247,15 +245,15 @@ def test_pixels_beside_the_tiles_of_a_quilt_are_left_out(tmp_path: Path) -> None
     found = pixels_of("quilt", "quilt_qs3x2a1.333.png", tmp_path, before)
     wide = np.pad(found, ((1, 0), (0, 2), (0, 0)))
     write_picture(tmp_path / "quilt_qs3x2a1.333.png", Picture(pixels=wide))
-    after = LaidOutFiles(files=looks_like(tmp_path)[0]).plate
+    after = find_files(tmp_path).plate
     assert np.array_equal(after.pixels, before.pixels)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "cubevi"])
 def test_files_say_themselves_which_layout_they_look_like(name: str, tmp_path: Path) -> None:
     write_files(plate(shape_for(name)), target(name), tmp_path)
-    told = shape_for(name) if name in ("hci", "cubevi") else None
-    found = looks_like(tmp_path, told)[0]
+    told = shape_for(name) if name == "hci" else None
+    found = find_files(tmp_path, told)
     assert found.layout.name == name
     assert found.shape == shape_for(name)
     assert len(found.reasons) >= 2
@@ -265,7 +263,7 @@ def test_a_folder_of_other_pictures_looks_like_nothing(tmp_path: Path) -> None:
     for name in ("left.png", "right.png"):
         Image.new("RGB", (4, 4)).save(tmp_path / name)
     with pytest.raises(InputError, match="names of no layout"):
-        looks_like(tmp_path)
+        find_files(tmp_path)
 
 
 @pytest.mark.parametrize("stated", ["hocking", "quilt"])
@@ -274,7 +272,7 @@ def test_files_of_another_layout_than_the_stated_say_which_they_look_like(
 ) -> None:
     write_files(plate(shape_for("burnett")), target("burnett"), tmp_path)
     with pytest.raises(InputError, match=f"not named as those of {stated}; they look like burnett"):
-        looks_like(tmp_path, None, layouts_named(stated))
+        find_files(tmp_path, None, layouts_named(stated))
 
 
 def test_aperture_views_may_name_their_direction_too(tmp_path: Path) -> None:
@@ -283,25 +281,25 @@ def test_aperture_views_may_name_their_direction_too(tmp_path: Path) -> None:
     for file in list(tmp_path.iterdir()):
         row, column = file.stem.removeprefix("Hogel_").split("x")
         file.rename(tmp_path / f"scan_{row}_{column}_0_0.png")
-    found = looks_like(tmp_path)[0]
+    found = find_files(tmp_path)
     assert (found.layout.name, found.shape, found.missing) == ("burnett", shape_for("burnett"), 0)
-    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, before.pixels)
+    assert np.array_equal(found.plate.pixels, before.pixels)
 
 
 def test_two_files_of_the_same_numbers_are_refused(tmp_path: Path) -> None:
     write_files(plate(shape_for("hogels")), target("hogels"), tmp_path)
     write_files(plate(shape_for("hogels"), "float32"), target("hogels", ".exr"), tmp_path)
     with pytest.raises(InputError, match=r"hogel_0x0\.exr and hogel_0x0\.png state the same numbers"):
-        looks_like(tmp_path)
+        find_files(tmp_path)
 
 
 def test_a_missing_view_is_named(tmp_path: Path) -> None:
     write_files(plate(shape_for("views")), target("views"), tmp_path)
     (tmp_path / "2_3.png").unlink()
-    found = looks_like(tmp_path)[0]
+    found = find_files(tmp_path)
     assert found.missing == 1
     with pytest.raises(InputError, match=r"no file such as 2_3\.png"):
-        LaidOutFiles(files=found).hogel(0, 0)
+        found.hogel(0, 0)
 
 
 @given(st.integers(1, 3), st.integers(1, 3), st.integers(1, 4), st.integers(1, 4))
@@ -309,6 +307,7 @@ def test_every_file_holds_pixels_that_no_other_file_holds(i: int, j: int, w: int
     shape = PlateShape(hogels=(i, j), resolution=(w, h))
     for name in ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci"):
         numbered = np.zeros(shape.array, dtype=np.int64)
-        for part in layout_for(name, None).parts(shape, Naming()):
-            part.select(numbered)[...] += 1
+        layout = layout_for(name, None)
+        for index in layout.indices(shape):
+            layout.view(numbered, index, ())[...] += 1
         assert (numbered == 1).all(), name

@@ -17,7 +17,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.layouts.layout import Pixels
+from xfrustum.scenes.files.layouts import Pixels
 from xfrustum.scenes.files.openexr.channels import lossless_header
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
 from xfrustum.scenes.files.rgb_pictures import read_rgb

@@ -1,0 +1,614 @@
+"""The pixels of a plate in files of any layout: found in a folder, read row by row, and written."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from xfrustum.scenes.disk.input_files import read_small
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.layouts import (
+    CUBEVI_TILE_PX,
+    LAYOUTS,
+    PICTURE_SUFFIXES,
+    VIDEO_SUFFIX,
+    FileNumbers,
+    Index,
+    Layout,
+    Naming,
+    Pixels,
+    PlateShape,
+)
+from xfrustum.scenes.files.pictures import (
+    BYTE_LEVELS,
+    PLENO_LEVELS,
+    Picture,
+    picture_size,
+    picture_text,
+    read_picture,
+    write_picture,
+)
+from xfrustum.scenes.files.video import read_video, video_size, write_video
+
+PARAMETERS_FILE = "parameters.cfg"
+"""Name of the file in which the 4D light-field benchmark describes its cameras."""
+
+PLATE_FILE = "plate.json"
+"""Name of the file in which the script for Blender states the plate whose hogels it renders into a folder."""
+
+MAX_FACTS_BYTES = 1 << 24
+"""Largest size of such a file that is read: room for a hundred thousand objects with their colors."""
+
+MAX_BYTES_IN_MEMORY = 1 << 28
+"""Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file."""
+
+
+class PlateRows(Protocol):
+    """A plate whose pixels are had one row of hogels after the other."""
+
+    @property
+    def shape(self) -> PlateShape:
+        """Shape of the plate."""
+
+    @property
+    def levels(self) -> int | None:
+        """Largest level of integers; None of floating-point numbers."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the pixels."""
+
+    def row(self, number: int) -> Pixels:
+        """Return the pixels (columns, H, W, 3) of a row of hogels.
+
+        Raises
+        ------
+        InputError
+            They cannot be read.
+        """
+
+
+@dataclass(kw_only=True, eq=False)
+class Plates:
+    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file.
+
+    Attributes
+    ----------
+    levels
+        Largest level of integers; None of floating-point numbers.
+    lossy
+        Whether the format of some file changes pixels.
+    """
+
+    pixels: Pixels
+    levels: int | None
+    lossy: bool = False
+
+    @classmethod
+    def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
+        """Return a plate of zeros."""
+        size = int(np.prod(shape.array, dtype=object)) * dtype.itemsize
+        if size <= MAX_BYTES_IN_MEMORY:
+            return cls(pixels=np.zeros(shape.array, dtype), levels=levels)
+        try:
+            with tempfile.TemporaryFile() as file:
+                return cls(pixels=np.memmap(file, dtype, "w+", shape=shape.array), levels=levels)
+        except (OSError, ValueError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or "too large for a file"
+            raise InputError(
+                f"{tempfile.gettempdir()}: cannot hold the plate's pixels, {size:,} bytes ({reason}); "
+                "set TMPDIR to another folder"
+            ) from error
+
+    @property
+    def shape(self) -> PlateShape:
+        """Shape of the plate."""
+        rows, columns, height, width, _ = self.pixels.shape
+        return PlateShape(hogels=(columns, rows), resolution=(width, height))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the pixels."""
+        dtype: np.dtype[Any] = self.pixels.dtype
+        return dtype
+
+    def row(self, number: int) -> Pixels:
+        """Return the pixels (columns, H, W, 3) of a row of hogels."""
+        hogels: Pixels = self.pixels[number]
+        return hogels
+
+
+def empty_row(rows: PlateRows) -> Pixels:
+    """Return zeros (columns, H, W, 3) for a row of hogels; above `MAX_BYTES_IN_MEMORY` in a scratch file."""
+    alone = PlateShape(hogels=(rows.shape.hogels[0], 1), resolution=rows.shape.resolution)
+    return Plates.empty(alone, rows.dtype, rows.levels).row(0)
+
+
+def whole_plate(rows: PlateRows) -> Plates:
+    """Return all pixels of a plate."""
+    if isinstance(rows, Plates):
+        return rows
+    plate = Plates.empty(rows.shape, rows.dtype, rows.levels)
+    for number in range(rows.shape.hogels[1]):
+        plate.pixels[number] = rows.row(number)
+    return plate
+
+
+def _as_plate(hogels: Pixels, shape: PlateShape) -> Pixels:
+    """Return a view with the axes of a plate, every row of which is one row of hogels (columns, H, W, 3)."""
+    return np.lib.stride_tricks.as_strided(hogels, shape.array, (0, *hogels.strides))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WithLevels:
+    """A plate whose pixels are returned with another largest level; see `with_levels`."""
+
+    plate: PlateRows
+    levels: int | None
+
+    @property
+    def shape(self) -> PlateShape:
+        """Shape of the plate."""
+        return self.plate.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the pixels."""
+        return with_levels(np.empty(0, self.plate.dtype), self.plate.levels, self.levels).dtype
+
+    def row(self, number: int) -> Pixels:
+        """Return the pixels of a row of hogels."""
+        return with_levels(self.plate.row(number), self.plate.levels, self.levels)
+
+
+def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels:
+    """Return samples with another largest level, rounded; floating-point numbers have none.
+
+    Levels that are read with more of them than they had before turn back into the same bits.
+    """
+    if before == after:
+        return pixels
+    if after is None:
+        assert before is not None
+        return (pixels / np.float64(before)).astype(np.float32)
+    shares = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1) if before is None else pixels / before
+    return np.rint(shares * after).astype(np.uint8 if after <= BYTE_LEVELS else np.uint16)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileSet:
+    """Files that are read in a layout.
+
+    Attributes
+    ----------
+    place
+        Folder or file that was named.
+    files
+        Paths by the numbers that count them.
+    stated
+        Numbers that all names state alike; see `Layout.stated`.
+    strangers
+        Number of pictures in the folder whose names are none of this layout.
+    """
+
+    place: Path
+    layout: Layout
+    files: dict[Index, Path]
+    stated: Index
+    shape: PlateShape
+    strangers: int
+
+    @property
+    def beyond(self) -> int:
+        """Number of files that are there and that the layout does not have for such a plate."""
+        return sum(not self.layout.has(index, self.shape) for index in self.files)
+
+    @property
+    def missing(self) -> int:
+        """Number of files that the layout has for such a plate and that are not there."""
+        return self.layout.file_count(self.shape) - len(self.files) + self.beyond
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What speaks for the layout, one clause each."""
+        count, first = len(self.files), self.files[min(self.files)].name
+        told = [f"{count} of {count + self.strangers} names fit: {self.layout.words}", f"such as {first}"]
+        if self.missing:
+            told.append(f"{self.missing} of {self.layout.file_count(self.shape)} files are not there")
+        return (*told, self.shape.words)
+
+    @property
+    def words(self) -> str:
+        """The layout, the shape and the reasons in one line."""
+        return f"{self.layout.name} ({'; '.join(self.reasons)})"
+
+    def file_of_hogel(self, column: int, row: int) -> Path | None:
+        """Return the file that holds one hogel and no other; None where there is no such file."""
+        if not self.layout.in_hogels:
+            return None
+        return self.files.get(self.layout.index_of_hogel(column, row, self.shape))
+
+    def hogel(self, column: int, row: int) -> Picture:
+        """Return the picture of a hogel, upright as the layout says.
+
+        Raises
+        ------
+        InputError
+            A file that it needs is missing, damaged or of another size.
+        """
+        if not self.layout.in_hogels:
+            whole = self.plate
+            return Picture(pixels=whole.pixels[row, column], levels=whole.levels, lossy=whole.lossy)
+        index = self.layout.index_of_hogel(column, row, self.shape)
+        picture = self._read(index)
+        upright = np.empty(self.shape.array[2:], picture.pixels.dtype)
+        # All hogels share this memory, so that the view of any hogel of the plate leads there.
+        shared = np.lib.stride_tricks.as_strided(upright, self.shape.array, (0, 0, *upright.strides))
+        self.layout.view(shared, index, self.stated)[...] = picture.pixels
+        return replace(picture, pixels=upright)
+
+    def rows(self) -> PlateRows:
+        """Return the plate, in the memory of one row of hogels where each file has pixels of one row alone.
+
+        Raises
+        ------
+        InputError
+            As from `plate`, be it here or where rows are read.
+        """
+        return _FilesByRow(self) if self.layout.by_row else self.plate
+
+    @cached_property
+    def plate(self) -> Plates:
+        """The whole plate.
+
+        Raises
+        ------
+        InputError
+            A file is missing, damaged or of another size than the others.
+        """
+        self._require_all()
+        plate: Plates | None = None
+        for index in self.layout.indices(self.shape):
+            picture = self._read(index)
+            plate = plate or Plates.empty(self.shape, picture.pixels.dtype, picture.levels)
+            self._put(index, picture, plate, plate.pixels)
+            plate.lossy |= picture.lossy
+        assert plate is not None
+        return plate
+
+    def _require_all(self) -> None:
+        for index in self.layout.indices(self.shape):
+            self._path(index)
+
+    def _path(self, index: Index) -> Path:
+        path = self.files.get(index)
+        if path is None:
+            stem = self.layout.stem(index, self.shape, self._naming)
+            raise InputError(f"{self.place}: has no file such as {stem}{self.layout.suffix}")
+        return path
+
+    @property
+    def _naming(self) -> Naming:
+        return Naming(tiles=(self.stated[0], self.stated[1]) if self.layout.name == "quilt" else None)
+
+    def _put(self, index: Index, picture: Picture, plate: PlateRows, pixels: Pixels) -> None:
+        """Copy a file's pixels to their places in a plate."""
+        if (picture.pixels.dtype, picture.levels) != (plate.dtype, plate.levels):
+            raise InputError(f"{self._path(index)}: has another type of pixels than the others")
+        view = self.layout.view(pixels, index, self.stated)
+        view[...] = picture.pixels.reshape(view.shape)
+
+    def _read(self, index: Index) -> Picture:
+        """Return what a file holds.
+
+        Raises
+        ------
+        InputError
+            It is missing, damaged or of another size.
+        """
+        path = self._path(index)
+        *frames, height, width = _stored_shape(self.layout, self.shape, index, self.stated)
+        if frames:
+            return read_video(path, frames[0], (width, height))
+        picture = read_picture(path)
+        found = picture.pixels.shape[1], picture.pixels.shape[0]
+        if self.layout.name == "quilt" and found[0] >= width and found[1] >= height:
+            # Tiles are rounded down to whole pixels; what is left over lies at the right and at the top.
+            return replace(picture, pixels=picture.pixels[found[1] - height :, :width])
+        if found != (width, height):
+            raise InputError(f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}")
+        return picture
+
+
+def _stored_shape(layout: Layout, shape: PlateShape, index: Index, stated: Index) -> tuple[int, ...]:
+    """Return (H, W) of the picture in which a file is stored, or (frames, H, W) of its video."""
+    held = layout.view(np.broadcast_to(np.uint8(0), shape.array), index, stated).shape[:-1]
+    if len(held) == 4:  # tiles
+        return held[0] * held[1], held[2] * held[3]
+    return held
+
+
+class _FilesByRow:
+    """A plate in files of which each has pixels of one row of hogels alone."""
+
+    def __init__(self, files: FileSet) -> None:
+        self._files, self.shape = files, files.shape
+        files._require_all()
+        first = files._read(next(files.layout.indices(self.shape)))
+        self.dtype, self.levels = first.pixels.dtype, first.levels
+        self._indices = {
+            row: list(held)
+            for row, held in groupby(
+                files.layout.indices(self.shape), lambda index: files.layout.row_of(index, self.shape)
+            )
+        }
+
+    def row(self, number: int) -> Pixels:
+        """Return the pixels of a row of hogels, read from its files."""
+        hogels = empty_row(self)
+        for index in self._indices[number]:
+            self._files._put(index, self._files._read(index), self, _as_plate(hogels, self.shape))
+        return hogels
+
+
+def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS) -> FileSet:
+    """Return the files of a place in the layout that their names fit.
+
+    Of several layouts the one is taken that most names fit, then the one that forms the plate that is told,
+    then the first. Whether pictures are what a layout claims, no name says: `xfrustum verify` finds it.
+
+    Parameters
+    ----------
+    place
+        A folder of files, or a single picture.
+    told
+        Shape of the plate where somebody knows it, as the scene does.
+    layouts
+        Layouts that come into question: all of one name where somebody states it.
+
+    Raises
+    ------
+    InputError
+        There are no such files, or they do not fit the layout; the message says why.
+    """
+    paths = pictures_at(place)
+    found: list[FileSet] = []
+    problems: list[str] = []
+    for layout in layouts:
+        named = [(numbers, path) for path in paths if (numbers := layout.read_name(path.name)) is not None]
+        alone = not layout.numbers
+        # A layout of one picture fits a folder of one; a name that states numbers is not that of any picture.
+        if not named or (alone and len(paths) > 1) or (alone and not layout.stated and (found or problems)):
+            continue
+        try:
+            found.append(_file_set(place, layout, named, told, len(paths)))
+        except InputError as error:
+            problems.append(f"{layout.name}: {error}")
+    if not found:
+        raise InputError(_why_not(place, paths, layouts, problems))
+    return max(found, key=lambda one: (-one.strangers, told is not None and one.shape == told))
+
+
+def _why_not(place: Path, paths: Sequence[Path], layouts: Sequence[Layout], problems: Sequence[str]) -> str:
+    """Return why files can be read in none of some layouts."""
+    stated = len({layout.name for layout in layouts}) == 1
+    why = f"its files ({len(paths)} pictures, such as {paths[0].name})"
+    likely = next((one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None)
+    if problems:
+        why = problems[0]
+    elif stated and likely is not None:
+        why += f" are not named as those of {layouts[0].name}; they look like {likely.name}"
+    else:
+        why += " have names of no layout"
+    name = f" {layouts[0].name}" if stated else " that their names fit"
+    return f"{place}: cannot be read in the layout{name}: {why}"
+
+
+def pictures_at(place: Path) -> list[Path]:
+    """Return the files that layouts are made of; ground truths and hidden files are none.
+
+    Raises
+    ------
+    InputError
+        There is no such folder or file, or the folder has no pictures.
+    """
+    if not place.is_dir():
+        if not place.exists():
+            raise InputError(f"{place}: no such file or folder; name a folder of pictures, or one picture")
+        return [place]
+    try:
+        paths = sorted(place.iterdir())
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from error
+    known = (*PICTURE_SUFFIXES, VIDEO_SUFFIX)
+    pictures = [p for p in paths if p.suffix.lower() in known and not p.name.startswith((".", "gt_"))]
+    if not pictures:
+        raise InputError(f"{place}: has no pictures; name a folder of pictures, or one picture")
+    return pictures
+
+
+def _file_set(
+    place: Path,
+    layout: Layout,
+    named: Sequence[tuple[tuple[Index, Index], Path]],
+    told: PlateShape | None,
+    pictures: int,
+) -> FileSet:
+    """Return the files of a layout; InputError where what they say does not fit together."""
+    files: dict[Index, Path] = {}
+    for (index, _), path in named:
+        if index in files:
+            raise InputError(
+                f"{files[index].name} and {path.name} state the same numbers; keep one of them in the folder"
+            )
+        files[index] = path
+    stated = {states for (_, states), _ in named}
+    if len(stated) > 1:
+        raise InputError(f"names of files state plates of different sizes: {sorted(stated)[:3]}")
+    first = files[min(files)]
+    if first.suffix.lower() == VIDEO_SUFFIX:
+        frames, size = video_size(first)
+        told = PlateShape(hogels=(frames, 1), resolution=size)
+    else:
+        size = picture_size(first)
+        told = _told_beside(layout, first) or told
+    numbers = FileNumbers(counted=files.keys(), stated=next(iter(stated)), size=size, told=told)
+    return FileSet(
+        place=place,
+        layout=layout,
+        files=files,
+        stated=numbers.stated,
+        shape=layout.shape(numbers),
+        strangers=pictures - len(files),
+    )
+
+
+def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
+    """Return the shape that a picture or the file beside it states; None where they state none.
+
+    Raises
+    ------
+    InputError
+        The stated plate has more hogels than are allowed.
+    """
+    try:
+        if layout.name == "mosaic":
+            stated: Any = picture_text(first)
+        elif layout.in_hogels and (path := first.parent / PLATE_FILE).is_file():
+            stated = json.loads(read_small(path, "description of a plate", MAX_FACTS_BYTES))
+        elif layout.name == "hci" and (path := first.parent / PARAMETERS_FILE).is_file():
+            stated = {"hogels": (1, 1), "resolution": _camera_counts(path)}
+        else:
+            return None
+        (columns, rows), (width, height) = stated["hogels"], stated["resolution"]
+        numbers = [int(number) for number in (columns, rows, width, height)]
+    except (configparser.Error, KeyError, TypeError, ValueError, OverflowError, RecursionError):
+        return None
+    if min(numbers) < 1:
+        return None
+    return PlateShape(hogels=(numbers[0], numbers[1]), resolution=(numbers[2], numbers[3]))
+
+
+def _camera_counts(path: Path) -> tuple[int, int]:
+    """Return num_cams_x and num_cams_y of a parameters.cfg."""
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read_string(read_small(path, "file of parameters", MAX_FACTS_BYTES).decode())
+    values = {key: value for section in parser.values() for key, value in section.items()}
+    return int(values["num_cams_x"]), int(values["num_cams_y"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """The layout of files that are to be written, and what their names state."""
+
+    layout: Layout
+    naming: Naming
+
+    def levels(self, before: int | None) -> int | None:
+        """Return the largest level of the files' pixels; None where they are floating-point numbers.
+
+        Raises
+        ------
+        InputError
+            Files with this suffix are not written.
+        """
+        suffix = self.naming.suffix
+        if suffix == ".ppm":
+            return PLENO_LEVELS if self.layout.name == "pleno" else before or BYTE_LEVELS
+        if suffix in (".png", VIDEO_SUFFIX):
+            return BYTE_LEVELS
+        if suffix == ".exr":
+            return None
+        raise InputError(f"files that end in {suffix} are not written; choose .png, .ppm or .exr")
+
+    def file_name(self, index: Index, shape: PlateShape) -> str:
+        """Return the name of a file.
+
+        Raises
+        ------
+        InputError
+            The layout has no place for such a plate.
+        """
+        return self.layout.stem(index, shape, self.naming) + self.naming.suffix
+
+    def losses(self, plate: PlateRows) -> tuple[str, ...]:
+        """Return what is lost when a plate is written, one clause each; none where every bit is kept."""
+        found = []
+        height, after = plate.shape.resolution[1], self.levels(plate.levels)
+        if self.layout.horizontal and height > 1:
+            found.append(
+                f"vertical parallax: of {height} rows of pixels of each hogel, row {height // 2} "
+                f"(from 0 at the top) is kept"
+            )
+        if plate.levels is None and after is not None:
+            found.append(
+                f"floating-point numbers: radiance is clipped to 0 and 1 and rounded to {after} levels"
+            )
+        elif plate.levels is not None and after is not None and after < plate.levels:
+            found.append(f"levels: {plate.levels} are rounded to {after}")
+        return tuple(found)
+
+    def notes(self, shape: PlateShape) -> tuple[str, ...]:
+        """Return what readers of this layout may expect and files do not have, one sentence each."""
+        if self.layout.name == "burnett":
+            return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
+        if self.layout.name == "quilt":
+            return (
+                "views are evenly spaced on the film (in tangents), and a display's eyes evenly in angle",
+            )
+        if self.layout.name == "cubevi" and shape.hogels != CUBEVI_TILE_PX:
+            size = f"{CUBEVI_TILE_PX[0]} x {CUBEVI_TILE_PX[1]}"
+            return (f"the display has tiles of {size} pixels, and this plate {shape.words}",)
+        return ()
+
+
+def write_files(
+    plate: PlateRows, target: Target, folder: Path, done: Callable[[], object] = lambda: None
+) -> None:
+    """Write a plate into a folder; `done` is called after each file.
+
+    Where each file has pixels of one row of hogels alone, no more than a row is held in memory.
+
+    Raises
+    ------
+    InputError
+        The layout has no place for such a plate, or the files cannot hold its pixels.
+    OSError
+        A file cannot be written.
+    """
+    shape, layout = plate.shape, target.layout
+    levels, stated = target.levels(plate.levels), layout.states(shape, target.naming)
+    text: dict[str, object] | None = None
+    if layout.name == "mosaic":
+        text = {"layout": layout.name, "hogels": shape.hogels, "resolution": shape.resolution}
+    for index, pixels in _pixels_of_files(plate, layout):
+        path = folder / target.file_name(index, shape)
+        held = np.ascontiguousarray(layout.view(pixels, index, stated))
+        stored = held.reshape(*_stored_shape(layout, shape, index, stated), 3)
+        picture = Picture(pixels=with_levels(stored, plate.levels, levels), levels=levels)
+        if layout.suffix == VIDEO_SUFFIX:
+            write_video(path, picture.pixels)
+        else:
+            write_picture(path, picture, text)
+        done()
+
+
+def _pixels_of_files(plate: PlateRows, layout: Layout) -> Iterator[tuple[Index, Pixels]]:
+    """Yield the numbers of all files, each with an array of the plate's axes that has its pixels."""
+    shape = plate.shape
+    if not layout.by_row:
+        pixels = whole_plate(plate).pixels
+        yield from ((index, pixels) for index in layout.indices(shape))
+        return
+    for row, held in groupby(layout.indices(shape), lambda index: layout.row_of(index, shape)):
+        pixels = _as_plate(plate.row(row), shape)
+        yield from ((index, pixels) for index in held)
