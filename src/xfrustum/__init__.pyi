@@ -14,8 +14,6 @@ from xfrustum.reports.commands.budgeting import budget as budget
 from xfrustum.reports.commands.planning import make_plan as make_plan
 from xfrustum.reports.cost.cost import CostReport as CostReport
 from xfrustum.reports.cost.cost import measure_cost
-from xfrustum.reports.effects.plan import EffectsPlan as EffectsPlan
-from xfrustum.reports.effects.plan import explain as explain
 from xfrustum.reports.error_report.report import ReportFiles as ReportFiles
 from xfrustum.reports.error_report.report import make_report as make_report
 from xfrustum.reports.exchange.camera_files import CameraFiles as CameraFiles
@@ -23,6 +21,8 @@ from xfrustum.reports.exchange.camera_files import write_cameras as write_camera
 from xfrustum.reports.exchange.convert import Conversion as Conversion
 from xfrustum.reports.exchange.convert import ConversionOptions as ConversionOptions
 from xfrustum.reports.exchange.convert import convert as convert
+from xfrustum.reports.explain import EffectsPlan as EffectsPlan
+from xfrustum.reports.explain import explain as explain
 from xfrustum.reports.eye.viewing import SceneView as SceneView
 from xfrustum.reports.eye.viewing import view as view
 from xfrustum.reports.plate.camera import camera_of as camera_of
