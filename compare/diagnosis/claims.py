@@ -1,17 +1,23 @@
-"""The claims of images: this pixel, of this file, shows this triangle."""
+"""The claims of images: this pixel, of this file, shows this triangle; and by how much claims fail.
+
+Whatever lies in front, a renderer shows a triangle only where the triangle projects to. Therefore the
+conventions and the geometry of a renderer can be found without knowing which surface is visible: under the
+right guess every claim holds, under a wrong one many fail, each by a distance in pixels.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
 POINT_SIZE = 2.0**-24
 """Size of the triangle that stands for a claimed point, relative to the point's largest coordinate: the
@@ -21,6 +27,10 @@ MAX_HOGEL_CLAIMS = 6000
 """Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels give more
 than `geometry_fit` ever uses (16,000)."""
 
+MIN_DEPTH_PER_NEAR = 0.5
+"""Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between the near
+plane, where drawing ends, and the camera, where projection ends."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claims:
@@ -28,10 +38,8 @@ class Claims:
 
     Attributes
     ----------
-    hogel
-        (N, 2) column and row of the aperture that the file is named after.
-    pixel
-        (N, 2) column and row in the file.
+    hogel, pixel
+        (N, 2) column and row of the aperture that the file is named after, and of the pixel in the file.
     corners
         (N, 3, 3) corners of the triangles, scene units.
     size, hogels
@@ -54,38 +62,13 @@ class Claims:
 
     def chosen(self, index: Indices | Mask) -> Claims:
         """Return some of the claims."""
-        return Claims(
-            hogel=self.hogel[index],
-            pixel=self.pixel[index],
-            corners=self.corners[index],
-            size=self.size,
-            hogels=self.hogels,
-            of_points=self.of_points,
-        )
+        return replace(self, hogel=self.hogel[index], pixel=self.pixel[index], corners=self.corners[index])
 
-    def thinned(self, count: int, seed: int = 0) -> Claims:
+    def thinned(self, count: int) -> Claims:
         """Return at most `count` claims, drawn at random with a fixed seed."""
         if len(self) <= count:
             return self
-        return self.chosen(np.sort(np.random.default_rng(seed).choice(len(self), count, replace=False)))
-
-    def film(self, orientation: Orientation) -> Floats:
-        """Return film coordinates u and v (N, 2) of the pixels' centers after the images are made upright."""
-        column, row = orientation.cells(self.pixel[:, 0], self.pixel[:, 1], self.size)
-        return np.stack(
-            ((2 * column + 1) / self.size[0] - 1, 1 - (2 * row + 1) / self.size[1]), axis=-1
-        ).astype(np.float64)
-
-    def apertures(self, order: Orientation, plate: tuple[float, float]) -> Floats:
-        """Return x and y (N, 2) of the apertures after these are put in order, scene units."""
-        column, row = order.cells(self.hogel[:, 0], self.hogel[:, 1], self.hogels)
-        return np.stack(
-            (
-                (column + 0.5) * plate[0] / self.hogels[0] - plate[0] / 2,
-                plate[1] / 2 - (row + 0.5) * plate[1] / self.hogels[1],
-            ),
-            axis=-1,
-        )
+        return self.chosen(np.sort(np.random.default_rng(0).choice(len(self), count, replace=False)))
 
 
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
@@ -93,24 +76,22 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
 
     From an image that names no triangles the surface points are taken as claims.
     """
-    hogel, pixel, corners = [], [], []
-    of_points = True
+    hogel, pixel, corners, of_points = [], [], [], True
     for image in images:
         named = (image.triangle >= 0) & (image.triangle < len(scene.faces))
-        if named.any():
-            of_points = False
-            rows, columns = np.nonzero(named & outlines(image.triangle))
-            some = _some(len(rows))
-            rows, columns = rows[some], columns[some]
-            shown = scene.triangles[image.triangle[rows, columns]]
+        points = not named.any()
+        told = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
+        rows, columns = np.nonzero(told if points else named & outlines(image.triangle))
+        if len(rows) > MAX_HOGEL_CLAIMS:
+            some = np.random.default_rng(len(rows)).choice(len(rows), MAX_HOGEL_CLAIMS, replace=False)
+            rows, columns = rows[np.sort(some)], columns[np.sort(some)]
+        if points:
+            corners.append(_as_triangles(image.position[rows, columns].astype(np.float64)))
         else:
-            rows, columns = np.nonzero(np.isfinite(image.position).all(axis=-1) & (image.height != 0))
-            some = _some(len(rows))
-            rows, columns = rows[some], columns[some]
-            shown = _as_triangles(image.position[rows, columns].astype(np.float64))
+            corners.append(scene.triangles[image.triangle[rows, columns]])
+        of_points &= points
         hogel.append(np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1)))
         pixel.append(np.stack((columns, rows), axis=-1))
-        corners.append(shown)
     return Claims(
         hogel=np.concatenate(hogel),
         pixel=np.concatenate(pixel),
@@ -119,13 +100,6 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
         hogels=scene.plate.hogels,
         of_points=of_points,
     )
-
-
-def _some(count: int) -> Indices:
-    """Return the numbers of at most `MAX_HOGEL_CLAIMS` claims of a hogel, drawn at random."""
-    if count <= MAX_HOGEL_CLAIMS:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(count).choice(count, MAX_HOGEL_CLAIMS, replace=False))
 
 
 def outlines(labels: NDArray[np.integer]) -> Mask:
@@ -141,3 +115,89 @@ def _as_triangles(points: Floats) -> Floats:
     size = POINT_SIZE * np.abs(points).max(axis=1, initial=0.0)
     corners = np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.0], [-0.5, -0.75, 0.0]])
     return np.asarray(points[:, None] + size[:, None, None] * corners)
+
+
+def outside_px(claims: Claims, scene: Scene, model: DrawnModel, cap: float) -> Floats:
+    """Return the distance by which each pixel's center lies outside its triangle, at most `cap` px, (N,)."""
+    _, outside = inside_px(claims, scene, model)
+    return np.asarray(np.minimum(outside.min(axis=0), cap))
+
+
+def inside_px(claims: Claims, scene: Scene, model: DrawnModel) -> tuple[Floats, Floats]:
+    """Return the distances of claimed pixels from their triangles' edges under a guess.
+
+    Returns
+    -------
+    distances
+        (2, N, 3) signed distances from the three edges, px, positive inside; first in C's projection, then in
+        C*'s.
+    outside
+        (2, N) distances by which the centers lie outside, px; infinite behind the camera.
+    """
+    # Step 1: the apertures and the scene as the guess has them.
+    (columns, rows), (sx, sy) = claims.hogels, scene.plate.size
+    column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], claims.hogels)
+    places = np.stack(((column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows), axis=-1)
+    places = places * np.asarray(model.pitch) + np.asarray(model.aperture_offset)
+    corners = claims.corners * model.scene_scale + np.asarray(model.scene_offset)
+    # Step 2: the scene on the film of each camera.
+    both = [_on_film(corners, claims, scene, model, places, side) for side in (1, -1)]
+    return np.stack([one[0] for one in both]), np.stack([one[1] for one in both])
+
+
+def _sampled(claims: Claims, camera: DrawnModel) -> tuple[Floats, Floats]:
+    """Return film coordinates u and v (N,) of the points that the claimed pixels sample."""
+    (width, height), one = claims.size, camera.one_camera
+    column, row = camera.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], claims.size)
+    u = (2 * (column + camera.shift[0]) + 1) / width - 1
+    v = 1 - (2 * (row + camera.shift[1]) + 1) / height
+    # A film that is mirrored shows its picture at the mirrored point.
+    return (-u if one and one.flip_x else u), (-v if one and one.flip_y else v)
+
+
+def _window(scene: Scene, places: Floats, camera: DrawnModel) -> tuple[Floats, Floats]:
+    """Return shear (N, 2) and half-extent (2,) of the films of apertures at some places, by a guess."""
+    frustum = camera.frustum(scene)
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return np.zeros_like(places), np.tan(np.asarray(frustum.fov) / 2) * camera.fov
+    behind = -frustum.screen.height
+    half = np.asarray(frustum.screen.size) / 2 / abs(behind) * camera.fov
+    if camera.fit is Fit.SCREEN:
+        half = half * abs(behind) / (abs(behind) + camera.near)
+    return (np.asarray(frustum.screen.center) - places) / behind, half
+
+
+def _on_film(
+    corners: Floats, claims: Claims, scene: Scene, model: DrawnModel, places: Floats, side: int
+) -> tuple[Floats, Floats]:
+    """Return `distances` (N, 3) and `outside` (N,) of `inside_px` for C (side 1) or C* (side -1)."""
+    # Step 1: homogeneous film coordinates of the corners. Coordinate and corner come first, the claim last,
+    # so that everything below works on whole arrays.
+    camera = model.camera(side)
+    u, v = _sampled(claims, camera)
+    shear, half = _window(scene, places, camera)
+    offset = side * camera.near if model.pivot is Pivot.CAMERA else 0.0
+    px, py, z = corners.transpose(2, 1, 0)
+    w = camera.near - side * z
+    kx, ky = shear.T * model.recentering.factor(side)
+    # In coordinates sheared about the aperture both cameras look straight (CONVENTIONS.md).
+    x = (px - places[:, 0] + kx * (z - offset)) * (side / half[0])
+    y = (py - places[:, 1] + ky * (z - offset)) * (side / half[1])
+    # Step 2: the three edges as lines on the film, by cross products of corners; `values` is each line's
+    # equation at the sampled point, and `volume` the determinant of the corners.
+    following = [1, 2, 0]
+    line_x = y * w[following] - w * y[following]
+    line_y = w * x[following] - x * w[following]
+    line_1 = x * y[following] - y * x[following]
+    values = line_x * u + line_y * v + line_1
+    volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
+    # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at the point
+    # follows from the same quantities. The determinant's sign says which side of the edges is inside.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = values / np.hypot(line_x * 2 / claims.size[0], line_y * 2 / claims.size[1])
+        depth = volume / values.sum(axis=0)
+    distance *= np.sign(volume)
+    outside = np.maximum(0.0, -distance.min(axis=0))
+    seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * camera.near)
+    return distance.T, np.where(seen, outside, np.inf)

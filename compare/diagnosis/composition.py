@@ -1,19 +1,25 @@
-"""The way in which the two halves are put together, found by trying every one."""
+"""How the two halves are put together and lit: every hypothesis is drawn, and compared with the images."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.renderer_model.drawn_color import colored
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, OneCamera
-from xfrustum.compare.renderer_model.drawn_trace import Layers, as_image, drawn_layers, trace_drawn
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
+from xfrustum.compare.diagnosis.hypotheses import HYPOTHESES, TOGETHER, Hypothesis
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.pictures import (
+    COLOR_TOLERANCE,
+    Layers,
+    as_image,
+    colored,
+    drawn_layers,
+    trace_drawn,
+)
 from xfrustum.reference import Reference
 from xfrustum.reference.layers import overlaid
 from xfrustum.scenes.arrays import Mask, Numbers
@@ -23,58 +29,13 @@ MIN_DIFFERING_PIXELS = 20
 """Smallest number of pixels in which two ways of putting the halves together must differ for images to tell
 them apart: fewer may be outlines that rounding has moved."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Way:
-    """A way to put the halves together; the default is the right one."""
-
-    front: Front = Front.FARTHEST
-    overlaid: bool = True
-    culled: Culled = Culled.NONE
-    back_missing: bool = False
-    flipped: OneCamera | None = None
-    """The camera whose film is mirrored, where only one is."""
-
-    def of(self, model: DrawnModel) -> DrawnModel:
-        """Return a guess with the halves put together in this way."""
-        one = model.one_camera
-        if self.flipped is not None:
-            one = replace(self.flipped, other_near=model.near)
-        return replace(
-            model,
-            front=self.front,
-            overlaid=self.overlaid,
-            culled=self.culled,
-            back_missing=self.back_missing,
-            one_camera=one,
-        )
-
-
-FLIPPED = tuple(
-    OneCamera(side, flip_x=x, flip_y=y)
-    for side in (-1, 1)
-    for x, y in ((True, True), (True, False), (False, True))
-)
-"""Cameras whose film alone is mirrored: C* is not turned by 180 degrees, or turned and mirrored."""
-
-WAYS = (
-    Way(),
-    Way(front=Front.MISSING),
-    Way(back_missing=True),
-    Way(front=Front.NEAREST),
-    Way(overlaid=False),
-    Way(front=Front.NEAREST, overlaid=False),
-    Way(culled=Culled.COUNTERCLOCKWISE),
-    Way(culled=Culled.CLOCKWISE),
-    *(Way(flipped=one) for one in FLIPPED),
-)
-"""All ways to put the halves together, the right one first. Of ways that images cannot tell apart, the one
-that comes first here is named first."""
-
 MIN_ALIKE_FRACTION = 0.98
 """Smallest gain of a way, as a share of the best way's gain in right pixels, with which images cannot tell it
 from the best. Two ways can be alike: on closed bodies, leaving out the faces toward the viewer leaves the
 surface nearest to the plate. Two percent leave room for outlines, which rounding moves."""
+
+WAYS: tuple[tuple[Hypothesis, ...], ...] = ((), *((one,) for one in HYPOTHESES), *TOGETHER)
+"""All ways to put the halves together, the right one first."""
 
 
 def find_composition(
@@ -94,53 +55,46 @@ def find_composition(
     images
         Hogels as found, which name triangles or objects, or have colors.
     """
+    ways = [model]
     # Step 1: nothing is to be found where the right way explains nearly every pixel.
-    right = sum(int(_differ(*_shown(reference, model, WAYS[0], image)).sum()) for image in images)
-    if right < MIN_DIFFERING_PIXELS:
-        return (WAYS[0].of(model),)
-    tried = [way for way in WAYS if way.flipped is None or model.one_camera is None]
-    wrong, differing = np.zeros(len(tried)), np.zeros(len(tried))
+    right = [_compared(reference, ways, image) for image in images]
+    if sum(_differing(drawn[0], shown) for shown, drawn in right) < MIN_DIFFERING_PIXELS:
+        return (model,)
+    for way in WAYS[1:]:
+        if all(one.fits(model) for one in way):
+            ways.append(model)
+            for one in way:
+                ways[-1] = one.of(ways[-1])
+    wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for image in images:
-        shown, ways = _compared(reference, model, image, tried)
-        wrong += [np.count_nonzero(_differ(picture, shown)) for picture in ways]
-        differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
+        shown, drawn = _compared(reference, ways, image)
+        wrong += [_differing(picture, shown) for picture in drawn]
+        differing += [_differing(picture, drawn[0]) for picture in drawn]
     # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
     # right way. If it is the renderer's own, it makes all of them right.
     gained = wrong[0] - wrong
     telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
     if not telling.any():
-        return (WAYS[0].of(model),)
+        return (model,)
     # Step 3: the best way, and those that gain nearly as much.
     alike = np.flatnonzero(telling & (gained >= MIN_ALIKE_FRACTION * gained[telling].max()))
-    return tuple(WAYS[index].of(model) for index in alike.tolist())
-
-
-def _shown(
-    reference: Reference, model: DrawnModel, way: Way, image: HogelImage
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return an image, upright, and the image that one way would draw."""
-    shown, (expected,) = _compared(reference, model, image, (way,))
-    return shown, expected
+    return tuple(ways[index] for index in alike.tolist())
 
 
 def _compared(
-    reference: Reference, model: DrawnModel, image: HogelImage, ways: Sequence[Way] = WAYS
+    reference: Reference, ways: Sequence[DrawnModel], image: HogelImage
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
-    """Return an image, upright, and what each of some ways would draw: numbers (H, W), or colors."""
-    scene, upright = reference.scene, model.orientation.upright
-    aperture = model.answers(scene, image.camera.aperture)
-    known: Layers = {}
-    models = [way.of(model) for way in ways]
-    layers = [overlaid(drawn_layers(scene, one, aperture, known)) for one in models]
+    """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
+    scene, upright = reference.scene, ways[0].orientation.upright
+    aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
+    layers = [overlaid(drawn_layers(scene, way, aperture, known)) for way in ways]
     if (image.triangle != NOTHING).any():
         return upright(image.triangle), [shown.triangle for shown in layers]
     if (image.object != NOTHING).any() or image.color is None:
         named = np.append(scene.object_of_triangle, np.int32(NOTHING))
         return upright(image.object), [named[shown.triangle] for shown in layers]
-    pictures = [
-        colored(scene, one, as_image(reference, aperture, shown)).color
-        for one, shown in zip(models, layers, strict=True)
-    ]
+    answers = (as_image(reference, aperture, shown) for shown in layers)
+    pictures = [colored(scene, way, answer).color for way, answer in zip(ways, answers, strict=True)]
     return upright(image.color), [np.asarray(picture) for picture in pictures]
 
 
@@ -148,6 +102,10 @@ def _differ(one: NDArray[Any], other: NDArray[Any]) -> Mask:
     if one.ndim == 2:
         return np.asarray(one != other)
     return np.asarray((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1))
+
+
+def _differing(one: NDArray[Any], other: NDArray[Any]) -> int:
+    return int(np.count_nonzero(_differ(one, other)))
 
 
 def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> float | None:
@@ -159,15 +117,14 @@ def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence
     for image in images:
         if image.color is None:
             continue
-        aperture = model.answers(scene, image.camera.aperture)
-        answer = trace_drawn(reference, model, aperture)
+        answer = trace_drawn(reference, model, model.answers(scene, image.camera.aperture))
         mine, number = model.orientation.upright(image.color), model.orientation.upright(image.triangle)
-        asked = answer.height > model.plate_height
         # Where another surface shows, its color says nothing of lights.
-        asked &= (number == answer.triangle) | (number == NOTHING)
+        asked = (answer.height > model.plate_height) & ((number == answer.triangle) | (number == NOTHING))
         ways = (replace(model, conjugated=conjugated) for conjugated in (True, False))
-        colors = [np.asarray(colored(scene, way, answer).color) for way in ways]
-        differs, differs_still = (_differ(color, mine) & asked for color in colors)
+        differs, differs_still = (
+            _differ(np.asarray(colored(scene, way, answer).color), mine) & asked for way in ways
+        )
         wrong += int(differs.sum())
         explained += int((differs & ~differs_still).sum())
     return explained / wrong if wrong else None

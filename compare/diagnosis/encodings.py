@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.claims import claims_of
-from xfrustum.compare.diagnosis.containment import outside_px
+from xfrustum.compare.diagnosis.claims import claims_of, outside_px
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.diagnosis.stored_truth import (
@@ -56,7 +55,7 @@ NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 
 MAX_HELD_MISFIT_PX = 0.05
 """Largest mean distance by which the claims of a right reading fail: about 20 times the distance by which
-rasterizers snap edges (`feasible.SNAP_PX`)."""
+rasterizers snap edges (`geometry_fit.SNAP_PX`)."""
 
 MIN_FAILED_MISFIT_PX = 1.0
 """Mean distance beyond which the claims of a reading fail altogether: a pixel off, even the claims at the

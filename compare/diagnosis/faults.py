@@ -10,36 +10,17 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
+from xfrustum.compare.diagnosis.hypotheses import found_in
 from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, OneCamera, Recentering
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.compare.renderer_model.parameters import Kind
 from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
-SHIFT, FOV, PITCH = ("shift-x", "shift-y"), ("fov-x", "fov-y"), ("pitch-x", "pitch-y")
-APERTURE_OFFSET = ("aperture-offset-x", "aperture-offset-y")
-SCENE_OFFSET = ("scene-offset-x", "scene-offset-y", "scene-offset-z")
-SCENE_SCALE = "scene-scale"
-SCREEN_CENTER, SCREEN_HEIGHT = ("screen-center-x", "screen-center-y"), "screen-height"
 NOT_RECENTERED, SHEAR_SIGN = "not-recentered", "shear-sign"
-BACK_NAMES, FRONT_NAMES = (
-    tuple(
-        f"{side}-{fault}"
-        for fault in ("near-offset", "fov-x", "fov-y", "shift-x", "shift-y", "mirrored", "unturned")
-    )
-    for side in ("back", "front")
-)
-"""Faults of C alone (the half behind the plate), and of C* alone (the half before it)."""
+LIGHTS, VIEW_SHEAR = "lights", "view-shear"
 TOGETHER = "together"
 """Several numbers none of which explains anything without the others."""
-FRONT_MISSING, BACK_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
-    "front-missing",
-    "back-missing",
-    "front-nearest",
-    "not-overlaid",
-    "culling",
-    "lights",
-)
 
 MISTAKEN_UNITS = {
     10.0: "millimeters taken for centimeters",
@@ -92,50 +73,25 @@ class Fault:
         return {**asdict(self), "alternatives": list(self.alternatives)}
 
 
-def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+def faults_of(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
     """Return the differences between a guess and the nominal model as faults.
 
     Parameters
     ----------
     scene
         Scene that was drawn; its units are named.
-    nominal, found
-        Model that was asked for, and the guess.
+    nominal
+        Model that was asked for.
     fit
-        Intervals of the numbers, and guesses that explain the images as well. A number is a fault if its
-        interval leaves out the nominal value, and if it is large enough to have a name.
+        The guess, intervals of its numbers, and guesses that explain the images as well. A number is a fault
+        if its interval leaves out the nominal value, and if it is large enough to have a name.
     """
     return (
-        *_conventions(nominal, found),
-        *_flipped(found),
-        *_shear(scene, nominal, found, fit),
-        *_numbers(scene, nominal, found, fit),
-        *_halves(found, fit.alternatives),
+        *_conventions(nominal, fit.model),
+        *_shear(scene, nominal, fit),
+        *_numbers(scene, nominal, fit),
+        *_halves(fit),
     )
-
-
-def with_joint_numbers(
-    faults: Sequence[Fault], groups: Sequence[str], model: DrawnModel
-) -> tuple[Fault, ...]:
-    """Return faults with the numbers of some groups as one finding, for none explains anything alone."""
-    names = [
-        one_camera_name(name, model)
-        for group in parameters.GROUPS
-        if group.name in groups
-        for name in group.faults
-    ]
-    joint = [fault for fault in faults if fault.fault in names]
-    if len(joint) < 2:
-        return tuple(faults)
-    numbers = ", ".join(f"{fault.fault} {fault.value:.4g}" for fault in joint)
-    words = "; ".join(fault.words for fault in joint)
-    together = Fault(
-        fault=TOGETHER,
-        value=numbers,
-        words=f"only together these numbers explain, and may stand for something else: {words}",
-        alternatives=tuple(dict.fromkeys(other for fault in joint for other in fault.alternatives)),
-    )
-    return (*(fault for fault in faults if fault not in joint), together)
 
 
 def lights_fault(back: float, front: float) -> Fault:
@@ -149,6 +105,32 @@ def lights_fault(back: float, front: float) -> Fault:
             f"with the truth {front:.2f}, behind the plate {back:.2f}); C* needs L* = -L"
         ),
     )
+
+
+def with_joint_numbers(
+    faults: Sequence[Fault], groups: Sequence[str], model: DrawnModel
+) -> tuple[Fault, ...]:
+    """Return faults with the numbers of some groups as one finding, for none explains anything alone."""
+    names = [one_camera_name(parameters.FAULT_NAMES[place], model) for place in parameters.places(*groups)]
+    joint = [fault for fault in faults if fault.fault in names]
+    if len(joint) < 2:
+        return tuple(faults)
+    together = Fault(
+        fault=TOGETHER,
+        value=", ".join(f"{fault.fault} {fault.value:.4g}" for fault in joint),
+        words="only together these numbers explain, and may stand for something else: "
+        + "; ".join(fault.words for fault in joint),
+        alternatives=tuple(dict.fromkeys(other for fault in joint for other in fault.alternatives)),
+    )
+    return (*(fault for fault in faults if fault not in joint), together)
+
+
+def one_camera_name(name: str, model: DrawnModel) -> str:
+    """Return the name of a fault of a guess's number: that of one camera alone says so."""
+    one = model.one_camera
+    if one is None or name.removesuffix("-x").removesuffix("-y") not in parameters.CAMERA_GROUPS:
+        return name
+    return f"{'back' if one.side > 0 else 'front'}-{'near-offset' if name == NEAR else name}"
 
 
 def _conventions(nominal: DrawnModel, found: DrawnModel) -> Iterator[Fault]:
@@ -166,40 +148,12 @@ def _conventions(nominal: DrawnModel, found: DrawnModel) -> Iterator[Fault]:
         yield Fault(fault=FIT, value=str(found.fit), words=words)
 
 
-def one_camera_name(name: str, model: DrawnModel) -> str:
-    """Return the name of a fault of a guess's number: that of one camera alone says so."""
-    one = model.one_camera
-    if one is None or name not in (NEAR, *FOV, *SHIFT):
-        return name
-    return f"{_half(one)}-{'near-offset' if name == NEAR else name}"
-
-
-def _half(one: OneCamera) -> str:
-    return "back" if one.side > 0 else "front"
-
-
-def _flipped(found: DrawnModel) -> Iterator[Fault]:
-    """Yield the fault of one camera whose film is mirrored, if there is one."""
-    one = found.one_camera
-    if one is None or not one.flipped:
-        return
-    half = "behind" if one.side > 0 else "before"
-    if one.flip_x and one.flip_y:
-        how = "C* looks back, so that its picture is to be turned by 180 degrees, and is not"
-        words = f"the half {half} the plate is turned by 180 degrees" + (f": {how}" if one.side < 0 else "")
-        yield Fault(fault=f"{_half(one)}-unturned", value="turned by 180 degrees", words=words)
-        return
-    axis = "left to right" if one.flip_x else "upside down"
-    words = f"the half {half} the plate is mirrored {axis}"
-    yield Fault(fault=f"{_half(one)}-mirrored", value=f"mirrored {axis}", words=words)
-
-
-def _shear(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
+def _shear(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
     """Yield the fault in the way cameras are sheared, if there is one."""
+    found = fit.model
     if found.recentering is nominal.recentering:
         return
     name, words = _shear_words(found.recentering)
-    value = "no shear" if name == NOT_RECENTERED else str(found.recentering)
     others: dict[str, None] = {}
     reversed_too: dict[str, None] = {}
     for model in fit.alternatives:
@@ -211,6 +165,7 @@ def _shear(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFi
         words += f" (or the shear {', or '.join(reversed_too)} is reversed: {_witnesses(fit)} cannot tell)"
     if others:
         words += f"; or {', '.join(others)}: {_witnesses(fit)} cannot tell"
+    value = "no shear" if name == NOT_RECENTERED else str(found.recentering)
     yield Fault(fault=name, value=value, words=words, alternatives=tuple(others))
 
 
@@ -226,57 +181,59 @@ def _shear_words(recentering: Recentering) -> tuple[str, str]:
     return SHEAR_SIGN, words + "opposite directions"
 
 
-def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
-    units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
-    places = (*SCREEN_CENTER, SCREEN_HEIGHT)
-    values = zip(
-        parameters.FAULT_NAMES,
-        parameters.KINDS,
-        parameters.smallest_named(scene),
-        nominal.parameters,
-        found.parameters,
-        fit.low,
-        fit.high,
-        strict=True,
-    )
-    named: dict[str, tuple[str | None, float, float, float, float]] = {}
-    for name, kind, smallest, should, value, least, most in values:
-        if abs(value - should) > smallest and not least <= should <= most:
-            stated, nominally, *ends = (
-                _written(name, scene, float(number)) for number in (value, should, least, most)
-            )
-            unit_of = scene.units if name in places else units.get(kind, scene.units)
-            named[name] = unit_of, stated, nominally, min(ends), max(ends)
-    for name, (unit, value, should, least, most) in named.items():
-        own = one_camera_name(name, found)
-        named_so = frozenset(one_camera_name(one, found) for one in named)
-        others = _alternatives(own, scene, nominal, fit.alternatives, named_so)
+def _halves(fit: GeometryFit) -> Iterator[Fault]:
+    """Yield the mistakes without numbers, such as the way in which the halves are put together."""
+    named = [[one.fault for one in found_in(model)] for model in fit.alternatives]
+    for one in found_in(fit.model):
+        # A guess that has this fault too is no alternative to it.
+        others = dict.fromkeys(other for names in named if one.fault not in names for other in names)
+        also = f"; or {', '.join(others)}: images cannot tell" if others else ""
+        yield Fault(fault=one.fault, value=one.value, words=one.words + also, alternatives=tuple(others))
+
+
+def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
+    """Yield the faults of numbers that are off, with their intervals."""
+    found, asked, least, most = fit.model.parameters, nominal.parameters, fit.low, fit.high
+    off = np.abs(found - asked) > parameters.smallest_named(scene)
+    odd = np.flatnonzero(off & ~((least <= asked) & (asked <= most)))
+    named = [one_camera_name(parameters.FAULT_NAMES[place], fit.model) for place in odd]
+    for place, own in zip(odd.tolist(), named, strict=True):
+        name, kind = parameters.FAULT_NAMES[place], parameters.KINDS[place]
+        value, should, *ends = (
+            _written(name, scene, float(numbers[place])) for numbers in (found, asked, least, most)
+        )
+        low, high = min(ends), max(ends)
         words = _number_words(name, scene, value, should)
         if own != name:
             camera = "C" if own.startswith("back") else "C*"
-            words = words.replace("both cameras step", f"{camera} alone steps")
-            words = words if name == NEAR else f"by {camera} alone, {words}"
-        if name == SCENE_SCALE:
-            words += _unit_words(value, least, most)
+            alone = words.replace("both cameras step", f"{camera} alone steps")
+            words = alone if name == NEAR else f"by {camera} alone, {words}"
+        if name == "scene-scale":
+            words += _unit_words(value, low, high)
+        others = _alternatives(own, scene, nominal, fit.alternatives, frozenset(named))
         yield Fault(
             fault=own,
             value=value,
-            low=least if math.isfinite(least) else None,
-            high=most if math.isfinite(most) else None,
-            unit=unit,
+            low=low if math.isfinite(low) else None,
+            high=high if math.isfinite(high) else None,
+            unit=_unit(name, kind, scene),
             words=words + _others_words(others, scene, nominal, fit),
             alternatives=others,
         )
 
 
+def _unit(name: str, kind: Kind, scene: Scene) -> str:
+    if name.startswith("screen-"):
+        return scene.units
+    return {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}.get(kind, scene.units)
+
+
 def _written(name: str, scene: Scene, number: float) -> float:
-    """Return a parameter as a fault states it: the place of a screen in scene units, others as they are."""
+    """Return a number as a fault states it: the place of a screen in scene units, others as they are."""
     screen = scene.frustum.screen
-    if screen is None:
+    if screen is None or not name.startswith("screen-"):
         return number
-    if name in SCREEN_CENTER:
-        return screen.center[SCREEN_CENTER.index(name)] + number
-    return screen.height * number if name == SCREEN_HEIGHT else number
+    return screen.height * number if name == "screen-height" else screen.center["xy".index(name[-1])] + number
 
 
 def _witnesses(fit: GeometryFit) -> str:
@@ -285,14 +242,21 @@ def _witnesses(fit: GeometryFit) -> str:
     return "images"
 
 
+def _odd(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
+    """Return the names of the faults of a guess in its shear, its mirrored films and its numbers."""
+    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
+    names = [one_camera_name(parameters.FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
+    if model.one_camera is not None:
+        names = [*(one.fault for one in found_in(model) if "one_camera" in one.fields), *names]
+    if model.recentering is nominal.recentering:
+        return names
+    return [_shear_words(model.recentering)[0], *names]
+
+
 def _alternatives(
     name: str, scene: Scene, nominal: DrawnModel, models: Sequence[DrawnModel], named: frozenset[str]
 ) -> tuple[str, ...]:
     """Return the faults that other guesses have instead of the named one, preferably along the same axis."""
-    kind: dict[str, Kind] = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
-    kind |= {f"{half}-{fault}": kind[fault] for half in ("front", "back") for fault in (*FOV, *SHIFT)}
-    kind |= {"front-near-offset": Kind.NEAR, "back-near-offset": Kind.NEAR}
-    ratios = (Kind.FACTOR, Kind.SIZE)
     found: dict[str, None] = {}
     for model in models:
         other = _odd(scene, nominal, model)
@@ -301,10 +265,19 @@ def _alternatives(
             continue
         other = [fault for fault in other if fault not in named]
         # If a guess has several, a ratio replaces a ratio, and a length a length along the same axis.
-        alike = [fault for fault in other if (kind.get(fault) in ratios) == (kind[name] in ratios)] or other
+        alike = [fault for fault in other if _is_ratio(fault) == _is_ratio(name)] or other
         along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
         found |= dict.fromkeys(along or alike)
     return tuple(found)
+
+
+def _is_ratio(fault: str) -> bool:
+    kinds = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    return kinds.get(fault.removeprefix("front-").removeprefix("back-")) in (Kind.FACTOR, Kind.SIZE)
+
+
+def _axis(fault: str) -> str:
+    return fault[-1] if fault[-2:] in ("-x", "-y", "-z") else ""
 
 
 def _others_words(others: tuple[str, ...], scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> str:
@@ -317,111 +290,49 @@ def _others_words(others: tuple[str, ...], scene: Scene, nominal: DrawnModel, fi
     return f"; or {', '.join(said)}: {_witnesses(fit)} cannot tell"
 
 
-def _odd(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
-    """Return the names of the faults of a guess in its shear and in its numbers."""
-    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
-    names = [
-        one_camera_name(fault, model) for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd
-    ]
-    names = [*(fault.fault for fault in _flipped(model)), *names]
-    if model.recentering is nominal.recentering:
-        return names
-    return [_shear_words(model.recentering)[0], *names]
-
-
-def _axis(fault: str) -> str:
-    return fault[-1] if fault[-2:] in ("-x", "-y", "-z") else ""
-
-
-def _number_words(name: str, scene: Scene, value: float, should: float) -> str:  # noqa: PLR0911 - one per kind
-    if name in SHIFT:
-        side = (("left", "right"), ("above", "below"))[SHIFT.index(name)][value > 0]
-        side = f"{side} their centers" if name == SHIFT[1] else f"to the {side} of their centers"
-        return f"pixels are sampled {abs(value):.3f} px {side} (images upright)"
-    if name in FOV:
-        return _fov_words(FOV.index(name), scene, value)
-    if name in PITCH:
-        axis = PITCH.index(name)
-        size = scene.plate.size[axis]
-        return (
-            f"apertures are {value:.5g} times as far apart in {'xy'[axis]}: as on a plate of "
-            f"{value * size:.5g} {scene.units} instead of {size:.5g}"
+def _number_words(name: str, scene: Scene, value: float, should: float) -> str:  # noqa: PLR0911 - a group each
+    """Return a number that is off in words; `value` and `should` are as `_written`."""
+    axis = "xyz".find(_axis(name) or "x")
+    group, units, sign = name.removesuffix(f"-{_axis(name)}"), scene.units, value > 0
+    size = f"{abs(value):.5g} {units}"
+    if group == "shift":
+        where = ("to the left of", "to the right of")[sign] if axis == 0 else ("above", "below")[sign]
+        return f"pixels are sampled {abs(value):.3f} px {where} their centers (images upright)"
+    if group == "fov":
+        text = f"the film is {value:.5g} times as {('wide', 'high')[axis]} as the scene's"
+        if scene.frustum.fov is None:
+            return text
+        angle = scene.frustum.fov[axis]
+        drawn = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
+        return f"{text}: {drawn:.4g} degrees instead of {math.degrees(angle):.4g}"
+    if group == "pitch":
+        plate = scene.plate.size[axis]
+        far = f"apertures are {value:.5g} times as far apart in {'xy'[axis]}"
+        return f"{far}: as on a plate of {value * plate:.5g} {units} instead of {plate:.5g}"
+    if group == "aperture-offset":
+        half = scene.plate.size[axis] / scene.plate.hogels[axis] / 2
+        side = (("to the left", "to the right"), ("downward", "upward"))[axis][sign]
+        corner = abs(abs(value) - half) <= CORNER_PITCHES * 2 * half
+        also = ": half a pitch, as at the corners of hogels instead of their centers" if corner else ""
+        return f"all apertures are moved by {size} {side}{also}"
+    if group == "scene-offset":
+        sides = (
+            ("to the left", "to the right"),
+            ("downward", "upward"),
+            ("to the back", "toward the viewer"),
         )
-    if name in APERTURE_OFFSET:
-        return _aperture_words(APERTURE_OFFSET.index(name), scene, value)
-    if name in SCENE_OFFSET or name == SCENE_SCALE:
-        return _scene_words(name, scene, value)
-    if name == SCREEN_HEIGHT or name in SCREEN_CENTER:
-        return _screen_words(name, scene, value, should)
+        return f"the scene is moved by {size} {sides[axis][sign]}"
+    if group == "scene-scale":
+        return f"the scene is {value:.5g} times as large as asked, about the origin"
+    if group.startswith("screen-"):
+        place = "at height " if group == "screen-height" else f"centered at {'xy'[axis]} = "
+        return f"the projection screen is {place}{value:.5g} {units} instead of {should:.5g}"
     stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
-    return f"both cameras step back by a near offset of {value:.5g} {scene.units}{stated}"
-
-
-def _screen_words(name: str, scene: Scene, value: float, should: float) -> str:
-    place = "at height " if name == SCREEN_HEIGHT else f"centered at {'xy'[SCREEN_CENTER.index(name)]} = "
-    return f"the projection screen is {place}{value:.5g} {scene.units} instead of {should:.5g}"
-
-
-def _scene_words(name: str, scene: Scene, value: float) -> str:
-    if name in SCENE_OFFSET:
-        toward = (("the left", "the right"), ("below", "above"), ("the back", "the viewer"))
-        side = toward[SCENE_OFFSET.index(name)][value > 0]
-        return f"the scene is moved by {abs(value):.5g} {scene.units} {_to(side)}"
-    return f"the scene is {value:.5g} times as large as asked, about the origin"
-
-
-def _to(side: str) -> str:
-    return {"below": "downward", "above": "upward", "the viewer": "toward the viewer"}.get(side, f"to {side}")
-
-
-def _fov_words(axis: int, scene: Scene, value: float) -> str:
-    text = f"the film is {value:.5g} times as {('wide', 'high')[axis]} as the scene's"
-    if scene.frustum.fov is None:
-        return text
-    angle = scene.frustum.fov[axis]
-    drawn = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
-    return f"{text}: {drawn:.4g} degrees instead of {math.degrees(angle):.4g}"
-
-
-def _aperture_words(axis: int, scene: Scene, value: float) -> str:
-    side = (("to the left", "to the right"), ("downward", "upward"))[axis][value > 0]
-    words = f"all apertures are moved by {abs(value):.5g} {scene.units} {side}"
-    half = scene.plate.size[axis] / scene.plate.hogels[axis] / 2
-    if abs(abs(value) - half) <= CORNER_PITCHES * 2 * half:
-        words += ": half a pitch, as at the corners of hogels instead of their centers"
-    return words
+    return f"both cameras step back by a near offset of {value:.5g} {units}{stated}"
 
 
 def _unit_words(value: float, low: float, high: float) -> str:
     """Return words for the mistake of units whose factor lies in an interval; empty where none does."""
     if not math.isfinite(low + high):
         low = high = value
-    for factor, mistake in MISTAKEN_UNITS.items():
-        if low <= factor <= high:
-            return f": {mistake}"
-    return ""
-
-
-def _halves(found: DrawnModel, models: Sequence[DrawnModel]) -> Iterator[Fault]:
-    named = [[name for name, _, _ in _of_halves(model)] for model in models]
-    for name, value, words in _of_halves(found):
-        # A guess that has this fault too is no alternative to it.
-        others = list(dict.fromkeys(other for names in named if name not in names for other in names))
-        also = f"; or {', '.join(others)}: images cannot tell" if others else ""
-        yield Fault(fault=name, value=value, words=words + also, alternatives=tuple(others))
-
-
-def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and words of each fault in the way the halves are put together."""
-    if found.front is Front.MISSING:
-        yield FRONT_MISSING, "missing", "the half on the viewer's side is missing: only C is drawn"
-    if found.back_missing:
-        yield BACK_MISSING, "missing", "the half behind the plate is missing: only C* is drawn"
-    if found.front is Front.NEAREST:
-        words = "on the viewer's side the surface nearest to the plate wins; C* must keep the farthest"
-        yield FRONT_NEAREST, "nearest wins", words
-    if not found.overlaid:
-        yield NOT_OVERLAID, "back over front", "C is drawn over C*; the viewer's half must cover the other"
-    if found.culled is not Culled.NONE:
-        words = f"faces whose corners run {found.culled} as the viewer sees them are left out"
-        yield CULLING, str(found.culled), words
+    return next((f": {words}" for factor, words in MISTAKEN_UNITS.items() if low <= factor <= high), "")

@@ -1,4 +1,4 @@
-"""Conventions and geometry of a renderer, from what its images claim: searched, fitted, bounded.
+"""Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
 First come the discrete conventions: those under which claims fail least on average. Then the numbers of
 `xfrustum.compare.renderer_model.parameters` are fitted by robust least squares, with as few groups of them
@@ -9,21 +9,25 @@ an interval for each number: all values under which no claim fails by more than 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, linprog
 
-from xfrustum.compare.diagnosis.claims import Claims
-from xfrustum.compare.diagnosis.containment import outside_px
-from xfrustum.compare.diagnosis.feasible import SNAP_PX, feasible_interval
-from xfrustum.compare.diagnosis.starts import starting_points
+from xfrustum.compare.diagnosis.claims import Claims, inside_px, outside_px
 from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import FLIPPED, DrawnModel, OneCamera, Recentering
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
+from xfrustum.compare.renderer_model.parameters import CAMERA_GROUPS, SCREEN_GROUPS, places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+
+SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
+"""Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
+bits that graphics hardware has."""
 
 MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 2500, 16000
 """Largest numbers of claims used by the search, by the fit and by the intervals. The search tries hundreds of
@@ -51,12 +55,9 @@ MAX_SPOILED_HOGEL_FRACTION = 0.5
 """Largest share of the hogels that may be left out: a rule that holds in fewer than half of them is no
 convention."""
 
-USUAL_GROUPS = ("shift", "fov", "pitch", "near", *parameters.SCREEN_GROUPS)
+USUAL_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS)
 """Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
 fitted."""
-
-CAMERA_GROUPS = ("shift", "fov", "near")
-"""Groups that one camera may have off nominal alone."""
 
 MAX_GROUPS = 4
 """Largest number of groups that may be off nominal together; with more of them free, the fit follows
@@ -80,6 +81,34 @@ images: a pixel is sampled within itself, and the rest is the size that a shift 
 CORNER_PITCHES = 0.01
 """Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches."""
 
+NEIGHBORHOOD_PX = 0.5
+"""Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels. The fit is
+right to a fraction of a pixel, so that edges farther away bound nothing."""
+
+UNSEEN_NEAR_PER_REACH = parameters.SMALLEST_FACTOR * parameters.TOLD_APART_PER_REACH
+"""Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
+are told apart it widens the film by the smallest factor that has a name."""
+
+START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
+"""Starting points for near, as parts of the reach."""
+
+START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
+"""Starting points for the size of the scene. Places on the film change with the inverse of the size, so that
+larger sizes than the last one look like it."""
+
+START_FILMS = (0.5, 2.0, 3.0)
+"""Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
+
+START_HEIGHTS = (0.5, 2.0)
+"""Starting points for the height of the projection screen, over that of the scene's."""
+
+SHEARED_NEAR = 0.03
+"""Near offset, as a part of the reach, with which every wrong shear is tried besides none. Smaller offsets
+move pictures less than a wrong shear does, and larger ones are rare."""
+
+MAX_STARTS = 4
+"""Largest number of starting points from the search that are fitted."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
@@ -90,27 +119,21 @@ class GeometryFit:
     model
         The simplest guess under which the claims hold.
     low, high
-        (P,) ends of the intervals of the guess's parameters; the nominal value where a parameter was not
-        free.
-    free
-        Names of the groups that had to be off their nominal values.
+        (P,) ends of the intervals of the guess's numbers; the nominal value where a number was not free.
     noise_px
         Largest distance by which a claim fails under the guess, the worst `MAX_MISPLACED_FRACTION` left out.
     alternatives
         Other guesses, as simple, with other groups off nominal, under which the claims hold as well.
     spoiled
         Column and row of the hogels that were left out, as their files are named.
-    by_color
-        Whether the guess rests on pictures, of colors or of objects, that were registered.
-    by_objects
-        Whether these pictures name objects, all of them, and have no colors.
+    by_color, by_objects
+        Whether the guess rests on pictures that were registered; and whether these name objects, all of them.
     """
 
     model: DrawnModel
     low: Floats
     high: Floats
-    free: tuple[str, ...]
-    noise_px: float
+    noise_px: float = 0.0
     alternatives: tuple[DrawnModel, ...] = ()
     spoiled: frozenset[tuple[int, int]] = frozenset()
     by_color: bool = False
@@ -134,190 +157,40 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     nominal
         Model of the renderer by its author's statements; `DrawnModel()` where there are none.
     """
+    fitting = _Fitting(scene=scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
-    found = _Found(model=nominal, free=(), alternatives=())
+    found: list[tuple[DrawnModel, tuple[str, ...]]] = [(nominal, ())]
     spoiled: frozenset[tuple[int, int]] = frozenset()
     # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
-    if _noise(some, scene, nominal) > SNAP_PX:
+    if fitting.noise(some, nominal) > SNAP_PX:
         # Step 2: search the conventions, and try guesses with at most one group off nominal.
-        starts = starting_points(few, scene, nominal)
-        limit = NOISE_FACTOR * SNAP_PX
-        one = _simplest(some, scene, nominal, starts, range(2), limit)
-        if one is None:
+        starts = fitting.starts(few)
+        found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
+        if not found:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.
-            alone = [one for one in starts if one.one_camera is not None]
-            plain = [one for one in starts if one.one_camera is None or one.one_camera.flipped]
-            freest = _freest(few, scene, nominal, plain)
-            claims, spoiled = _without_spoiled(claims, scene, freest)
+            freest = fitting.freest(few, [one for one in starts if not one.alone])
+            claims, spoiled = fitting.without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
-            freest = _fitted(some, scene, nominal, freest, _freest_groups(claims, scene))
-            noise = _noise(some, scene, freest)
+            freest = fitting.fitted(some, freest, fitting.freest_groups(claims))
+            noise = fitting.noise(some, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
-                one = _simplest(some, scene, nominal, [freest, *alone], counts, limit)
-            starts = [freest, *starts]
-        found = one or _least_wrong(some, scene, nominal, starts)
+                alone = [one for one in starts if one.one_camera is not None]
+                found = fitting.simplest(some, [freest, *alone], counts, limit)
+            found = found or [fitting.least_wrong(some, freest)]
     # Step 4: an interval for each number that is off nominal.
-    best = found.model
-    noise = _noise(some, scene, best)
-    index = [place for name in found.free for place in parameters.places(name)]
-    values, low, high = feasible_interval(claims.thinned(MAX_BOUNDING_CLAIMS), scene, best, index, noise)
+    (best, free), *others = found
+    noise = fitting.noise(some, best)
+    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), scene, best, places(*free), noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
         high=high,
-        free=found.free,
         noise_px=noise,
-        alternatives=found.alternatives,
+        alternatives=tuple(other for other, _ in others),
         spoiled=spoiled,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """A guess, its groups off nominal, and other guesses that are as simple and as good."""
-
-    model: DrawnModel
-    free: tuple[str, ...]
-    alternatives: tuple[DrawnModel, ...]
-
-
-def _without_spoiled(
-    claims: Claims, scene: Scene, model: DrawnModel
-) -> tuple[Claims, frozenset[tuple[int, int]]]:
-    """Return the claims of the hogels in which nearly all claims hold, and the indices of the other hogels.
-
-    One file of noise must not decide about the others. But where most hogels would be left out, the guess is
-    wrong and not the hogels: then all are kept.
-    """
-    off = outside_px(claims, scene, model, np.inf) > MAX_NOISE_PX
-    hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
-    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
-        return claims, frozenset()
-    return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
-
-
-def _noise(claims: Claims, scene: Scene, model: DrawnModel) -> float:
-    """Return the distance, px, by which claims fail at most, `MAX_MISPLACED_FRACTION` of them left out."""
-    outside = outside_px(claims, scene, model, max(claims.size))
-    return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
-
-
-def _groups(claims: Claims, scene: Scene) -> tuple[str, ...]:
-    """Return the groups that claims can determine.
-
-    Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
-    """
-    unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
-    if not scene.frustum.recentered:
-        unseen |= set(parameters.SCREEN_GROUPS)
-    return tuple(name for name in parameters.GROUP_NAMES if name not in unseen)
-
-
-def _freest_groups(claims: Claims, scene: Scene) -> tuple[str, ...]:
-    """Return the groups that are free together at first.
-
-    Moving the apertures looks like moving the scene with the film: only one of the two is free.
-    """
-    groups = _groups(claims, scene)
-    same = "aperture-offset" if "scene-offset" in groups else ""
-    return tuple(name for name in groups if name != same)
-
-
-def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> DrawnModel:
-    """Return the best guess with everything free."""
-    groups = _freest_groups(claims, scene)
-    usual = tuple(name for name in groups if name in USUAL_GROUPS)
-    fits = []
-    # Step 1: the usual groups alone, which are fewer and better conditioned; then all, from the best fit.
-    for free in (usual, groups):
-        for start in starts:
-            fits.append(_fitted(claims, scene, nominal, start, free))
-            kept, _ = _without_spoiled(claims, scene, fits[-1])
-            if _noise(kept, scene, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
-                return fits[-1]
-        fits.sort(key=lambda model: _misfit(claims, scene, model))
-        starts = [*fits[:1], *starts[:1]]
-    # Step 2: recentered frusta, every pivot and fit.
-    freest = min(fits, key=lambda model: _misfit(claims, scene, model))
-    best = freest
-    if scene.frustum.recentered:
-        best = min(
-            (
-                _fitted(claims, scene, nominal, replace(freest, pivot=pivot, fit=fit), groups)
-                for pivot in Pivot
-                for fit in (Fit.ANGLE, Fit.SCREEN)
-            ),
-            key=lambda model: _misfit(claims, scene, model),
-        )
-    return best
-
-
-def _simplest(
-    claims: Claims,
-    scene: Scene,
-    nominal: DrawnModel,
-    starts: Sequence[DrawnModel],
-    counts: Iterable[int],
-    limit_px: float,
-) -> _Found | None:
-    """Return the guess with the fewest groups off nominal whose noise stays below a limit; None without one.
-
-    Where several sets with the same number of groups suffice, images cannot tell them apart: the preferred
-    one is returned, with the others as alternatives.
-    """
-    few = claims.thinned(MAX_SCREENED_CLAIMS)
-    for count in counts:
-        passing: dict[tuple[object, ...], tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
-        for free in itertools.combinations(_groups(claims, scene), count):
-            for start in _variants(scene, nominal, starts, free):
-                if (free, start.one_camera) in passing and not scene.frustum.recentered:
-                    continue
-                # Three fits, each more expensive: a rough one on few claims already rejects most sets.
-                model = _fitted(few, scene, nominal, start, free, roughly=True)
-                if _noise(few, scene, model) > max(MAX_NOISE_PX, limit_px):
-                    continue
-                model = _fitted(few, scene, nominal, model, free)
-                if _noise(few, scene, model) > SCREENING_FACTOR * limit_px:
-                    continue
-                model = _fitted(claims, scene, nominal, model, free)
-                if _noise(claims, scene, model) > limit_px:
-                    continue
-                rank = _rank(claims, scene, model, nominal, free)
-                key = (free, model.one_camera)
-                if key not in passing or rank < passing[key][0]:
-                    passing[key] = rank, model, free
-        if passing:
-            (_, model, free), *others = sorted(passing.values(), key=lambda found: found[0])
-            return _Found(model=model, free=free, alternatives=tuple(other for _, other, _ in others))
-    return None
-
-
-def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> _Found:
-    """Return the best guess with at most one group off nominal, for use where no guess is good."""
-    fits = [
-        (free, _fitted(claims, scene, nominal, start, free))
-        for free in ((), *((name,) for name in _groups(claims, scene)))
-        for start in _variants(scene, nominal, starts[:1], free)
-    ]
-    free, model = min(fits, key=lambda found: _misfit(claims, scene, found[1]))
-    return _Found(model=model, free=free, alternatives=())
-
-
-def _rank(
-    claims: Claims, scene: Scene, model: DrawnModel, nominal: DrawnModel, free: tuple[str, ...]
-) -> tuple[float, ...]:
-    """Return the sort key of a guess: the preferred one of several has the smallest."""
-    odd = _oddity(scene, model, nominal)
-    preference = sum(parameters.PREFERENCE.index(name) for name in free)
-    if "aperture-offset" in free and at_corner(scene, model):
-        preference = -1
-    if "shift" in free and scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
-        preference += len(parameters.PREFERENCE)
-    return (*odd, preference, _misfit(claims, scene, model))
 
 
 def at_corner(scene: Scene, model: DrawnModel) -> bool:
@@ -328,113 +201,315 @@ def at_corner(scene: Scene, model: DrawnModel) -> bool:
     return bool(off.all() and (offset > CORNER_PITCHES * pitch).any())
 
 
-def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, int]:
-    """Return how many numbers are off nominal by enough to have a name, and how many choices are.
+@dataclass(frozen=True, kw_only=True)
+class _Fitting:
+    """The search for the guess under which claims about a scene hold."""
 
-    A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
-    """
-    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
-    chosen = (
-        (model.pivot, nominal.pivot),
-        (model.fit, nominal.fit),
-        (model.recentering, nominal.recentering),
-        (model.one_camera, nominal.one_camera),
-    )
-    return int(off.sum()), sum(one is not other for one, other in chosen)
+    scene: Scene
+    nominal: DrawnModel
 
+    def misfit(self, claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
+        """Return the mean distance by which claims fail, px; each counts `cap` at most."""
+        return float(outside_px(claims, self.scene, model, cap).mean())
 
-def _variants(
-    scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel], free: tuple[str, ...]
-) -> list[DrawnModel]:
-    """Return the start values of fits of some groups, taken from the starting points.
+    def noise(self, claims: Claims, model: DrawnModel) -> float:
+        """Return the distance, px, that no more than `MAX_MISPLACED_FRACTION` of the claims exceed."""
+        outside = outside_px(claims, self.scene, model, max(claims.size))
+        return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
-    A fault that a starting point states in another group is translated: the freest guess has a moved scene
-    in place of moved apertures, may have another pitch in place of another size, and may have a part of a
-    moved screen as a shift of the sampling points, or the reverse.
-    """
-    variants: dict[tuple[object, ...], DrawnModel] = {}
-    for start in starts:
-        one = start.one_camera
-        if one is not None and not one.flipped and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
-            continue
-        x, y, _ = start.scene_offset
-        spoken = start
-        if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
-            spoken = replace(spoken, aperture_offset=(-x, -y))
-        if "pitch" not in free:
-            spoken = replace(
-                spoken, scene_scale=start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
-            )
-        if scene.frustum.screen is not None:
-            per_px = parameters.screen_lengths(scene)
-            if "shift" not in free:
-                moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
-                spoken = replace(spoken, screen_center=(float(moved[0]), float(moved[1])))
-            elif "screen-center" not in free:
-                shift = np.asarray(start.shift) + np.asarray(start.screen_center) / per_px
-                spoken = replace(spoken, shift=(float(shift[0]), float(shift[1])))
-        values = nominal.parameters
-        for name in free:
-            index = list(parameters.places(name))
-            values[index] = spoken.parameters[index]
-        model = replace(start, pivot=nominal.pivot, fit=nominal.fit).with_parameters(values)
-        choices = [model]
-        if scene.frustum.recentered and model.near:
-            choices = [
-                replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
-            ]
-        for choice in choices:
-            key = (choice.orientation, choice.order, choice.pivot, choice.fit, choice.one_camera, *values)
-            variants.setdefault(key, choice)
-    return list(variants.values())
+    def groups(self, claims: Claims) -> tuple[str, ...]:
+        """Return the groups that claims can determine.
 
+        Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
+        """
+        unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
+        unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
+        return tuple(name for name in parameters.GROUP_NAMES if name not in unseen)
 
-def _misfit(claims: Claims, scene: Scene, model: DrawnModel) -> float:
-    """Return the mean distance by which claims fail, px; each counts a pixel at most."""
-    return float(outside_px(claims, scene, model, 1.0).mean())
+    def freest_groups(self, claims: Claims) -> tuple[str, ...]:
+        """Return the groups that are free together at first.
 
+        Moving the apertures looks like moving the scene with the film: only one of the two is free.
+        """
+        groups = self.groups(claims)
+        return tuple(name for name in groups if name != "aperture-offset" or "scene-offset" not in groups)
 
-def _fitted(
-    claims: Claims,
-    scene: Scene,
-    nominal: DrawnModel,
-    start: DrawnModel,
-    free: tuple[str, ...],
-    *,
-    roughly: bool = False,
-) -> DrawnModel:
-    """Return a guess with some groups of parameters fitted and the others nominal.
-
-    With `roughly`, the fit ends at about a pixel.
-    """
-    values = nominal.parameters
-    index = np.array([place for name in free for place in parameters.places(name)], dtype=np.int64)
-    if not len(index):
-        return start.with_parameters(values)
-    values[index] = start.parameters[index]
-    scales = parameters.fit_scales(scene, values)[index]
-    low, high = (limit[index] for limit in parameters.bounds(scene))
-    cap = scene.frustum.resolution[0] / 2
-
-    def failures(scaled: Floats) -> Floats:
-        values[index] = scaled * scales
-        return outside_px(claims, scene, start.with_parameters(values), cap)
-
-    # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels apart
-    # attract each other. The second one, with the scale of snapping, is precise.
-    scaled = np.clip(values[index], low, high) / scales
-    for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
-        found = least_squares(
-            failures,
-            scaled,
-            bounds=(low / scales, high / scales),
-            x_scale="jac",
-            loss="soft_l1",
-            f_scale=attraction_px,
-            ftol=1e-6,
-            xtol=1e-7,
-            max_nfev=trials,
+    def starts(self, claims: Claims) -> list[DrawnModel]:
+        """Return the best few conventions and numbers from which fits start: those that fail least."""
+        cap, reach, nominal = (
+            self.scene.frustum.resolution[0] / 2,
+            self.scene.frustum.longest_reach,
+            self.nominal,
         )
-        scaled = found.x
-    values[index] = scaled * scales
-    return start.with_parameters(values)
+
+        def ranked(models: Iterable[DrawnModel]) -> list[DrawnModel]:
+            found = [(self.misfit(claims, model, cap), _changes(model), model) for model in models]
+            return [model for *_, model in sorted(found, key=lambda one: one[:2])]
+
+        # Step 1: every orientation and order, each with every single other hypothesis.
+        several = len(np.unique(claims.hogel, axis=0)) > 1
+        tried = ranked(
+            model
+            for orientation in orientations(claims.size)
+            for order in (orientations(claims.hogels) if several else [UPRIGHT])
+            for model in self._hypotheses(replace(nominal, orientation=orientation, order=order))
+        )
+        # Step 2: the best conventions, each with all values of near.
+        conventions = {
+            (one.orientation, one.order, one.recentering, one.one_camera): one for one in reversed(tried[:6])
+        }
+        nears = dict.fromkeys((nominal.near, *(reach * part for part in START_NEARS)))
+        best = ranked(replace(one, near=near) for one in conventions.values() for near in nears)
+        # Step 3: the best starts, and the best one of each group that was searched.
+        plain = [one for one in tried if one.recentering is nominal.recentering and one.one_camera is None]
+        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
+        alone = [ranked(replace(plain[0], near=near, one_camera=one) for near in nears)[0] for one in sides]
+        of_groups = [
+            next((one for one in tried if getattr(one, name) != getattr(nominal, name)), tried[0])
+            for name in ("scene_scale", "fov", "screen_height")
+        ]
+        return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain[0], *alone]))
+
+    def _hypotheses(self, upright: DrawnModel) -> Iterator[DrawnModel]:
+        """Yield guesses with one orientation and order, each with a mistake that fits have to start from."""
+        reach, nominal = self.scene.frustum.longest_reach, self.nominal
+        for part in {nominal.near / reach, *START_NEARS[::4]}:
+            yield replace(upright, near=reach * part)
+        for side, part in itertools.product((-1, 1), START_NEARS[4::4]):
+            yield replace(upright, near=reach * part, one_camera=OneCamera(side, other_near=nominal.near))
+        for one in FLIPPED:
+            yield replace(upright, one_camera=replace(one, other_near=nominal.near))
+        for scale in START_SCALES:
+            yield replace(upright, scene_scale=scale)
+        for film in START_FILMS:
+            yield replace(upright, fov=(film, film))
+        if not self.scene.frustum.recentered:
+            return
+        for height in START_HEIGHTS:
+            yield replace(upright, screen_height=height)
+        for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, Recentering):
+            if shear is not nominal.recentering:
+                yield replace(upright, near=near, recentering=shear)
+
+    def fitted(
+        self, claims: Claims, start: DrawnModel, free: Sequence[str], *, roughly: bool = False
+    ) -> DrawnModel:
+        """Return a guess with some groups fitted and the others nominal; `roughly` ends at about a pixel."""
+        values, index = self.nominal.parameters, np.array(places(*free), dtype=np.int64)
+        if not len(index):
+            return start.with_parameters(values)
+        values[index] = start.parameters[index]
+        table = parameters.table(self.scene, values)
+        scales, low, high = (column[index] for column in (table.scale, table.low, table.high))
+        cap = self.scene.frustum.resolution[0] / 2
+
+        def failures(scaled: Floats) -> Floats:
+            values[index] = scaled * scales
+            return outside_px(claims, self.scene, start.with_parameters(values), cap)
+
+        # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels
+        # apart attract each other. The second one, with the scale of snapping, is precise.
+        scaled = np.clip(values[index], low, high) / scales
+        for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
+            scaled = least_squares(
+                failures,
+                scaled,
+                bounds=(low / scales, high / scales),
+                x_scale="jac",
+                loss="soft_l1",
+                f_scale=attraction_px,
+                ftol=1e-6,
+                xtol=1e-7,
+                max_nfev=trials,
+            ).x
+        values[index] = scaled * scales
+        return start.with_parameters(values)
+
+    def without_spoiled(self, claims: Claims, model: DrawnModel) -> tuple[Claims, frozenset[tuple[int, int]]]:
+        """Return the claims of the hogels in which nearly all claims hold, and the indices of the others.
+
+        One file of noise must not decide about the others. But where most hogels would be left out, the guess
+        is wrong and not the hogels: then all are kept.
+        """
+        off = outside_px(claims, self.scene, model, np.inf) > MAX_NOISE_PX
+        hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
+        which = which.reshape(-1)
+        spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
+        if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
+            return claims, frozenset()
+        return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
+
+    def freest(self, claims: Claims, starts: Sequence[DrawnModel]) -> DrawnModel:
+        """Return the best guess with everything free, the usual, better conditioned groups first."""
+        groups = self.freest_groups(claims)
+        fits: list[DrawnModel] = []
+        for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
+            for start in starts:
+                fits.append(self.fitted(claims, start, free))
+                kept, _ = self.without_spoiled(claims, fits[-1])
+                if self.noise(kept, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
+                    return fits[-1]
+            fits.sort(key=lambda model: self.misfit(claims, model))
+            starts = [*fits[:1], *starts[:1]]
+        if not self.scene.frustum.recentered:
+            return fits[0]
+        tried = [self.fitted(claims, start, groups) for start in _with_pivots(fits[0])]
+        return min(tried, key=lambda model: self.misfit(claims, model))
+
+    def simplest(
+        self, claims: Claims, starts: Sequence[DrawnModel], counts: Iterable[int], limit_px: float
+    ) -> list[tuple[DrawnModel, tuple[str, ...]]]:
+        """Return the guess with the fewest groups off nominal whose noise keeps a limit, and its groups.
+
+        Where several sets with the same number of groups suffice, images cannot tell them apart: the
+        preferred one comes first. None is returned where no set suffices.
+        """
+        few = claims.thinned(MAX_SCREENED_CLAIMS)
+        # Three fits, each more expensive: a rough one on few claims already rejects most sets.
+        stages = (
+            (few, True, max(MAX_NOISE_PX, limit_px)),
+            (few, False, SCREENING_FACTOR * limit_px),
+            (claims, False, limit_px),
+        )
+        for count in counts:
+            passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
+            for free in itertools.combinations(self.groups(claims), count):
+                for start in self._variants(starts, free):
+                    key = (free, start.one_camera)
+                    if key in passing and not self.scene.frustum.recentered:
+                        continue
+                    model = start
+                    for some, roughly, most in stages:
+                        model = self.fitted(some, model, free, roughly=roughly)
+                        if self.noise(some, model) > most:
+                            break
+                    else:
+                        rank = self._rank(claims, model, free)
+                        if key not in passing or rank < passing[key][0]:
+                            passing[key] = rank, model, free
+            if passing:
+                return [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
+        return []
+
+    def least_wrong(self, claims: Claims, start: DrawnModel) -> tuple[DrawnModel, tuple[str, ...]]:
+        """Return the best guess with at most one group off nominal, for use where no guess is good."""
+        fits = [
+            (self.fitted(claims, variant, free), free)
+            for free in ((), *((name,) for name in self.groups(claims)))
+            for variant in self._variants([start], free)
+        ]
+        return min(fits, key=lambda found: self.misfit(claims, found[0]))
+
+    def _rank(self, claims: Claims, model: DrawnModel, free: tuple[str, ...]) -> tuple[float, ...]:
+        """Return the sort key of a guess: the preferred one of several has the smallest.
+
+        A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
+        """
+        off = np.abs(model.parameters - self.nominal.parameters) > parameters.smallest_named(self.scene)
+        names = ("pivot", "fit", "recentering", "one_camera")
+        choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
+        preference = sum(parameters.PREFERENCE.index(name) for name in free)
+        if "aperture-offset" in free and at_corner(self.scene, model):
+            preference = -1
+        if "shift" in free and self.scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
+            preference += len(parameters.PREFERENCE)
+        return int(off.sum()), choices, preference, self.misfit(claims, model)
+
+    def _variants(self, starts: Sequence[DrawnModel], free: tuple[str, ...]) -> list[DrawnModel]:
+        """Return the start values of fits of some groups, taken from the starting points.
+
+        A fault that a starting point states in another group is translated: the freest guess has a moved
+        scene in place of moved apertures, may have another pitch in place of another size, and may have a
+        part of a moved screen as a shift of the sampling points, or the reverse.
+        """
+        nominal, index = self.nominal, places(*free)
+        variants: dict[DrawnModel, None] = {}
+        for start in starts:
+            if start.alone and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
+                continue
+            spoken, (x, y, _) = start, start.scene_offset
+            if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
+                spoken = replace(spoken, aperture_offset=(-x, -y))
+            if "pitch" not in free:
+                size = start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
+                spoken = replace(spoken, scene_scale=size)
+            if self.scene.frustum.screen is not None:
+                per_px = parameters.screen_lengths(self.scene)
+                moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
+                if "shift" not in free:
+                    spoken = replace(spoken, screen_center=(float(moved[0]), float(moved[1])))
+                elif "screen-center" not in free:
+                    shift = (moved / per_px).tolist()
+                    spoken = replace(spoken, shift=(shift[0], shift[1]))
+            values = nominal.parameters
+            values[index] = spoken.parameters[index]
+            model = replace(start, pivot=nominal.pivot, fit=nominal.fit).with_parameters(values)
+            for one in _with_pivots(model) if self.scene.frustum.recentered and model.near else [model]:
+                variants[one] = None
+        return list(variants)
+
+
+def _with_pivots(model: DrawnModel) -> list[DrawnModel]:
+    """Return a guess with every pivot and fit of its offset cameras."""
+    return [replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)]
+
+
+def _changes(model: DrawnModel) -> tuple[int, int]:
+    """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
+    one = model.one_camera
+    flips = 0 if one is None else 1 + one.flip_x + one.flip_y
+    changes = model.orientation.changes + model.order.changes + flips
+    return changes, tuple(Recentering).index(model.recentering)
+
+
+def _interval(
+    claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return middle, lowest and highest values (P,) of a guess under which no claim fails by more than noise.
+
+    Each claim gives an inequality: the distance of the pixel's center from each edge of its triangle, counted
+    inward, is at least zero, rounding and noise allowed. After linearizing, the guesses that satisfy all
+    claims form a convex cell; linear programming finds its extent along each axis. A renderer without a near
+    offset may have one that is too small to be seen, because no camera has its near plane in its center: all
+    values are allowed that some such offset allows.
+    """
+    values = model.parameters
+    middle, low, high = values.copy(), values.copy(), values.copy()
+    if not free or not len(claims):
+        return values, low, high
+    # Step 1: the distances that can bound the fit, and how fast each changes with each number that may move,
+    # by finite differences. An unseen near offset moves too; it has no interval of its own.
+    allowed = SNAP_PX + noise_px
+    distance, outside = inside_px(claims, scene, model)
+    camera, number = np.argmin(outside, axis=0), np.arange(len(claims))
+    held = outside[camera, number] <= allowed
+    claim, edge = np.nonzero(held[:, None] & (np.abs(distance[camera, number]) < NEIGHBORHOOD_PX))
+    rows = (camera[claim], claim, edge)
+    (near,) = places("near")
+    unseen = [near] if near not in free and not model.near else []
+    moving, table = [*free, *unseen], parameters.table(scene, values)
+    steps, slopes = table.step[moving], np.empty((len(claim), len(moving)))
+    for column, (place, step) in enumerate(zip(moving, steps, strict=True)):
+        moved = values.copy()
+        moved[place] += step
+        there, _ = inside_px(claims, scene, model.with_parameters(moved))
+        slopes[:, column] = there[rows] - distance[rows]
+    kept = np.isfinite(slopes).all(axis=1)
+    # Step 2: distance + slopes . x >= -allowed, with x in steps, and each number within its bounds.
+    box = np.stack([(end[moving] - values[moving]) / steps for end in (table.low, table.high)], axis=1)
+    if unseen:
+        box[-1, 1] = UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach / steps[-1]
+        # Surfaces in the plate itself move by any distance, and not in proportion.
+        kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
+    # Step 3: the smallest and the largest value of each number in the cell.
+    room = distance[rows][kept] + allowed
+    for column, (place, step) in enumerate(zip(free, steps, strict=False)):
+        ends = []
+        for sign in (1.0, -1.0):
+            cost = sign * (np.arange(len(moving)) == column)
+            found = linprog(cost, A_ub=-slopes[kept], b_ub=room, bounds=box)
+            ends.append(found.x[column] * step if found.status == 0 else -sign * np.inf)
+        low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
+        if np.isfinite(ends).all():
+            middle[place] = (low[place] + high[place]) / 2
+    return middle, low, high

@@ -6,8 +6,10 @@ by moving a finer picture of the reference until its difference from the image i
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
@@ -70,10 +72,8 @@ class _Pair:
 
     Attributes
     ----------
-    image
-        (H, W) brightness of the image, upright.
-    wide
-        Brightness of the reference's picture, `SUPERSAMPLING` pixels for each pixel of the image.
+    image, wide
+        (H, W) brightness of the image, upright; and of the picture, `SUPERSAMPLING` pixels for each pixel.
     offset
         (2,) shift of the picture's grid, columns and rows in pixels of the image, less than one of the
         picture's own pixels. Each hogel has another one: without them, the best shift would always be a whole
@@ -84,13 +84,34 @@ class _Pair:
     wide: Floats
     offset: Floats
 
+    @classmethod
+    def of(cls, reference: Reference, model: DrawnModel, image: HogelImage, offset: Floats) -> _Pair:
+        """Return an image beside the picture that a model draws of its aperture."""
+        aperture = model.answers(reference.scene, image.camera.aperture)
+        shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
+        wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
+        upright = model.orientation.upright(as_gray(image))
+        return cls(image=upright, wide=as_gray(_alike(wide, image)), offset=offset)
+
     def blurred(self) -> _Pair:
         """Return image and picture after the same filter."""
-        return _Pair(
-            image=gaussian_filter(self.image, BLUR_PX),
-            wide=gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING),
-            offset=self.offset,
+        image, wide = (
+            gaussian_filter(self.image, BLUR_PX),
+            gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING),
         )
+        return replace(self, image=image, wide=wide)
+
+    def difference(self, values: Floats, order: int = 1) -> Floats:
+        """Return the reference's picture at the image's pixels with some shift and fov, minus the image."""
+        fine = []
+        for count, total, shift, factor, offset in zip(
+            self.image.shape, self.wide.shape, values[1::-1], values[:1:-1], self.offset[::-1], strict=True
+        ):
+            # Factors act on pixels from the film's middle; the result is in the fine picture's pixels.
+            place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
+            fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
+        places = np.meshgrid(*fine, indexing="ij")
+        return np.asarray(map_coordinates(self.wide, places, order=order, mode="nearest") - self.image)
 
 
 def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> GeometryFit:
@@ -106,37 +127,39 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         Model of the renderer by its author's statements.
     """
     # Step 1: leave out pictures of one brightness, which show nothing to register.
-    grays = [as_gray(image) for image in images]
-    told = [index for index, gray in enumerate(grays) if np.ptp(gray) > 0]
+    by_objects = all(image.color is None for image in images)
+    images = [image for image in images if np.ptp(as_gray(image)) > 0]
     values = nominal.parameters
-    unknown = GeometryFit(model=nominal, low=values, high=values, free=(), noise_px=0.0)
-    if not told:
-        return unknown
-    images, grays = [images[index] for index in told], [grays[index] for index in told]
+    if not images:
+        return GeometryFit(model=nominal, low=values, high=values, by_color=True, by_objects=by_objects)
     # Step 2: orientation and order by correlation.
-    model = _conventions(reference, images, grays, nominal)
+    model = _conventions(reference, images, nominal)
     # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
     chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int))
     # Halton's sequence covers the square evenly, and has no period.
     offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
     pairs = [
-        _pair(reference, model, images[index], grays[index], offset)
+        _Pair.of(reference, model, images[index], offset)
         for index, offset in zip(chosen, offsets, strict=True)
     ]
     # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
-    blurred = [pair.blurred() for pair in pairs]
-    best = _least(blurred, _start(pairs), DERIVATIVE_STEP_PX)
-    best = _closest(pairs, _least(pairs, best, DERIVATIVE_STEP_PX))
-    # Step 5: intervals; the four fitted numbers are the first four parameters.
+    best = _least([pair.blurred() for pair in pairs], _start(pairs))
+    best = _closest(pairs, _least(pairs, best))
+    # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose interval holds
+    # the nominal value keeps the nominal value.
     values, low, high = model.parameters, model.parameters, model.parameters
     half = _uncertainty(pairs, best)
     low[:4], high[:4] = best - half, best + half
-    # A number whose interval holds the nominal value keeps the nominal value.
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
     fit = GeometryFit(
-        model=model.with_parameters(values), low=low, high=high, free=("shift", "fov"), noise_px=0.0
+        model=model.with_parameters(values), low=low, high=high, by_color=True, by_objects=by_objects
     )
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
+
+
+def _alike(truth: HogelImage, image: HogelImage) -> HogelImage:
+    """Return a truth with colors where an image has them, else with its objects alone."""
+    return truth if image.color is not None else replace(truth, color=None)
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
@@ -151,41 +174,38 @@ def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     per_px = parameters.screen_lengths(scene)
     x, y = (shift * per_px).tolist()
     moved = replace(fit.model, shift=(0.0, 0.0), screen_center=(x, y))
-    of_shift, of_screen = list(parameters.places("shift")), list(parameters.places("screen-center"))
+    of_shift, of_screen = parameters.places("shift"), parameters.places("screen-center")
     half = (fit.high - fit.low)[of_shift] / 2
     if (np.abs(shift) - half <= MAX_SAMPLING_PX).all():
         return replace(fit, alternatives=(moved,))
     low, high = fit.low.copy(), fit.high.copy()
-    ends = np.sort((low[of_shift] * per_px, high[of_shift] * per_px), axis=0)
-    low[of_screen], high[of_screen] = ends
+    low[of_screen], high[of_screen] = np.sort((low[of_shift] * per_px, high[of_shift] * per_px), axis=0)
     low[of_shift] = high[of_shift] = 0.0
-    free = ("screen-center", "fov")
-    return replace(fit, model=moved, low=low, high=high, free=free, alternatives=(fit.model,))
+    return replace(fit, model=moved, low=low, high=high, alternatives=(fit.model,))
 
 
-def _conventions(
-    reference: Reference, images: Sequence[HogelImage], grays: Sequence[Floats], nominal: DrawnModel
-) -> DrawnModel:
+def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> DrawnModel:
     """Return the orientation and order under which images correlate best with the reference."""
     scene = reference.scene
-    truths: dict[tuple[int, int], Floats] = {}
-    best, found = -np.inf, nominal
     several = len({image.camera.aperture.index for image in images}) > 1
-    for order in orientations(scene.plate.hogels) if several else (UPRIGHT,):
-        for orientation in orientations(scene.frustum.resolution):
-            model = replace(nominal, orientation=orientation, order=order)
-            agreement = 0.0
-            for image, gray in zip(images, grays, strict=True):
-                aperture = model.answers(scene, image.camera.aperture)
-                if aperture.index not in truths:
-                    truth = reference.trace(aperture)
-                    if image.color is None:
-                        truth = replace(truth, color=None)
-                    truths[aperture.index] = as_gray(truth)
-                agreement += _correlation(orientation.upright(gray), truths[aperture.index])
-            # Pictures of a symmetric scene agree equally well: the first convention, no change, wins then.
-            if agreement > best + 1e-6 * len(images):
-                best, found = agreement, model
+
+    @cache
+    def truth(index: tuple[int, int]) -> Floats:
+        return as_gray(_alike(reference.trace(scene.plate.aperture(*index)), images[0]))
+
+    best, found = -np.inf, nominal
+    orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
+    for order, orientation in itertools.product(orders, list(orientations(scene.frustum.resolution))):
+        model = replace(nominal, orientation=orientation, order=order)
+        agreement = sum(
+            _correlation(
+                orientation.upright(as_gray(image)), truth(model.answers(scene, image.camera.aperture).index)
+            )
+            for image in images
+        )
+        # Pictures of a symmetric scene agree equally well: the first convention, no change, wins then.
+        if agreement > best + 1e-6 * len(images):
+            best, found = agreement, model
     return found
 
 
@@ -196,23 +216,14 @@ def _correlation(a: Floats, b: Floats) -> float:
     return float((a * b).sum()) / norm if norm > 0 else 0.0
 
 
-def _pair(reference: Reference, model: DrawnModel, image: HogelImage, gray: Floats, offset: Floats) -> _Pair:
-    aperture = model.answers(reference.scene, image.camera.aperture)
-    shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
-    wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
-    if image.color is None:
-        wide = replace(wide, color=None)
-    return _Pair(image=model.orientation.upright(gray), wide=as_gray(wide), offset=offset)
-
-
 def _start(pairs: Sequence[_Pair]) -> Floats:
     """Return the start values of shift (columns, rows) and fov (x, y), the shift by phase correlation."""
-    moved = np.array(
-        [
-            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL_SHIFT_AND_FOV), upsample_factor=20)[0]
-            for pair in pairs
-        ]
-    )
+    moved = [
+        phase_cross_correlation(
+            pair.image, pair.difference(NOMINAL_SHIFT_AND_FOV) + pair.image, upsample_factor=20
+        )[0]
+        for pair in pairs
+    ]
     # A picture that moved to the right was sampled to the left.
     down, right = -np.median(moved, axis=0)
     # Larger shifts than an eighth of the film are false peaks of the correlation.
@@ -220,30 +231,21 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
     return np.array([right if abs(right) < small else 0.0, down if abs(down) < small else 0.0, 1.0, 1.0])
 
 
-def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
-    """Return shift and fov at which image and picture differ least, found with derivatives.
-
-    Parameters
-    ----------
-    pairs
-        Images and pictures.
-    start
-        (4,) start values of shift and fov.
-    step_px
-        Step of the derivatives: the distance by which it moves the borders of the picture, px.
-    """
+def _per_px(pairs: Sequence[_Pair]) -> Floats:
+    """Return by how much shift and fov change where the borders of the picture move by a pixel, (4,)."""
     height, width = pairs[0].image.shape
-    scales = step_px / np.array([1.0, 1.0, width / 2, height / 2])
+    return 1 / np.array([1.0, 1.0, width / 2, height / 2])
+
+
+def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
+    """Return shift and fov (4,) at which image and picture differ least, found with derivatives."""
+    scales = DERIVATIVE_STEP_PX * _per_px(pairs)
 
     def at(units: Floats) -> Floats:
         return np.asarray(start + (units - PARAMETER_OFFSET) * scales)
 
-    def differences(units: Floats) -> Floats:
-        values = at(units)
-        return np.concatenate([(_sampled(pair, values) - pair.image).ravel() for pair in pairs])
-
     found = least_squares(
-        differences,
+        lambda units: np.concatenate([pair.difference(at(units)).ravel() for pair in pairs]),
         np.full(4, PARAMETER_OFFSET),
         jac="3-point",
         diff_step=1 / PARAMETER_OFFSET,
@@ -255,17 +257,15 @@ def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
-    """Return shift and fov at which fewest pixels show another surface, from a start that is nearly right.
+    """Return shift and fov (4,) at which fewest pixels show another surface, from a start nearly right.
 
     The search needs no derivatives, which discontinuous outlines do not have, and does not interpolate
     between surfaces.
     """
-    height, width = pairs[0].image.shape
-    scales = 1 / np.array([1.0, 1.0, width / 2, height / 2])
+    scales = _per_px(pairs)
 
     def different(units: Floats) -> float:
-        values = start + units * scales
-        errors = [np.abs(_sampled(pair, values, 0) - pair.image) for pair in pairs]
+        errors = [np.abs(pair.difference(start + units * scales, 0)) for pair in pairs]
         return float(np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors]))
 
     simplex = np.vstack([np.zeros(4), DERIVATIVE_STEP_PX * np.eye(4)])
@@ -282,21 +282,6 @@ def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
     # Step 1: the jackknife's variance, from fits that leave out one hogel each.
     without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
     variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
-    height, width = pairs[0].image.shape
     # Step 2: each fine picture places outlines to within half of its pixels, independently of the others.
-    grid = 1 / (2 * SUPERSAMPLING * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
+    grid = _per_px(pairs) / (2 * SUPERSAMPLING * np.sqrt(count))
     return np.asarray(grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
-
-
-def _sampled(pair: _Pair, values: Floats, order: int = 1) -> Floats:
-    """Return the reference's picture at the pixels of an image with some shift and field of view."""
-    height, width = pair.image.shape
-    fine = []
-    for count, total, shift, factor, offset in zip(
-        (height, width), pair.wide.shape, values[1::-1], values[:1:-1], pair.offset[::-1], strict=True
-    ):
-        # Factors act on pixels counted from the film's middle; the result is in the fine picture's pixels.
-        place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
-        fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
-    rows, columns = np.meshgrid(*fine, indexing="ij")
-    return np.asarray(map_coordinates(pair.wide, (rows, columns), order=order, mode="nearest"))

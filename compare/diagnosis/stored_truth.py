@@ -37,7 +37,7 @@ COMPARED_LINES = 100
 
 MIN_ACCOUNTED_FRACTION = 0.9
 """Smallest share of the pixels that show something for which a kind of damage must account; equal to
-`explained.MIN_EXPLAINED_FRACTION`."""
+`evidence.MIN_EXPLAINED_FRACTION`."""
 
 MIN_REPEATED_FRACTION = 0.15
 """Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a

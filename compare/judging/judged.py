@@ -37,12 +37,12 @@ from xfrustum.compare.metrics.surface import (
     outside_film,
 )
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, unflipped
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
     colors_differ,
     reference_colors,
     shows_something,
+    trace_drawn,
 )
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.reference import Reference, SurfacePoints

@@ -96,6 +96,14 @@ class OneCamera:
         return self.flip_x or self.flip_y
 
 
+FLIPPED = tuple(
+    OneCamera(side, flip_x=x, flip_y=y)
+    for side in (-1, 1)
+    for x, y in ((True, True), (True, False), (False, True))
+)
+"""Cameras whose film alone is mirrored; C* that is not turned by 180 degrees comes first."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrawnModel:
     """How a plate was drawn.
@@ -171,6 +179,11 @@ class DrawnModel:
         if self.near or self.one_camera is not None:
             return False
         return self.recentering.factor(1) == self.recentering.factor(-1)
+
+    @property
+    def alone(self) -> bool:
+        """Whether one camera alone has other numbers, its film being mirrored nowhere."""
+        return self.one_camera is not None and not self.one_camera.flipped
 
     def camera(self, side: int) -> DrawnModel:
         """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""

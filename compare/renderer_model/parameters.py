@@ -1,7 +1,7 @@
-"""Parameters of a guessed renderer in groups that tend to be wrong together: one table for all their uses.
+"""The numbers of a guessed renderer, in groups that tend to be wrong together: one table for all their uses.
 
 A new group needs a row here, a field of the same name in `DrawnModel`, what it does to the lines in
-`DrawnModel.pencil` and in `xfrustum.compare.diagnosis.containment`, and its words in
+`DrawnModel.pencil` and in `xfrustum.compare.diagnosis.claims`, and its words in
 `xfrustum.compare.diagnosis.faults`.
 """
 
@@ -28,7 +28,7 @@ to have a name."""
 
 
 class Kind(StrEnum):
-    """Kind of a parameter, which decides its unit and how finely it is searched for."""
+    """Kind of a number, which decides its unit and how finely it is searched for."""
 
     PIXELS = "pixels"
     """A length on the film."""
@@ -44,20 +44,11 @@ class Kind(StrEnum):
     """A length of the scene, not negative, of any magnitude."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Group:
-    """Parameters of a guessed renderer that tend to be wrong together, such as the shift along x and y.
+    """Numbers that tend to be wrong together: their names as faults, and their value where nothing is wrong.
 
-    Attributes
-    ----------
-    name
-        Name that users type, such as `scene-offset`; the field of `DrawnModel` has _ in place of -.
-    faults
-        One fault name per parameter, for when that parameter is off.
-    kind
-        Kind of its parameters.
-    nominal
-        Value of each of its parameters where nothing is wrong.
+    The name of a group is what users type; the field of `DrawnModel` has _ in place of -.
     """
 
     name: str
@@ -71,31 +62,28 @@ class Group:
         return self.name.replace("-", "_")
 
 
+def _along(name: str, axes: str) -> tuple[str, ...]:
+    return tuple(f"{name}-{axis}" for axis in axes)
+
+
 GROUPS = (
-    Group(name="shift", faults=("shift-x", "shift-y"), kind=Kind.PIXELS, nominal=0.0),
-    Group(name="fov", faults=("fov-x", "fov-y"), kind=Kind.FACTOR, nominal=1.0),
-    Group(name="pitch", faults=("pitch-x", "pitch-y"), kind=Kind.FACTOR, nominal=1.0),
-    Group(name="near", faults=("near",), kind=Kind.NEAR, nominal=0.0),
-    Group(
-        name="aperture-offset",
-        faults=("aperture-offset-x", "aperture-offset-y"),
-        kind=Kind.OFFSET,
-        nominal=0.0,
-    ),
-    Group(
-        name="scene-offset",
-        faults=("scene-offset-x", "scene-offset-y", "scene-offset-z"),
-        kind=Kind.OFFSET,
-        nominal=0.0,
-    ),
-    Group(name="scene-scale", faults=("scene-scale",), kind=Kind.SIZE, nominal=1.0),
-    Group(name="screen-center", faults=("screen-center-x", "screen-center-y"), kind=Kind.SCREEN, nominal=0.0),
-    Group(name="screen-height", faults=("screen-height",), kind=Kind.SIZE, nominal=1.0),
+    Group("shift", _along("shift", "xy"), Kind.PIXELS, 0.0),
+    Group("fov", _along("fov", "xy"), Kind.FACTOR, 1.0),
+    Group("pitch", _along("pitch", "xy"), Kind.FACTOR, 1.0),
+    Group("near", ("near",), Kind.NEAR, 0.0),
+    Group("aperture-offset", _along("aperture-offset", "xy"), Kind.OFFSET, 0.0),
+    Group("scene-offset", _along("scene-offset", "xyz"), Kind.OFFSET, 0.0),
+    Group("scene-scale", ("scene-scale",), Kind.SIZE, 1.0),
+    Group("screen-center", _along("screen-center", "xy"), Kind.SCREEN, 0.0),
+    Group("screen-height", ("screen-height",), Kind.SIZE, 1.0),
 )
 """All groups, in the order of `DrawnModel.parameters`."""
 
 SCREEN_GROUPS = ("screen-center", "screen-height")
 """Groups that mean something for recentered frusta alone."""
+
+CAMERA_GROUPS = ("shift", "fov", "near")
+"""Groups that one camera may have off nominal alone."""
 
 GROUP_NAMES = tuple(group.name for group in GROUPS)
 FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
@@ -108,26 +96,10 @@ PREFERENCE = (
 """Order in which groups are named that explain images equally well."""
 
 
-def places(name: str) -> tuple[int, ...]:
-    """Return the places of a group's parameters in `DrawnModel.parameters`."""
-    return tuple(FAULT_NAMES.index(fault) for group in GROUPS if group.name == name for fault in group.faults)
-
-
-def pixel_length(scene: Scene) -> float:
-    """Return the width of a pixel at `TOLD_APART_PER_REACH` of the reach, scene units."""
-    frustum = scene.frustum
-    if frustum.screen is None:
-        assert frustum.fov is not None
-        half = math.tan(frustum.fov[0] / 2)
-    else:
-        half = frustum.screen.size[0] / 2 / abs(frustum.screen.height)
-    return TOLD_APART_PER_REACH * frustum.longest_reach * 2 * half / frustum.resolution[0]
-
-
-def screen_pixel_length(scene: Scene) -> float:
-    """Return the width of a pixel on the projection screen, scene units; 1 where there is no screen."""
-    frustum = scene.frustum
-    return 1.0 if frustum.screen is None else frustum.screen.size[0] / frustum.resolution[0]
+def places(*names: str) -> list[int]:
+    """Return the places of the numbers of some groups in `DrawnModel.parameters`."""
+    groups = {group.name: group for group in GROUPS}
+    return [FAULT_NAMES.index(fault) for name in names for fault in groups[name].faults]
 
 
 def screen_lengths(scene: Scene) -> Floats:
@@ -141,56 +113,62 @@ def screen_lengths(scene: Scene) -> Floats:
     return np.asarray(np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """For each number (P,): how finely it is searched for, and between which ends.
+
+    Attributes
+    ----------
+    smallest
+        Difference from nominal that is worth a name.
+    scale
+        Size of a small step for the least squares.
+    step
+        Step for derivatives, small against what is to be told apart.
+    low, high
+        Least and largest value.
+    """
+
+    smallest: Floats
+    scale: Floats
+    step: Floats
+    low: Floats
+    high: Floats
+
+
+def table(scene: Scene, values: Floats) -> Table:
+    """Return the table of a scene's numbers at some values (P,)."""
+    frustum, reach, inf = scene.frustum, scene.frustum.longest_reach, np.inf
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        width, on_screen = 2 * math.tan(frustum.fov[0] / 2), 1.0
+    else:
+        width = frustum.screen.size[0] / abs(frustum.screen.height)
+        on_screen = frustum.screen.size[0] / frustum.resolution[0]
+    px = TOLD_APART_PER_REACH * reach * width / frustum.resolution[0]
+
+    def row(kind: Kind, value: float) -> tuple[float, ...]:
+        return {
+            Kind.PIXELS: (SMALLEST_SHIFT_PX, 0.1, 1e-4, -inf, inf),
+            Kind.FACTOR: (SMALLEST_FACTOR, 1e-3, 1e-6, 0.01, inf),
+            Kind.SIZE: (SMALLEST_FACTOR, 0.03 * value, 1e-6 * value, 1e-6, 1e6),
+            Kind.OFFSET: (SMALLEST_SHIFT_PX * px, 1e-2 * reach, 1e-4 * px, -inf, inf),
+            Kind.SCREEN: (SMALLEST_SHIFT_PX * on_screen, 0.1 * on_screen, 1e-4 * on_screen, -inf, inf),
+            Kind.NEAR: (
+                0.0,
+                max(0.03 * value, 1e-6 * reach),
+                max(1e-4 * value, 1e-9 * reach),
+                0.0,
+                0.9 * reach,
+            ),
+        }[kind]
+
+    smallest, scale, step, low, high = np.array(
+        [row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]
+    ).T
+    return Table(smallest=smallest, scale=scale, step=step, low=low, high=high)
+
+
 def smallest_named(scene: Scene) -> Floats:
-    """Return by how much each number must be off nominal to be worth a name."""
-    smallest = {
-        Kind.PIXELS: SMALLEST_SHIFT_PX,
-        Kind.FACTOR: SMALLEST_FACTOR,
-        Kind.SIZE: SMALLEST_FACTOR,
-        Kind.OFFSET: SMALLEST_SHIFT_PX * pixel_length(scene),
-        Kind.SCREEN: SMALLEST_SHIFT_PX * screen_pixel_length(scene),
-        Kind.NEAR: 0.0,
-    }
-    return np.array([smallest[kind] for kind in KINDS])
-
-
-def fit_scales(scene: Scene, values: Floats) -> Floats:
-    """Return the size of a small step of each number for the least squares."""
-    reach = scene.frustum.longest_reach
-    steps = {Kind.PIXELS: 0.1, Kind.FACTOR: 1e-3, Kind.OFFSET: 1e-2 * reach}
-    steps[Kind.SCREEN] = steps[Kind.PIXELS] * screen_pixel_length(scene)
-    relative = {Kind.SIZE: (0.03, 0.0), Kind.NEAR: (0.03, 1e-6 * reach)}
-    return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
-
-
-def derivative_steps(scene: Scene, values: Floats) -> Floats:
-    """Return steps for derivatives by each number, small against what is to be told apart."""
-    reach = scene.frustum.longest_reach
-    steps = {Kind.PIXELS: 1e-4, Kind.FACTOR: 1e-6, Kind.OFFSET: 1e-4 * pixel_length(scene)}
-    steps[Kind.SCREEN] = steps[Kind.PIXELS] * screen_pixel_length(scene)
-    relative = {Kind.SIZE: (1e-6, 0.0), Kind.NEAR: (1e-4, 1e-9 * reach)}
-    return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
-
-
-def bounds(scene: Scene) -> tuple[Floats, Floats]:
-    """Return the least and the largest value of each number."""
-    reach = scene.frustum.longest_reach
-    limits = {
-        Kind.PIXELS: (-np.inf, np.inf),
-        Kind.FACTOR: (0.01, np.inf),
-        Kind.SIZE: (1e-6, 1e6),
-        Kind.OFFSET: (-np.inf, np.inf),
-        Kind.SCREEN: (-np.inf, np.inf),
-        Kind.NEAR: (0.0, 0.9 * reach),
-    }
-    low, high = np.array([limits[kind] for kind in KINDS]).T
-    return low, high
-
-
-def _step(
-    steps: dict[Kind, float], relative: dict[Kind, tuple[float, float]], kind: Kind, value: float
-) -> float:
-    if kind in steps:
-        return steps[kind]
-    share, least = relative[kind]
-    return float(max(share * value, least))
+    """Return by how much each number (P,) must be off nominal to be worth a name."""
+    return table(scene, np.ones(len(KINDS))).smallest

@@ -1,4 +1,4 @@
-"""Pictures without numbers of triangles: the reference's own color, and how far another may be off."""
+"""Images that a guess about a renderer makes of a scene: traced and decided like the truth, and colored."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from xfrustum.compare.renderer_model.drawn_color import colored
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
-from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.reference.certify.certify import first_surfaces
+from xfrustum.reference.layers import Layer, overlaid
+from xfrustum.reference.lines.facing import facing
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.arrays import Floats, Mask, Singles
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -24,6 +29,134 @@ once for the renderer's own rounding, once for storing.
 
 SCREEN_HEIGHT = -1.0
 """Height of the screen that stands for a film: one unit behind the plate, where slopes are lengths."""
+
+
+def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
+    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
+    layers = drawn_layers(reference.scene, model, aperture)
+    return as_image(reference, aperture, overlaid(layers))
+
+
+Layers = dict[tuple[Pencil, bool, Culled], Layer]
+"""Layers that cameras showed, by their lines, whether the nearest surface won, and the faces left out."""
+
+
+def drawn_layers(
+    scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | None = None
+) -> list[Layer]:
+    """Return what the cameras of a guess show, in drawing order: what comes later covers.
+
+    `known` keeps the layers of one aperture for other guesses about it.
+    """
+    known = {} if known is None else known
+
+    def shown(side: int, *, nearest: bool = False) -> Layer:
+        pencil = model.pencil(scene, aperture, side)
+        key = (pencil, nearest, model.culled)
+        if key not in known:
+            known[key] = layer(scene, pencil, nearest=nearest, culled=model.culled)
+        return known[key]
+
+    if model.plain and model.one_pencil:
+        return [shown(0)]
+    layers = [] if model.back_missing else [shown(1)]
+    if model.front is not Front.MISSING:
+        layers.append(shown(-1, nearest=model.front is Front.NEAREST))
+    return layers if model.overlaid else layers[::-1]
+
+
+def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
+    """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
+    triangles, film = scene.triangles, unflipped(pencil)
+    drawn = np.arange(len(triangles))
+    if culled is not Culled.NONE:
+        drawn = np.flatnonzero(facing(triangles, film) != _CULLED_SIGN[culled])
+        triangles = triangles[drawn]
+    if nearest:
+        # Seen through a point mirror in its center, what was last along a line is first.
+        low, high = film.s_range
+        mirrored = 2 * np.asarray(film.center) - triangles
+        decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
+        decided = replace(decided, s=-decided.s)
+    else:
+        decided = first_surfaces(triangles, film)
+    shown = Layer.of(film, decided.renumbered(drawn), range(pencil.resolution[1]))
+    return _mirrored(shown, pencil)
+
+
+def _mirrored(shown: Layer, pencil: Pencil) -> Layer:
+    """Return a layer with its pixels in the order of a film whose negative half-extents mirror it."""
+    ways = tuple(slice(None, None, 1 if t > 0 else -1) for t in reversed(pencil.half_extent))
+    if all(way.step == 1 for way in ways):
+        return shown
+    width, height = pencil.resolution
+    row, column, number = shown.companions.T
+    row, column = (
+        (height - 1 - row if ways[0].step < 0 else row),
+        (width - 1 - column if ways[1].step < 0 else column),
+    )
+    return replace(
+        shown,
+        triangle=shown.triangle[ways],
+        certainty=shown.certainty[ways],
+        companions=np.stack((row, column, number), axis=1),
+        position=shown.position[ways],
+    )
+
+
+_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}
+"""Value of `facing` of the triangles that are left out."""
+
+
+def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
+    """Return a layer as the image of an aperture."""
+    objects = np.append(reference.scene.object_of_triangle, np.int32(NOTHING))
+    return HogelImage(
+        camera=reference.camera(aperture),
+        triangle=shown.triangle,
+        object=objects[shown.triangle],
+        position=shown.position,
+        certainty=shown.certainty,
+    )
+
+
+def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
+    """Return a prediction with the color of each pixel's own surface point; nothing is averaged.
+
+    Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares them with
+    C, and needs L* = -L.
+    """
+    right = _radiance(Shader(scene), scene, model, answer)
+    if model.conjugated:
+        return replace(answer, color=right)
+    # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
+    lights = [
+        replace(light, direction=(-light.direction[0], -light.direction[1], -light.direction[2]))
+        for light in scene.appearance.lights
+    ]
+    other = replace(scene, appearance=replace(scene.appearance, lights=tuple(lights)))
+    front = answer.height > model.plate_height
+    wrong = _radiance(Shader(other), scene, model, answer)
+    return replace(answer, color=np.where(front[..., None], wrong, right))
+
+
+def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImage) -> Singles:
+    color = np.zeros((*answer.triangle.shape, 3), dtype=np.float32)
+    covered = answer.triangle != NOTHING
+    number = answer.triangle[covered]
+    directions, of_c_star = (
+        model.pencil(scene, answer.camera.aperture, side).directions() for side in (1, -1)
+    )
+    front = answer.height > model.plate_height
+    directions[front] = of_c_star[front]
+    hits = Hits(
+        triangle=number,
+        normal=scene.normals[number],
+        position=answer.position[covered].astype(np.float64),
+        direction=directions[covered],
+    )
+    color[covered] = shader.radiance(hits)
+    return color
 
 
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:

@@ -12,9 +12,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.diagnosis import declared
-from xfrustum.compare.diagnosis.findings import Findings, find_out
-from xfrustum.compare.diagnosis.views.view_shear import with_view_shear
+from xfrustum.compare.diagnosis.diagnosis import Findings, declared, diagnose
+from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
@@ -268,9 +267,11 @@ class Run:
             self.kept[aperture] = self._had(aperture)
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-        found = find_out(self.reference, images, nominal, self.limits.judging)
-        if isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels:
-            found = with_view_shear(found, self.reference, images, nominal, self.limits.judging)
+        of_views = isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels
+        evidence = Evidence(
+            reference=self.reference, images=images, nominal=nominal, judging=self.limits.judging
+        )
+        found = diagnose(evidence, of_views=of_views)
         conventions = [name for name in accept if name != ENCODING]
         return Question(
             asked=declared(nominal, found.diagnosis.model, conventions),

@@ -9,10 +9,10 @@ import pytest
 
 from tests.support.foreign_renderers import small
 from xfrustum.compare.diagnosis.diagnosis import diagnose
-from xfrustum.compare.diagnosis.explained import ExplanationTest
+from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage
 
@@ -42,7 +42,8 @@ def test_a_fault_of_one_camera_is_named_and_no_other(
     scene: str, model: DrawnModel, expected: dict[str, float | None]
 ) -> None:
     reference = Reference(small(scene, SIZE))
-    found = diagnose(reference, drawn(reference, model), DrawnModel())
+    evidence = Evidence(reference=reference, images=drawn(reference, model), nominal=DrawnModel())
+    found = diagnose(evidence).diagnosis
     assert {fault.fault for fault in found.faults} == set(expected)
     for fault in found.faults:
         size = expected[fault.fault]
@@ -56,7 +57,8 @@ def test_a_fault_of_one_camera_is_named_and_no_other(
 def test_an_offset_that_is_stated_and_kept_by_one_camera_only() -> None:
     reference = Reference(small("asymmetric", SIZE))
     model = DrawnModel(near=3.0, one_camera=replace(C_STAR, other_near=2.0))
-    (fault,) = diagnose(reference, drawn(reference, model), DrawnModel(near=2.0)).faults
+    evidence = Evidence(reference=reference, images=drawn(reference, model), nominal=DrawnModel(near=2.0))
+    (fault,) = diagnose(evidence).diagnosis.faults
     assert fault.fault == "front-near-offset"
     assert fault.value == pytest.approx(3.0, rel=0.02)
 
@@ -64,7 +66,7 @@ def test_an_offset_that_is_stated_and_kept_by_one_camera_only() -> None:
 def test_what_mends_one_half_and_spoils_the_other_is_no_explanation() -> None:
     reference = Reference(small("asymmetric", SIZE))
     stepped = DrawnModel(near=1.0, one_camera=C_STAR)
-    test = ExplanationTest(reference=reference, images=drawn(reference, stepped), nominal=DrawnModel())
+    test = Evidence(reference=reference, images=drawn(reference, stepped), nominal=DrawnModel())
     assert test.spares(stepped)
     assert not test.spares(DrawnModel(near=1.0))
 
@@ -74,7 +76,7 @@ def test_numbers_that_explain_only_together_are_one_finding() -> None:
     # Behind the plate alone, where a wider film undoes most of what an offset does.
     behind = replace(scene, frustum=replace(scene.frustum, reach=(1e-3, scene.frustum.reach[1])))
     reference, model = Reference(behind), DrawnModel(near=3.0, fov=(1 / 1.1, 1 / 1.1))
-    test = ExplanationTest(reference=reference, images=drawn(reference, model), nominal=DrawnModel())
+    test = Evidence(reference=reference, images=drawn(reference, model), nominal=DrawnModel())
     assert test.joint_groups(model) == ("fov", "near")
     assert test.joint_groups(DrawnModel(near=3.0)) == ()
     faults = [

@@ -15,12 +15,11 @@ from hypothesis import strategies as st
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from xfrustum.compare.diagnosis.claims import claims_of
-from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
+from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
-from xfrustum.compare.renderer_model.drawn_color import colored
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Front
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.files import render_page, table
 from xfrustum.reports.verification.verdict import Verification
@@ -176,7 +175,7 @@ def test_a_fault_that_adds_nothing_is_dropped() -> None:
     shifted = DrawnModel(shift=(-0.5, -0.5))
     with Faulty(scene=scene, shift=shifted.shift) as renderer:
         images = [renderer(scene, scene.plate.aperture(*index)) for index in SOME]
-    test = ExplanationTest(reference=Reference(scene), images=images, nominal=DrawnModel())
+    test = Evidence(reference=Reference(scene), images=images, nominal=DrawnModel())
     idle = replace(shifted, pitch=(1.0 + 1e-7, 1.0))
     assert test.reduced(idle) == shifted
     harmful = replace(shifted, front=Front.MISSING)

@@ -12,11 +12,11 @@ import pytest
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.scene_file import film, named, part
-from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
+from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, Scene, open_scene
@@ -119,7 +119,7 @@ def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
         images.append(
             replace(image, color=0.5 * image.color, triangle=nothing, object=nothing, position=nowhere)
         )
-    test = ExplanationTest(reference=reference, images=images, nominal=DrawnModel())
+    test = Evidence(reference=reference, images=images, nominal=DrawnModel())
     assert test.wrong(DrawnModel()) > 0
     assert replace(test, judging=Judging(color_tolerance=1.0), known={}).wrong(DrawnModel()) == 0
     outlines = replace(test, judging=Judging(compared=Compared.GEOMETRY), known={})
@@ -133,7 +133,7 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
     few[:2, :2] = 1
     nowhere = np.full_like(image.position, np.nan)
     dark = replace(image, triangle=few, object=np.full_like(few, NOTHING), position=nowhere, color=None)
-    test = ExplanationTest(reference=reference, images=[dark], nominal=DrawnModel())
+    test = Evidence(reference=reference, images=[dark], nominal=DrawnModel())
     assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
 
 

@@ -12,8 +12,9 @@ import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.long_tail import thinned
 from xfrustum.compare.diagnosis.diagnosis import diagnose
+from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import Camera, Scene
@@ -111,7 +112,8 @@ def diagnosed(scene: Scene, model: DrawnModel, *apertures: tuple[int, int]) -> A
     for index in apertures:
         image = trace_drawn(reference, model, scene.plate.aperture(*index))
         images.append(replace(image, position=np.full_like(image.position, np.nan)))
-    return {fault.fault: fault for fault in diagnose(reference, images, DrawnModel()).faults}
+    evidence = Evidence(reference=reference, images=images, nominal=DrawnModel())
+    return {fault.fault: fault for fault in diagnose(evidence).diagnosis.faults}
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from tests.support.views import at, soup
 from xfrustum.compare.judging.foreign_cameras import OFFSET_PRECISION, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes
 from xfrustum.compare.rounding.clip_seams import distance_to_segments
 from xfrustum.reference import Reference

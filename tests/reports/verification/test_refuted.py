@@ -9,7 +9,7 @@ import pytest
 
 from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import Faulty
-from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
+from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.reports.verification.files import render_page, table
 from xfrustum.reports.verification.verdict import with_correction_tested

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shlex
@@ -18,6 +19,9 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
+from xfrustum.compare.diagnosis.hypotheses import HYPOTHESES
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
 
 # This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
@@ -44,13 +48,11 @@ def test_the_examples_in_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_every_fault_is_in_the_table() -> None:
     text = DOCS.read_text()
-    known = [
-        value
-        for name, group in vars(faults).items()
-        if name.isupper() and name != "CONVENTIONS"
-        for value in ((group,) if isinstance(group, str) else group if isinstance(group, tuple) else ())
-    ]
-    assert len(known) == 43
+    known = {value for name, value in vars(faults).items() if name.isupper() and isinstance(value, str)}
+    known |= {one.fault for one in HYPOTHESES} | set(parameters.FAULT_NAMES)
+    for side, name in itertools.product((-1, 1), parameters.FAULT_NAMES):
+        known.add(faults.one_camera_name(name, DrawnModel(one_camera=OneCamera(side))))
+    assert len(known) == 44
     assert [name for name in known if f"`{name}`" not in text] == []
 
 

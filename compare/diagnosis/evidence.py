@@ -1,4 +1,4 @@
-"""The test of a diagnosis: the share of the wrong pixels that it explains, and whether each fault pays."""
+"""Images of a renderer as evidence: how much of what is wrong a guess explains, and what it spoils."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from xfrustum.compare.diagnosis.hypotheses import FIELDS
 from xfrustum.compare.judging.judged import Judging, wrong_pixels
 from xfrustum.compare.metrics.surface import covered_by
 from xfrustum.compare.renderer_model import parameters
@@ -44,7 +45,7 @@ of ten times the size nearly all are wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ExplanationTest:
+class Evidence:
     """Images against which guesses are tested.
 
     Attributes
@@ -52,9 +53,11 @@ class ExplanationTest:
     reference
         Reference of the scene.
     images
-        Hogels as found; at most `MAX_TESTED_HOGELS` of them are tested.
+        Some of the renderer's hogels as read from its files, before any correction, each with the camera of
+        the aperture that its file is named after; at most `MAX_TESTED_HOGELS` of them are tested.
     nominal
-        Model that was asked for; the pixels that are wrong under it need an explanation.
+        Model of the renderer by its author's statements; the pixels that are wrong under it need an
+        explanation.
     judging
         Rules for what counts as wrong.
     known
@@ -67,6 +70,10 @@ class ExplanationTest:
     judging: Judging = field(default_factory=Judging)
     known: dict[tuple[DrawnModel, bool], list[Mask]] = field(default_factory=dict, repr=False)
 
+    def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> Evidence:
+        """Return other images of the same renderer, perhaps judged by other rules."""
+        return replace(self, images=images, judging=judging or self.judging, known={})
+
     @property
     def tested(self) -> list[HogelImage]:
         """The images that are tested, spread evenly over all."""
@@ -77,17 +84,16 @@ class ExplanationTest:
     @property
     def hopeless(self) -> bool:
         """Whether most of what the images show is wrong; false where they show nothing."""
-        telling = [image for image in self.tested if _tells(image)]
-        shown = sum(int(_covered(image).sum()) for image in telling)
+        shown = sum(int(_covered(image).sum()) for image in self.tested if shows(image))
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def wrong(self, model: DrawnModel) -> int:
         """Return the number of pixels that are wrong by a guess, whatever the cause."""
-        return self._count(model, explained=False)
+        return sum(int(mask.sum()) for mask in self._wrong(model))
 
     def unexplained(self, model: DrawnModel) -> int:
         """Return the number of pixels that are wrong by a guess and have no known cause."""
-        return self._count(model, explained=True)
+        return sum(int(mask.sum()) for mask in self._wrong(model, explained=True))
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
@@ -99,16 +105,20 @@ class ExplanationTest:
         """
         if not self.wrong(self.nominal):
             return None
+        shares = []
         everywhere = [np.ones_like(image.triangle, dtype=np.bool_) for image in self.tested]
-        shown = [_covered(image) for image in self.tested]
-        return min(self._share_within(model, places) for places in (everywhere, shown))
+        for places in (everywhere, [_covered(image) for image in self.tested]):
+            before, after = (
+                sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
+                for masks in (self._wrong(self.nominal), self._wrong(model, explained=True))
+            )
+            shares.append(max(0.0, 1.0 - after / before) if before else 1.0)
+        return min(shares)
 
-    def _share_within(self, model: DrawnModel, places: Sequence[Mask]) -> float:
-        before, after = (
-            sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
-            for masks in (self._wrong(self.nominal), self._wrong(model, explained=True))
-        )
-        return max(0.0, 1.0 - after / before) if before else 1.0
+    def explains(self, model: DrawnModel) -> bool:
+        """Return whether a guess explains enough to be a finding, or nothing needs an explanation."""
+        share = self.share(model)
+        return share is None or share >= MIN_EXPLAINED_FRACTION
 
     def spares(self, model: DrawnModel) -> bool:
         """Return whether pixels that are right as asked for stay right by a guess, rounding excused.
@@ -123,18 +133,23 @@ class ExplanationTest:
                 spoiled += int((left & ~before).sum())
         return spoiled <= MAX_SPOILED_FRACTION * gained
 
+    def pays(self, model: DrawnModel, simpler: DrawnModel | None = None) -> bool:
+        """Return whether a guess makes more pixels right than a simpler one, or than what was asked for."""
+        gained = lost = 0
+        for mine, other in zip(self._wrong(model), self._wrong(simpler or self.nominal), strict=True):
+            gained += int((other & ~mine).sum())
+            lost += int((mine & ~other).sum())
+        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
+
     def reduced(self, model: DrawnModel) -> DrawnModel:
         """Return a guess without the faults that add nothing to what the others explain."""
         while True:
-            rest = [simpler for simpler in _simpler(model, self.nominal) if not self._pays(model, simpler)]
+            simpler = list(_simpler(model, self.nominal))
+            rest = [one for one in simpler if not self.pays(model, one)]
             # The last remaining fault is not removed here: its share decides whether it is a finding.
-            if not rest or len(list(_simpler(model, self.nominal))) == 1:
+            if not rest or len(simpler) == 1:
                 return model
             model = min(rest, key=self.wrong)
-
-    def pays(self, model: DrawnModel) -> bool:
-        """Return whether a guess makes more pixels right than what was asked for does."""
-        return self._pays(model, self.nominal)
 
     def joint_groups(self, model: DrawnModel) -> tuple[str, ...]:
         """Return the groups of a guess's numbers of which none makes pixels right without the others.
@@ -142,33 +157,20 @@ class ExplanationTest:
         Groups are added to the guess's conventions one after another, each the one that mends most; those
         that are left when none of them pays explain only together.
         """
-        found = [group for group in parameters.GROUPS if self._off(model, group.field)]
-        left = [group.field for group in found]
-        if len(left) < 2:
+        off = [
+            one for one in parameters.GROUPS if getattr(model, one.field) != getattr(self.nominal, one.field)
+        ]
+        if len(off) < 2:
             return ()
-        known = model.with_parameters(self.nominal.parameters)
+        left, known = list(off), model.with_parameters(self.nominal.parameters)
         while left:
-            tried = {name: replace(known, **{name: getattr(model, name)}) for name in left}
-            paying = [name for name in left if self._pays(tried[name], known)]
+            tried = [(one, replace(known, **{one.field: getattr(model, one.field)})) for one in left]
+            paying = [pair for pair in tried if self.pays(pair[1], known)]
             if not paying:
                 break
-            best = min(paying, key=lambda name: self.wrong(tried[name]))
+            best, known = min(paying, key=lambda pair: self.wrong(pair[1]))
             left.remove(best)
-            known = tried[best]
-        return tuple(group.name for group in found if group.field in left) if len(left) > 1 else ()
-
-    def _off(self, model: DrawnModel, name: str) -> bool:
-        return bool(getattr(model, name) != getattr(self.nominal, name))
-
-    def _pays(self, model: DrawnModel, simpler: DrawnModel) -> bool:
-        gained = lost = 0
-        for mine, other in zip(self._wrong(model), self._wrong(simpler), strict=True):
-            gained += int((other & ~mine).sum())
-            lost += int((mine & ~other).sum())
-        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
-
-    def _count(self, model: DrawnModel, *, explained: bool) -> int:
-        return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
+        return tuple(one.name for one in left) if len(left) > 1 else ()
 
     def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
         """Return the wrong pixels of each image by a guess; if `explained`, those without a known cause."""
@@ -181,10 +183,10 @@ class ExplanationTest:
         return self.known[key]
 
 
-def _tells(image: HogelImage) -> bool:
-    return bool(
-        (image.triangle != NOTHING).any() or (image.object != NOTHING).any() or image.color is not None
-    )
+def shows(image: HogelImage) -> bool:
+    """Return whether an image names a triangle or an object, or has colors."""
+    named = (image.triangle != NOTHING).any() or (image.object != NOTHING).any()
+    return bool(named or image.color is not None)
 
 
 def _covered(image: HogelImage) -> Mask:
@@ -194,17 +196,9 @@ def _covered(image: HogelImage) -> Mask:
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield, for each fault of a guess, the guess without this fault."""
     groups: list[tuple[str, ...]] = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
-    groups += [
-        ("orientation",),
-        ("order",),
-        ("recentering",),
-        ("pivot",),
-        ("fit",),
-        ("front", "overlaid", "culled", "back_missing"),
-        ("conjugated",),
-    ]
+    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS, ("conjugated",)]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
-    groups += [("one_camera", "near", "fov", "shift")] if model.one_camera is not None else []
+    groups += [("one_camera", *parameters.CAMERA_GROUPS)] if model.one_camera is not None else []
     for fields in groups:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
         if simpler != model:
