@@ -2,7 +2,6 @@
 
 benchmarks/       Benchmarks, as ratios within one run
 blocks            Work in blocks: in this process, by others of this machine, by a Dask cluster, or in parts
-cluster/          Whole plates in blocks of hogels, done by one process or by the workers of a Dask cluster
 commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
 common/           What all reports share: outputs, progress, times, pages, numbers in words
 cost/             What accuracy costs in time

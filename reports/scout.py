@@ -1,63 +1,49 @@
-"""What people see of the scout of a plate: chosen apertures with their reasons, and a map."""
+"""What people see of the scout of a plate: chosen apertures with their reasons, and a map; maps of plates."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial import cKDTree
 
-from xfrustum.compare.scout import (
-    FILM_PIXELS,
-    MAX_APERTURES,
-    AutoApertures,
-    ChosenAperture,
-    Look,
-    scout,
-)
+from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, ChosenAperture, Look, scout
 from xfrustum.reports.common.figure_style import style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Plate
 
 MAX_MAP_CELLS = 120
-"""Largest number of cells along a side of the map: a cell of a larger plate stands for several hogels, and
+"""Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
 each is five pixels wide on the page."""
 
 MAP_PIXELS = 340
 """Height of the map of a plate as high as wide, on the page."""
 
 MARK = "#D55E00"
-"""Color of the marks of chosen apertures."""
+"""Color of the marks of apertures."""
 
 LABEL = "#1b1f24"
 """Color of their labels, which lie on white on light and on dark paper."""
 
 
 def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
-    """Look through apertures all over a plate, and choose the middle one and the worst.
-
-    Parameters
-    ----------
-    progress
-        Show a progress bar on standard error.
-    """
+    """Look through apertures all over a plate, and choose the middle one and the worst."""
     with progress_bar(None, "scout", "aperture", shown=progress) as bar:
         return AutoApertures.of(scout(scene, bar.update))
 
 
 def notes(auto: AutoApertures) -> list[str]:
     """Say in a sentence each how the apertures were chosen, and which and why."""
-    columns, rows = auto.scout.scene.plate.hogels
-    looks = len(auto.scout.looks)
-    everything = "all" if looks == columns * rows else f"{looks} of the"
+    hogels, looks = math.prod(auto.scout.scene.plate.hogels), len(auto.scout.looks)
     lines = [
-        f"auto: looked through {everything} {columns * rows:,} apertures of the plate (at most "
-        f"{MAX_APERTURES:,}), along {FILM_PIXELS**2} lines each"
+        f"auto: looked through {'all' if looks == hogels else f'{looks} of the'} {hogels:,} apertures of the "
+        f"plate (at most {MAX_APERTURES:,}), along {FILM_PIXELS**2} lines each"
     ]
     if auto.blocked:
         lines.append(
@@ -91,17 +77,7 @@ def choices(auto: AutoApertures | None) -> tuple[ChoiceRecord, ...] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class LookRecord:
-    """What the coarse film of one aperture shows; see `scout.Look`.
-
-    Attributes
-    ----------
-    nearest
-        Smallest visible |z|, scene units; null where nothing is seen.
-    pixels_per_near
-        The 99th percentile of displacement over a small n; null where a surface lies in the aperture.
-    outline_widths
-        Length of the outlines in widths of the film.
-    """
+    """What the coarse film of one aperture shows: the numbers of `compare.scout.Look`."""
 
     aperture: tuple[int, int]
     nearest: float
@@ -110,7 +86,7 @@ class LookRecord:
 
     @classmethod
     def of(cls, look: Look) -> LookRecord:
-        """Return how a look is written."""
+        """Return how a look is written; infinite numbers become null."""
         return cls(
             aperture=look.aperture.index,
             nearest=look.nearest,
@@ -121,19 +97,7 @@ class LookRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoutRecord:
-    """The scout of a plate, and what was chosen from it.
-
-    Attributes
-    ----------
-    hogels, scouted, blocked
-        Hogels of the plate; of these, how many were looked through, and of those, in how many a surface lies.
-    lines
-        Lines through each aperture that was looked through.
-    chosen
-        The apertures that were taken, with their reasons.
-    looks
-        What each look saw.
-    """
+    """The scout of a plate: how many apertures were looked through along how many lines, and the choice."""
 
     hogels: int
     scouted: int
@@ -145,9 +109,8 @@ class ScoutRecord:
     @classmethod
     def of(cls, auto: AutoApertures) -> ScoutRecord:
         """Return how a scout is written."""
-        columns, rows = auto.scout.scene.plate.hogels
         return cls(
-            hogels=columns * rows,
+            hogels=math.prod(auto.scout.scene.plate.hogels),
             scouted=len(auto.scout.looks),
             blocked=auto.blocked,
             lines=FILM_PIXELS**2,
@@ -156,139 +119,110 @@ class ScoutRecord:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapCells:
-    """Cells that cover a plate, each with the look nearest to it.
-
-    Attributes
-    ----------
-    columns, rows
-        Hogels in the middle of the cells, along the plate.
-    look
-        (rows, columns) number of the nearest look.
-    """
-
-    columns: Floats
-    rows: Floats
-    look: Indices
-
-    @classmethod
-    def of(cls, auto: AutoApertures) -> MapCells:
-        """Cover the plate of a scout."""
-        hogels = auto.scout.scene.plate.hogels
-        columns, rows = (_cells(count) for count in hogels)
-        looked = np.array([one.index for one in auto.scout.apertures], dtype=np.float64)
-        places = np.stack(np.meshgrid(columns, rows), axis=-1)
-        _, nearest = cKDTree(looked).query(places)
-        return cls(columns=columns, rows=rows, look=nearest)
-
-
-def _cells(hogels: int) -> Floats:
-    """Return the middles of equal cells along some hogels, in hogels."""
-    count = min(hogels, MAX_MAP_CELLS)
-    return (np.arange(count) + 0.5) * hogels / count - 0.5
-
-
 def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
     """Draw the plate twice: the nearest visible |z| on a logarithmic color scale, and the outlines.
 
-    These are two figures, so that a page can set them side by side or one above the other.
+    These are two figures, so that a page can set them side by side or one above the other. Both scales are
+    bright where the error is large: a near surface, long outlines.
     """
-    nearest = np.array([look.nearest for look in auto.scout.looks])
-    outlines = np.array([look.outline_widths for look in auto.scout.looks])
-    known, powers = _logarithms(nearest)
-    seen = np.where(np.isfinite(nearest), outlines, np.nan)
-    units = auto.scout.scene.units
-    # Both scales are bright where the error is large: a near surface, long outlines.
-    heights = _map(auto, known, f"nearest visible |z|, {units}", "Viridis_r")
-    heights.update_traces(
-        colorbar={
-            "tickvals": [math.log10(value) for value in powers],
-            "ticktext": [digits(value) for value in powers],
-        },
-        selector={"type": "heatmap"},
-    )
-    return heights, _map(auto, seen, "length of outlines, widths of the picture", "Viridis")
+    plate, looks = auto.scout.scene.plate, auto.scout.looks
+    cells = tuple(min(count, MAX_MAP_CELLS) for count in plate.hogels)
+    looked = np.zeros(cells[::-1], dtype=bool)
+    nearest, outlines = np.full(cells[::-1], np.nan), np.full(cells[::-1], np.nan)
+    # A surface in the aperture itself, at 0, has the color of the smallest other length.
+    smallest = min((one.nearest for one in looks if 0 < one.nearest < math.inf), default=1.0)
+    for one in looks:
+        column, row = (
+            index * count // hogels
+            for index, count, hogels in zip(one.aperture.index, cells, plate.hogels, strict=True)
+        )
+        looked[row, column] = True
+        if math.isfinite(one.nearest):
+            nearest[row, column] = np.fmin(nearest[row, column], max(one.nearest, smallest))
+            outlines[row, column] = np.fmax(outlines[row, column], one.outline_widths)
+    marks = [(one.aperture.index, one.why) for one in auto.chosen]
+    title = f"nearest visible |z|, {auto.scout.scene.units}"
+    heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
+    heights.update_traces(colorscale="Viridis_r", selector={"type": "heatmap"})
+    widths = plate_map(plate, outlines, "length of outlines, widths of the picture", known=looked)
+    for figure in (heights, widths):
+        mark(figure, plate, marks, labels=len(marks))
+    return heights, widths
 
 
-def _map(auto: AutoApertures, values: Floats, title: str, colors: str) -> go.Figure:
-    """Draw a number of each look over the plate, with its title and its scale of colors."""
-    cells = MapCells.of(auto)
+def plate_map(
+    plate: Plate, values: Floats, title: str, *, known: Mask | None = None, logarithmic: bool = False
+) -> go.Figure:
+    """Draw a number over the plate, in the proportions of the plate itself, row 0 at the top.
+
+    Parameters
+    ----------
+    plate
+        The plate.
+    values
+        (rows, columns) the number in each cell; blank where it is NaN.
+    title
+        What the number is.
+    known
+        Cells of which something is known; the others have the value of the nearest of them. Those with a
+        value by default.
+    logarithmic
+        Whether the color scale is.
+    """
+    known = np.isfinite(values) if known is None else known
+    if known.any() and not known.all():
+        places = np.argwhere(known)
+        _, nearest = cKDTree(places).query(np.argwhere(np.ones_like(known)))
+        values = values[tuple(places[nearest].T)].reshape(values.shape)
+    shown = np.log10(np.where(values > 0, values, np.nan)) if logarithmic else values
+    (columns, rows), (width, height) = plate.hogels, plate.size
     figure = go.Figure()
     figure.add_heatmap(
-        x=cells.columns,
-        y=cells.rows,
-        z=_with_blanks(values[cells.look]),
-        text=np.array(_hover(auto))[cells.look],
-        hovertemplate="%{text}<extra></extra>",
-        colorscale=colors,
-        colorbar={"thickness": 12, "outlinewidth": 0},
+        x=(np.arange(values.shape[1]) + 0.5) * columns / values.shape[1] - 0.5,
+        y=(np.arange(values.shape[0]) + 0.5) * rows / values.shape[0] - 0.5,
+        z=[[None if np.isnan(value) else float(value) for value in line] for line in shown],
+        customdata=values,
+        hovertemplate="column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
+        colorscale="Viridis",
+        colorbar={"thickness": 12, "outlinewidth": 0, **(_decades(shown) if logarithmic else {})},
     )
-    _mark(figure, auto)
-    finish_map(figure, auto.scout.scene.plate, title)
+    style(figure)
+    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
+    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)))
+    figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False, constrain="domain")
+    figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False, constrain="domain")
+    # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
+    pitch_ratio = height / rows / (width / columns)
+    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")
     return figure
 
 
-def _with_blanks(values: Floats) -> list[list[float | None]]:
-    return [[None if math.isnan(value) else float(value) for value in row] for row in values]
+def _decades(logarithms: Floats) -> dict[str, Sequence[float] | Sequence[str]]:
+    """Return the labels of a logarithmic color bar: powers of ten, five spread evenly where these are few."""
+    known = logarithms[np.isfinite(logarithms)]
+    if not known.size:
+        return {}
+    ticks = np.arange(np.ceil(known.min()), np.floor(known.max()) + 1)
+    if len(ticks) <= 2:
+        ticks = np.linspace(known.min(), known.max(), 5)
+    return {"tickvals": ticks.tolist(), "ticktext": [digits(float(10**tick)) for tick in ticks]}
 
 
-def _logarithms(nearest: Floats) -> tuple[Floats, list[float]]:
-    """Return decimal logarithms, NaN where nothing is seen, and the lengths that a color bar is labeled at.
-
-    A surface in the aperture itself, at 0, has the color of the smallest other length.
-    """
-    positive = nearest[(nearest > 0) & np.isfinite(nearest)]
-    smallest, largest = (float(positive.min()), float(positive.max())) if len(positive) else (1.0, 1.0)
-    known = np.where(np.isfinite(nearest), np.log10(np.maximum(nearest, smallest)), np.nan)
-    return known, _ticks(smallest, largest)
-
-
-def _ticks(low: float, high: float) -> list[float]:
-    """Return powers of ten between two lengths, with 2 and 5 times each where there are few."""
-    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    steps = (1.0,) if high > 1000 * low else (1.0, 2.0, 5.0)
-    inside = [
-        step * 10.0**exponent
-        for exponent in exponents
-        for step in steps
-        if low <= step * 10.0**exponent <= high
-    ]
-    return inside if len(inside) > 1 else [low, high]
-
-
-def _hover(auto: AutoApertures) -> list[str]:
-    units = auto.scout.scene.units
-    found = []
-    for look in auto.scout.looks:
-        place = f"looked through {look.aperture.column},{look.aperture.row}"
-        if math.isfinite(look.nearest):
-            seen = (
-                f"nearest |z| {digits(look.nearest)} {units}<br>outlines {digits(look.outline_widths)} widths"
-            )
-        else:
-            seen = "nothing is seen"
-        found.append(f"{place}<br>{seen}")
-    return found
-
-
-def _mark(figure: go.Figure, auto: AutoApertures) -> None:
-    """Mark the chosen apertures, each with its column and row."""
-    columns = [one.aperture.column for one in auto.chosen]
-    rows = [one.aperture.row for one in auto.chosen]
+def mark(figure: go.Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int) -> None:
+    """Ring some apertures on a map, with words to hover on, and label the first of them."""
     figure.add_scatter(
-        x=columns,
-        y=rows,
+        x=[column for (column, _), _ in marks],
+        y=[row for (_, row), _ in marks],
         mode="markers",
         marker={"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
-        text=[f"{one.aperture.column},{one.aperture.row}<br>{one.why}" for one in auto.chosen],
+        text=[f"{column},{row}<br>{words}" for (column, row), words in marks],
         hovertemplate="%{text}<extra></extra>",
         showlegend=False,
         cliponaxis=False,
     )
-    for column, row in zip(columns, rows, strict=True):
+    for (column, row), _ in marks[:labels]:
         # Labels go toward the middle of the plate, so that they stay on it.
-        side = -1 if 2 * column > auto.scout.scene.plate.hogels[0] else 1
+        side = -1 if 2 * column > plate.hogels[0] else 1
         figure.add_annotation(
             x=column,
             y=row,
@@ -299,16 +233,3 @@ def _mark(figure: go.Figure, auto: AutoApertures) -> None:
             bgcolor="rgba(255, 255, 255, 0.85)",
             font={"color": LABEL, "size": 12},
         )
-
-
-def finish_map(figure: go.Figure, plate: Plate, title: str) -> None:
-    """Give a map its title, and the proportions of the plate itself, row 0 at the top."""
-    style(figure)
-    (columns, rows), (width, height) = plate.hogels, plate.size
-    pitch_ratio = height / rows / (width / columns)
-    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
-    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)))
-    figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False, constrain="domain")
-    figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False, constrain="domain")
-    # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
-    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")

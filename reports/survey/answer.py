@@ -4,65 +4,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.survey.tally import P99, Tally
+from xfrustum.reports.survey.tally import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.pictures import map_of, png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-
-@dataclass(frozen=True, kw_only=True)
-class WorstRecord:
-    """The worst hogel, as it is written."""
-
-    aperture: tuple[int, int]
-    displacement_p99_px: float | None
-    surface_fraction: float | None
+WORST_WRITTEN = ("aperture", "displacement_p99_px", "surface_fraction")
+"""Numbers of the worst hogel that are written."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShareRecord:
-    """Hogels beyond the tolerance with one setting, and the bound on their share of the plate."""
+class Share:
+    """Hogels beyond the tolerance with one setting, and the bound on their share of the plate, as written."""
 
     judged: int
     beyond: int
     share_beyond_at_most: float | None
-    worst: WorstRecord | None
+    worst: WorstHogel | None
 
+    @property
+    def record(self) -> dict[str, Any]:
+        """The counts and the bound with the worst hogel, as they are written."""
+        worst = self.worst and {name: getattr(self.worst, name) for name in WORST_WRITTEN}
+        return {**vars(self), "worst": worst}
 
-@dataclass(frozen=True, kw_only=True)
-class SettingRecord:
-    """One setting with its counts; the settings are null for a plate of another renderer."""
+    @property
+    def bound_words(self) -> str:
+        """The bound in percent, rounded up; "-" where there is none."""
+        return "-" if self.share_beyond_at_most is None else percent_up(self.share_beyond_at_most)
 
-    settings: DoubleFrustum | None
-    share: ShareRecord = field(metadata=INLINED)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurveyRecord:
-    """JSON object of a survey: that of the best setting, and each setting in its order."""
-
-    scene: str
-    hash: str
-    hogels: int
-    share: ShareRecord = field(metadata=INLINED)
-    confidence: float
-    tolerance_px: float
-    limit: float | None
-    complete: bool
-    seed: int | None
-    workers: int
-    wall_s: float
-    sentence: str
-    settings: tuple[SettingRecord, ...]
+    @property
+    def worst_words(self) -> str:
+        """Column and row of the worst hogel; "-" where there is none."""
+        return "-" if self.worst is None else "{},{}".format(*self.worst.aperture)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,26 +100,20 @@ class Extent:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Survey(Shown, Summarized[SurveyRecord]):
+class Survey(Shown, Summarized[dict[str, Any]]):
     """What a survey has found.
 
     Attributes
     ----------
-    scene
-        Scene of the plate.
     settings
         Settings that were judged; a single None for a plate of another renderer.
     tallies
         All rows of each setting.
-    extent
-        How many hogels were judged, and how they were chosen.
     tolerance_px, limit
         Displacement beyond which a hogel is counted, and largest share of such hogels that was asked for;
         None where no share was.
     judged_by
         Limits that counted hogels exceed, in words.
-    workers, wall_s
-        Number of processes, and wall seconds.
     """
 
     scene: Scene
@@ -163,22 +140,20 @@ class Survey(Shown, Summarized[SurveyRecord]):
         """Probability that all bounds hold; 1 where every hogel was judged."""
         return 1.0 if self.extent.everything else CONFIDENCE
 
-    def share(self, setting: int) -> ShareRecord:
+    def share(self, setting: int) -> Share:
         """Return the counts and the bound of a setting."""
         tally = self.tallies[setting]
-        worst = tally.worst[0] if tally.worst else None
-        return ShareRecord(
+        return Share(
             judged=tally.judged,
             beyond=tally.beyond,
             share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
-            worst=None
-            if worst is None
-            else WorstRecord(
-                aperture=worst.aperture,
-                displacement_p99_px=worst.displacement_p99_px,
-                surface_fraction=worst.surface_fraction,
-            ),
+            worst=tally.worst[0] if tally.worst else None,
         )
+
+    @property
+    def shares(self) -> list[tuple[DoubleFrustum | None, Share]]:
+        """Each setting with its counts and its bound."""
+        return [(one, self.share(number)) for number, one in enumerate(self.settings)]
 
     @property
     def decided(self) -> bool:
@@ -203,7 +178,9 @@ class Survey(Shown, Summarized[SurveyRecord]):
     def sentence(self) -> str:
         """The answer in one sentence, for the best setting."""
         share, extent = self.share(self.best), self.extent
-        with_what = self._named_setting
+        chosen, with_what = self.settings[self.best], ""
+        if chosen is not None and len(self.settings) > 1:
+            with_what = f" with near {digits(chosen.near)}, the best of {len(self.settings)}"
         if extent.everything:
             counted = (
                 f"{share.beyond:,} of the {extent.hogels:,} hogels ({percent(share.beyond / extent.hogels)})"
@@ -215,49 +192,37 @@ class Survey(Shown, Summarized[SurveyRecord]):
                 f"are {self.judged_by}{with_what}; the other parts are not finished"
             )
         else:
-            bound = percent_up(share.share_beyond_at_most)
             said = (
-                f"at most {bound} of the {extent.hogels:,} hogels are {self.judged_by} "
+                f"at most {share.bound_words} of the {extent.hogels:,} hogels are {self.judged_by} "
                 f"({percent(self.confidence)}; {share.beyond:,} of {extent.judged:,} sampled){with_what}"
             )
         if share.worst is not None:
-            said += f"; worst: {share.worst.aperture[0]},{share.worst.aperture[1]}"
+            said += f"; worst: {share.worst_words}"
         return f"{said}."
 
     @property
-    def _named_setting(self) -> str:
-        chosen = self.settings[self.best]
-        if chosen is None or len(self.settings) == 1:
-            return ""
-        return f" with near {digits(chosen.near)}, the best of {len(self.settings)}"
-
-    @property
-    def record(self) -> SurveyRecord:
-        """The object that is written."""
-        return SurveyRecord(
-            scene=self.scene.name,
-            hash=self.scene.content_hash,
-            hogels=self.extent.hogels,
-            share=self.share(self.best),
-            confidence=self.confidence,
-            tolerance_px=self.tolerance_px,
-            limit=self.limit,
-            complete=self.extent.complete,
-            seed=self.extent.seed,
-            workers=self.workers,
-            wall_s=self.wall_s,
-            sentence=self.sentence,
-            settings=tuple(
-                SettingRecord(settings=one, share=self.share(number))
-                for number, one in enumerate(self.settings)
-            ),
-        )
+    def record(self) -> dict[str, Any]:
+        """The JSON object: the counts of the best setting, and those of each in its order."""
+        return {
+            "scene": self.scene.name,
+            "hash": self.scene.content_hash,
+            "hogels": self.extent.hogels,
+            **self.share(self.best).record,
+            "confidence": self.confidence,
+            "tolerance_px": self.tolerance_px,
+            "limit": self.limit,
+            "complete": self.extent.complete,
+            "seed": self.extent.seed,
+            "workers": self.workers,
+            "wall_s": self.wall_s,
+            "sentence": self.sentence,
+            "settings": [{"settings": one, **share.record} for one, share in self.shares],
+        }
 
     def _said(self) -> str:
         return f"{self.scene.name!r}, {self.sentence}"
 
     def _tables(self) -> Sequence[Table]:
-        shares = [(one, self.share(number)) for number, one in enumerate(self.settings)]
         rows = [
             (
                 "as found"
@@ -265,10 +230,10 @@ class Survey(Shown, Summarized[SurveyRecord]):
                 else f"near {digits(one.near)} {self.scene.units}, {one.depth_label}",
                 f"{share.judged:,}",
                 f"{share.beyond:,}",
-                "-" if share.share_beyond_at_most is None else percent_up(share.share_beyond_at_most),
-                "-" if share.worst is None else f"{share.worst.aperture[0]},{share.worst.aperture[1]}",
+                share.bound_words,
+                share.worst_words,
             )
-            for one, share in shares
+            for one, share in self.shares
         ]
         head = ("settings", "judged", "beyond", "share beyond, at most", "worst hogel")
         return (Table(head=head, rows=rows, numbers=True),)
@@ -284,13 +249,10 @@ class Survey(Shown, Summarized[SurveyRecord]):
     def table(self) -> str:
         """Return the sentence, and each setting where there are several."""
         lines = [self.sentence]
-        if len(self.settings) > 1:
-            for number, one in enumerate(self.settings):
-                share = self.share(number)
-                assert one is not None
-                at_most = share.share_beyond_at_most
-                bound = "" if at_most is None else f", at most {percent_up(at_most)}"
-                lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{bound}")
+        for one, share in self.shares if len(self.settings) > 1 else []:
+            assert one is not None
+            bound = "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
+            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{bound}")
         return "\n".join(lines)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-from scipy.spatial import cKDTree
 
 from xfrustum.reports.common.figure_style import log_axis, look, style
 from xfrustum.reports.common.formatting import digits, percent
@@ -19,13 +18,11 @@ from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
 from xfrustum.reports.inspection.plate_map import PlateMap
-from xfrustum.reports.scout import LABEL, MARK, finish_map
-from xfrustum.reports.survey.answer import Survey, percent_up
+from xfrustum.reports.scout import MARK, mark, plate_map
+from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
 from xfrustum.reports.survey.rows import depth_ends
-from xfrustum.reports.survey.tally import FRACTION, MAP_COLUMNS, P99, SURFACE, Tally, WorstHogel
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.plate import Plate
+from xfrustum.reports.survey.tally import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
@@ -34,9 +31,6 @@ MARKED_HOGELS = 3
 
 LENGTHS = ("height_rms",)
 """Columns whose numbers are lengths in the scene's unit."""
-
-MIN_DECADES = 2
-"""Number of powers of ten beyond which a color bar is labeled at them; else five labels are spread evenly."""
 
 DISTRIBUTION_MARGIN = 3.0
 """Factor by which the axis of displacement reaches beyond the smallest and the largest value."""
@@ -101,14 +95,13 @@ def render_page(found: Survey, pictured: Pictured) -> str:
         command = raster_command(scene, scene.plate.aperture(*worst), settings)
     values = {
         "found": found,
-        "record": found.record,
         "pictured": pictured,
         "maps": list(places),
         "figures": figures,
         "command": command,
         "versions": versions(),
     }
-    filters = {"percent": percent, "percent_up": percent_up, "digits": _readable}
+    filters = {"percent": percent, "digits": _readable}
     return html_page("survey.html.j2", filters, values)
 
 
@@ -119,9 +112,10 @@ def map_figures(found: Survey) -> list[go.Figure]:
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {found.scene.units}" if name in LENGTHS else "")
-            figure = _map(values, found.scene.plate, words, logarithmic=name == P99)
+            figure = plate_map(found.scene.plate, values, words, logarithmic=name == P99)
             if name == P99:
-                _mark(figure, tally, found.scene.plate.hogels)
+                worst = [(one.aperture, "one of the worst") for one in tally.worst[:MARKED_HOGELS]]
+                mark(figure, found.scene.plate, worst, labels=1)
             figures.append(figure)
     return figures
 
@@ -193,70 +187,3 @@ def depth_figure(found: Survey) -> go.Figure | None:
     figure.update_yaxes(type="log", dtick=1, exponentformat="power", title_text="displacement, px")
     figure.update_layout(height=380)
     return figure
-
-
-def _map(values: Floats, plate: Plate, title: str, *, logarithmic: bool) -> go.Figure:
-    """Draw a number over the plate; cells without a judged hogel have the color of the nearest with one."""
-    filled = _filled(values)
-    shown = np.log10(np.where(filled > 0, filled, np.nan)) if logarithmic else filled
-    rows, columns = values.shape
-    hogels = plate.hogels
-    figure = go.Figure()
-    figure.add_heatmap(
-        x=(np.arange(columns) + 0.5) * hogels[0] / columns - 0.5,
-        y=(np.arange(rows) + 0.5) * hogels[1] / rows - 0.5,
-        z=[[None if np.isnan(value) else float(value) for value in line] for line in shown],
-        customdata=filled,
-        hovertemplate="column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
-        colorscale="Viridis",
-        colorbar={"thickness": 12, "outlinewidth": 0, **(_powers(shown) if logarithmic else {})},
-    )
-    finish_map(figure, plate, title)
-    return figure
-
-
-def _filled(values: Floats) -> Floats:
-    """Return a map whose cells without a value have that of the nearest cell with one."""
-    known = np.argwhere(np.isfinite(values))
-    if not len(known) or len(known) == values.size:
-        return values
-    _, nearest = cKDTree(known).query(np.argwhere(np.ones_like(values)))
-    return np.asarray(values[tuple(known[nearest].T)]).reshape(values.shape)
-
-
-def _powers(logarithms: Floats) -> dict[str, Sequence[float] | Sequence[str]]:
-    """Return the labels of a color bar whose scale is logarithmic."""
-    known = logarithms[np.isfinite(logarithms)]
-    if not known.size:
-        return {}
-    ticks = np.arange(np.ceil(known.min()), np.floor(known.max()) + 1)
-    if len(ticks) <= MIN_DECADES:
-        ticks = np.linspace(known.min(), known.max(), 5)
-    return {"tickvals": ticks.tolist(), "ticktext": [digits(float(10**tick)) for tick in ticks]}
-
-
-def _mark(figure: go.Figure, tally: Tally, hogels: tuple[int, int]) -> None:
-    """Mark the worst hogels with their columns and rows."""
-    worst = tally.worst[:MARKED_HOGELS]
-    figure.add_scatter(
-        x=[one.aperture[0] for one in worst],
-        y=[one.aperture[1] for one in worst],
-        mode="markers",
-        marker={"symbol": "circle-open", "size": 14, "color": MARK, "line": {"width": 3}},
-        hoverinfo="skip",
-        showlegend=False,
-        cliponaxis=False,
-    )
-    for one in worst[:1]:
-        column, row = one.aperture
-        side = -1 if 2 * column > hogels[0] else 1
-        figure.add_annotation(
-            x=column,
-            y=row,
-            text=f"<b>{column},{row}</b>",
-            showarrow=False,
-            xanchor="left" if side > 0 else "right",
-            xshift=13 * side,
-            bgcolor="rgba(255, 255, 255, 0.85)",
-            font={"color": LABEL, "size": 12},
-        )

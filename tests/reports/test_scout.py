@@ -7,11 +7,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
-from xfrustum.reports.scout import MAX_MAP_CELLS, MapCells, auto_apertures, map_figures
+from xfrustum.reports.scout import auto_apertures, map_figures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)
@@ -99,15 +100,16 @@ def test_errors_of_a_cost_are_those_of_the_worst_aperture(
 
 def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: str) -> None:
     auto = auto_apertures(open_scene(scene))
-    cells = MapCells.of(auto)
-    assert cells.look.shape == HOGELS[::-1] and max(cells.look.shape) <= MAX_MAP_CELLS
-    for number, look in enumerate(auto.scout.looks):
-        column, row = look.aperture.index
-        assert cells.look[row, column] == number
     figures = map_figures(auto)
     for figure in figures:
         (heat,) = (trace for trace in figure.data if trace.type == "heatmap")
+        assert np.array(heat.z).shape == HOGELS[::-1]
         assert heat.colorbar.thickness == 12 and figure.layout.title.text
+    heights = np.array(figures[0].data[0].customdata)
+    for look in auto.scout.looks:
+        column, row = look.aperture.index
+        expected = look.nearest if np.isfinite(look.nearest) else np.nan
+        np.testing.assert_equal(heights[row, column], expected)
     marks = [trace for figure in figures for trace in figure.data if trace.type == "scatter"]
     assert [list(zip(one.x, one.y, strict=True)) for one in marks] == 2 * [
         [one.index for one in auto.apertures]
