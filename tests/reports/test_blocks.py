@@ -18,7 +18,7 @@ import pytest
 
 from tests.support.dask_processes import dask, free_port, scheduler, worker
 from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
-from xfrustum.cli.options import Where
+from xfrustum.cli.options import engine_of
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
 from xfrustum.scenes import InputError, open_scene
@@ -240,7 +240,8 @@ def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch
     assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
     assert Engine(workers=8).process_count(1000, 1) == 8
     assert Engine().process_count(3, 0) == 3
-    assert Where(part=(1, 1)).engine().process_count(1000) == 1
+    engine = engine_of(part=(1, 1))
+    assert engine is not None and engine.process_count(1000) == 1
 
 
 def test_strange_wishes_are_refused() -> None:

@@ -66,7 +66,7 @@ def _size(text: str) -> int:
 
 @click.group(
     cls=Commands,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     invoke_without_command=True,
     epilog="`xfrustum COMMAND --help` lists the options of a command and ends with an example.",
 )
@@ -77,11 +77,7 @@ def _size(text: str) -> int:
     "Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
 )
 @option("--max-hogels", click.IntRange(min=1), "Largest number of hogels of a plate.  [default: 20000000]")
-@click.option(
-    "--traceback",
-    is_flag=True,
-    help="Show the traceback of an unexpected error, and warnings of libraries; stands before COMMAND.",
-)
+@click.option("--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings.")
 @click.pass_context
 def cli(
     context: click.Context, *, max_input_memory: int | None, max_hogels: int | None, traceback: bool

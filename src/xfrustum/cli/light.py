@@ -39,14 +39,14 @@ _OPTIONS = {
         "--effects",
         default="auto",
         metavar="all|auto|NAME,..",
-        help="Effects that are simulated; `explain` lists them.  [default: auto, what the scene calls for]",
+        help="Effects that are simulated; auto: those that `explain` finds.",
     ),
     "supersample": option("--supersample", _SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}"),
     "multisample": option("--multisample", _SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}"),
     "aperture": option(
         "--aperture-samples",
         _POINTS,
-        f"Points of the aperture's area (band limiting); auto: as many as `explain` asks for.{_OF_SCENE}",
+        f"Points of the aperture's area; auto: as many as `explain` asks for.{_OF_SCENE}",
     ),
     "shadows": click.option(
         "--shadows/--no-shadows", default=None, help=f"Shadows, traced by Mitsuba.{_OF_SCENE}"

@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -205,7 +205,7 @@ _SETTINGS_HELP = {
 }
 
 
-def _double_frustum_options(*, required: bool) -> list[Decorator]:
+def settings_options(*, required: bool = False) -> list[Decorator]:
     """Return an option for each field of DoubleFrustum, whose defaults hold where it is left out."""
     kinds = {"near": POSITIVE, "fit": FIT, "slabs": NUMBERS}
     defaults = {field.name: field.default for field in fields(DoubleFrustum)}
@@ -219,7 +219,7 @@ def _double_frustum_options(*, required: bool) -> list[Decorator]:
     return options
 
 
-def _settings(**given: Any) -> DoubleFrustum | None:
+def settings_of(**given: Any) -> DoubleFrustum | None:
     """Return the settings that options name; None where none does."""
     named = {name: value for name, value in given.items() if value is not None}
     if named and "near" not in named:
@@ -227,46 +227,27 @@ def _settings(**given: Any) -> DoubleFrustum | None:
     return DoubleFrustum(**named) if named else None
 
 
-double_frustum_options = gathered("settings", _settings, *_double_frustum_options(required=True))
-optional_double_frustum_options = gathered("settings", _settings, *_double_frustum_options(required=False))
+double_frustum_options = gathered("settings", settings_of, *settings_options(required=True))
+optional_double_frustum_options = gathered("settings", settings_of, *settings_options())
 
 
-@dataclass(frozen=True, kw_only=True)
-class Where:
-    """Values of the options that say where blocks are done."""
+def engine_of(part: tuple[int, int] | None = None, **given: Any) -> Engine | None:
+    """Return where options say that blocks are done; None where they say nothing."""
+    from xfrustum.reports.blocks import Engine, Part
 
-    scheduler: str | None = None
-    workers: int | None = None
-    devices: tuple[int, ...] | None = None
-    part: tuple[int, int] | None = None
-
-    @property
-    def asked(self) -> bool:
-        """Whether any of the options is given."""
-        return any(value is not None for value in vars(self).values())
-
-    def engine(self) -> Engine:
-        """Return where blocks are done."""
-        from xfrustum.reports.blocks import Engine, Part
-
-        part, workers = self.part, self.workers
-        parts = Part() if part is None else Part(number=part[0], count=part[1])
-        if part is not None and self.scheduler is None and workers is None:
-            workers = 1  # also for part 1/1: a job array may have one job
-        return Engine(scheduler=self.scheduler, workers=workers, devices=self.devices or (), part=parts)
+    asked = {name: value for name, value in given.items() if value is not None}
+    if part is not None:
+        asked["part"] = Part(number=part[0], count=part[1])
+        if "scheduler" not in asked:
+            asked.setdefault("workers", 1)  # also for part 1/1: a job array may have one job
+    return Engine(**asked) if asked else None
 
 
-def engine_options(
-    default: str = "one per processor or GPU", *, draws: bool = True
-) -> Callable[[Command], Command]:
-    """Return what adds the options that say where blocks are done, which a command receives as `where`.
+def engine_options(default: str, *, draws: bool = True) -> Callable[[Command], Command]:
+    """Return what adds the options that say where blocks are done, which a command receives as `engine`.
 
-    Parameters
-    ----------
-    default
-        Processes that work where none of these options is given, in words.
-    draws
-        Whether blocks are drawn, and devices are chosen.
+    It is None where none of them is given: then work is done by `default`, in words. Only where blocks are
+    drawn, devices are chosen.
     """
     part = Read("K/N", functools.partial(_pair, by="/"), "a part such as 3/8")
     devices = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
@@ -278,7 +259,7 @@ def engine_options(
     if draws:
         words = "EGL devices by index, taken in turn.  [default: GPUs]"
         added.insert(2, option("--devices", devices, words))
-    return gathered("where", Where, *added)
+    return gathered("engine", engine_of, *added)
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -293,33 +274,31 @@ def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> l
 
 scene_argument = click.argument("scene", shell_complete=_scenes)
 aperture_option = option("--aperture", INDEX, "Column,row on the plate.  [default: the middle]")
-auto_option = option(
-    "--apertures",
-    "auto",
-    one_of([AUTO]),
-    "Instead of one aperture: the middle one and the worst of the plate.",
-)
-tracer_option = option("--tracer", one_of(TRACERS), "Ray tracer.", default="embree", show_default=True)
+auto_option = option("--apertures", "auto", one_of([AUTO]), "The middle one and the worst of the plate.")
+tracer_option = option("--tracer", one_of(TRACERS), "Ray tracer.", default="embree")
 decided_by_option = option(
     "--decided-by",
     click.Choice(["certified", "embree", "mitsuba"]),
-    "Certified truth, or a tracer's own picture, of which nothing is examined.",
+    "Certified truth, or a tracer's own picture.",
     default="certified",
-    show_default=True,
 )
 tolerance_option = option(
-    "--tolerance-px", POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX, show_default=True
+    "--tolerance-px", POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX
 )
-seed_option = option(
-    "--seed", click.IntRange(0), "Start of the random numbers.", default=0, show_default=True
-)
+seed_option = option("--seed", click.IntRange(0), "Start of the random numbers.", default=0)
 encoding_option = option(
     "--encoding",
     click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
-    "What pixels of pictures hold; not for OpenEXR.  [default: rgb; OpenEXR of a --command]",
+    "What pixels of pictures hold; not for OpenEXR.  [default: rgb]",
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+def quiet_and_json(function: Command) -> Command:
+    """Add the options `--quiet` and `--json`."""
+    added: Command = quiet_option(json_option(function))
+    return added
 
 
 def out_option(what: str, *, required: bool = False) -> Decorator:
@@ -358,13 +337,7 @@ def is_given(parameter: str) -> bool:
 
 
 def open_scene(name: str) -> Scene:
-    """Open a scene file or a built-in scene, and print its warnings on standard error.
-
-    Raises
-    ------
-    InputError
-        There is no such scene, or its file is not valid; see `xfrustum.open_scene`.
-    """
+    """Open a scene file or a built-in scene, and print its warnings on standard error."""
     from xfrustum.scenes import open_scene as opened
 
     scene = opened(name)
@@ -374,24 +347,12 @@ def open_scene(name: str) -> Scene:
 
 
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
-    """Return the aperture of an index, the middle one where there is none.
-
-    Raises
-    ------
-    InputError
-        The index lies outside the plate.
-    """
+    """Return the aperture of an index, the middle one where there is none."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
 def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
-    """Choose the worst apertures of the plate, and say on standard error which and why.
-
-    Raises
-    ------
-    InputError
-        None of them sees anything.
-    """
+    """Choose the worst apertures of the plate, and say on standard error which and why."""
     from xfrustum.reports.scout import auto_apertures as chosen
     from xfrustum.reports.scout import notes
 
@@ -405,15 +366,7 @@ def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
 def one_or_auto(
     scene: Scene, index: tuple[int, int] | None, auto: str | None, *, quiet: bool
 ) -> Aperture | AutoApertures:
-    """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses.
-
-    Raises
-    ------
-    InputError
-        The index lies outside the plate, or none of the apertures sees anything.
-    click.UsageError
-        Both options are given.
-    """
+    """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses."""
     if auto is not None and index is not None:
         raise click.UsageError(
             "--aperture names one aperture and --apertures asks for many: give one of them"
@@ -437,11 +390,6 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     black_is_right
         Whether the command's answer is a picture, which may be black: then apertures that see nothing are
         a warning as long as another one sees something, and in hard cases, which are empty on purpose.
-
-    Raises
-    ------
-    InputError
-        None of the apertures sees anything of the objects; with `black_is_right`, no aperture of the plate.
     """
     from xfrustum.compare import extent_words as extent
     from xfrustum.scenes.errors import InputError
@@ -483,13 +431,7 @@ def tell(as_json: bool, summary: Callable[[], Any], text: Callable[[], str]) -> 
 
 
 def echo(text: str) -> None:
-    """Print text on standard output, its control characters escaped.
-
-    Raises
-    ------
-    click.ClickException
-        Standard output cannot be written, and not because its reader has stopped reading.
-    """
+    """Print text on standard output, its control characters escaped."""
     try:
         click.echo(printable(text))
     except BrokenPipeError:

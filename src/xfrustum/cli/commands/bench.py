@@ -10,12 +10,12 @@ from xfrustum.cli.options import option
 
 def _repeat_option(repeat: int) -> options.Decorator:
     """Return the option for the number of timed repetitions."""
-    return option("--repeat", click.IntRange(1), "Timed, after a warm-up.", default=repeat, show_default=True)
+    return option("--repeat", click.IntRange(1), "Timed, after a warm-up.", default=repeat)
 
 
 def _side_option(pixels: int) -> options.Decorator:
     """Return the option for the side of a square image."""
-    return option("--resolution", click.IntRange(1), "W = H.", default=pixels, show_default=True)
+    return option("--resolution", click.IntRange(1), "W = H.", default=pixels)
 
 
 def _sides_option(default: str) -> options.Decorator:
@@ -34,8 +34,7 @@ def bench() -> None:
 @click.argument("scene", default="car")
 @_sides_option("512,1024,2048")
 @_repeat_option(9)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def truth(*, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool) -> None:
     """Measure the certified truth beside bare tracers, in million pixels per second."""
     opened = options.open_scene(scene)
@@ -50,10 +49,9 @@ def truth(*, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet:
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1)
 @_sides_option("128,256,512,1024")
 @option("--triangles", click.IntRange(1), "Also globes of so many triangles.")
-@option("--hogels", click.IntRange(1), "Judged in each run.", default=6, show_default=True)
+@option("--hogels", click.IntRange(1), "Judged in each run.", default=6)
 @_repeat_option(5)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def judge(
     *,
     scenes: tuple[str, ...],
@@ -84,8 +82,7 @@ def judge(
 @click.argument("scene", default="car")
 @_side_option(128)
 @_repeat_option(5)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
     opened = options.open_scene(scene)
@@ -98,8 +95,7 @@ def plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: boo
 @bench.command(epilog="\b\nExample:\n  xfrustum bench table1 --resolution 128 --repeat 1")
 @_side_option(512)
 @_repeat_option(5)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Measure table 1 of the paper on the project's own car."""
     from xfrustum.reports.benchmarks import table1 as benchmarks

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 @options.double_frustum_options
 @light_options(*REFERENCE[1:], "multisample")
 @options.out_option("Folder for a page, and pictures of causes and links.")
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def budget(
     *,
     scene: str,

@@ -23,11 +23,7 @@ if TYPE_CHECKING:
     "Blender: the crossed frustum itself and a script that renders it; else C and C*.",
     required=True,
 )
-@option(
-    "--apertures",
-    options.INDICES,
-    "Column,row of each.  [default: the middle; if recentered, also two corners; blender: all]",
-)
+@option("--apertures", options.INDICES, "Column,row of each.  [default: as `report`; blender: all]")
 @options.optional_double_frustum_options
 @options.out_option("Folder.", required=True)
 @options.json_option

@@ -28,15 +28,10 @@ _COUNTS = options.Read(
 @option(
     "--suffix",
     click.Choice([".png", ".ppm", ".exr", ".avi"]),
-    "Format of pictures; .avi for rows of hogels (burnett).  [default: .png; .exr for floating point]",
+    "Format of pictures.  [default: .png; .exr for floats]",
 )
-@option(
-    "--array",
-    click.Choice(["color", "triangle"]),
-    "Array of a Zarr group; numbers become pixels as in --encoding triangle-id.  [default: color]",
-)
-@options.quiet_option
-@options.json_option
+@option("--array", click.Choice(["color", "triangle"]), "Array of a Zarr group.  [default: color]")
+@options.quiet_and_json
 def convert(*, source: Path, out: Path, quiet: bool, as_json: bool, to: str | None, **facts: Any) -> None:
     """Write a plate in another layout of files, or from and into Zarr.
 

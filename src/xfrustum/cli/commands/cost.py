@@ -15,16 +15,9 @@ from xfrustum.cli.options import option
 @options.aperture_option
 @options.auto_option
 @options.tolerance_option
-@option(
-    "--repeat",
-    click.IntRange(1),
-    "Timed pictures of each configuration, after a warm-up.",
-    default=5,
-    show_default=True,
-)
+@option("--repeat", click.IntRange(1), "Timed pictures of each, after a warm-up.", default=5)
 @options.out_option("Folder for the page and cost.json.")
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def cost(
     *,
     scene: str,

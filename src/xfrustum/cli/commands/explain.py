@@ -19,23 +19,14 @@ if TYPE_CHECKING:
 @options.scene_argument
 @options.aperture_option
 @option("--slabs", options.NUMBERS, "Heights |z| at which both frusta are cut.", default=())
-@option("--camera", options.member(Camera), "Which cameras draw.  [default: both]", default=Camera.BOTH)
+@option("--camera", options.member(Camera), "Which cameras draw.", default=Camera.BOTH)
 @options.tracer_option
 @light_options(*REFERENCE[1:], "multisample")
 @option("--near", options.POSITIVE, "Near offset of the table of depths.  [default: reach/1000]")
-@option(
-    "--viewer",
-    options.LENGTH,
-    "Distance of an eye, such as 600mm: what a display shows there, and whether near is noticed.",
-)
+@option("--viewer", options.LENGTH, "Distance of an eye, such as 600mm: what does it notice there?")
 @click.option("--measure", is_flag=True, help="Measure what each effect costs on this machine.")
-@option(
-    "--repeat",
-    click.IntRange(0),
-    "Measured pairs of images, which implies --measure; 0 measures nothing.  [default: 6]",
-)
-@options.quiet_option
-@options.json_option
+@option("--repeat", click.IntRange(0), "Measured pairs of images; implies --measure.  [default: 6]")
+@options.quiet_and_json
 def explain(
     *,
     scene: str,

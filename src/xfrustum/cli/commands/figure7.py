@@ -13,9 +13,7 @@ from xfrustum.cli.options import option
 @options.command("xfrustum figure7 car --out figure7")
 @click.argument("scene", default="car-studio")
 @options.aperture_option
-@option(
-    "--other", options.INDEX, "Second perspective of C*, column,row.  [default: one from which it shows most]"
-)
+@option("--other", options.INDEX, "Second perspective of C*.  [default: where it shows most]")
 @option("--near", options.POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
 @options.out_option("Folder.  [default: figure7/NAME]")
 def figure7(

@@ -49,11 +49,7 @@ def _eyes(**given: Any) -> dict[str, Any]:
 _viewer_options = options.gathered(
     "eyes",
     _eyes,
-    option(
-        "--viewer",
-        options.LENGTH,
-        "Distance of a viewer, such as 600mm: plan to what eyes see there, not to pixels.",
-    ),
+    option("--viewer", options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
     option("--acuity", options.POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]"),
     option("--stereo-acuity", options.POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]"),
     option("--ipd", options.POSITIVE, "Millimeters between his eyes.  [default: 65]"),
@@ -63,40 +59,23 @@ _viewer_options = options.gathered(
 
 @options.command("xfrustum plan asymmetric --apertures 3")
 @options.scene_argument
-@option(
-    "--aperture",
-    options.INDEX,
-    "Column,row on the plate: plan for this aperture alone.  [default: the whole plate]",
-)
+@option("--aperture", options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
 @option(
     "--apertures",
     options.or_auto(options.COUNT),
-    "Instead of the plate: the middle, the corners, then between; auto: the middle and the worst.",
+    "Plan for so many: middle, corners, then between; auto: the worst.",
 )
 @option(
-    "--sample",
-    click.IntRange(1),
-    "Hogels drawn at random to measure the plan at, for the whole plate.",
-    default=SAMPLED_HOGELS,
-    show_default=True,
+    "--sample", click.IntRange(1), "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS
 )
 @options.seed_option
 @options.tolerance_option
-@option(
-    "--separation", options.POSITIVE, "Distance of two sheets that must be ordered.  [default: reach/1000]"
-)
-@option(
-    "--max-wrong",
-    options.BELOW_1,
-    "Largest share of pixels that are wrong by depth.",
-    default=MAX_DEPTH_WRONG,
-    show_default=True,
-)
+@option("--separation", options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]")
+@option("--max-wrong", options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG)
 @option("--depth", options.member(DepthFormat), "Depth buffer format.  [default: any]")
 @option("--mapping", options.member(DepthMapping), "Depth mapping.  [default: any]")
 @_viewer_options
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def plan(
     *,
     scene: str,

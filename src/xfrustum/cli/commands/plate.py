@@ -12,10 +12,11 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.convert import tell_losses
 from xfrustum.cli.light import ALL, light_options
-from xfrustum.cli.options import Where, option
+from xfrustum.cli.options import option
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.exchange.convert import Conversion
     from xfrustum.reports.plate.plate import PlateFiles
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -49,9 +50,7 @@ _BLOCKS = options.list_of(
 
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
 @options.scene_argument
-@option(
-    "--apertures", "blocks", _BLOCKS, "Columns,rows of rectangles, such as 0-80,30;*,0-5.  [default: all]"
-)
+@option("--apertures", "blocks", _BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]")
 @options.optional_double_frustum_options
 @light_options(*ALL)
 @option(
@@ -59,29 +58,18 @@ _BLOCKS = options.list_of(
     click.Choice(["uint8", "float16", "float32"]),
     "Number type of the linear RGB.",
     default="float16",
-    show_default=True,
 )
 @click.option("--ids", is_flag=True, help="Store triangle numbers too: the channel triangle.")
 @option(
     "--channels",
     options.list_of(options.one_of(CHANNELS), name="NAME,NAME,.."),
-    "Images: color, height, triangle, normal; of truths certainty too.  [default: color]",
+    "Images; certainty is of truths alone.  [default: color]",
     default=(),
 )
-@option(
-    "--block",
-    options.TILES,
-    "Columns x rows of hogels in one shard, such as 8x8.  [default: at most 16x16 and 64 MiB]",
-)
+@option("--block", options.TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
+@click.option("--truth", is_flag=True, help="Store truths, traced and certified, instead of --near.")
 @click.option(
-    "--truth",
-    is_flag=True,
-    help="Store truths: traced and certified, with shadows and interreflection; instead of --near.",
-)
-@click.option(
-    "--judge",
-    is_flag=True,
-    help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
+    "--judge", is_flag=True, help="Trace every hogel too, and store how it differs (plate.parquet)."
 )
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
 @options.layout_option(
@@ -90,8 +78,7 @@ _BLOCKS = options.list_of(
 )
 @options.engine_options("this process")
 @options.out_option("Folder of a Zarr group.", required=True)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def plate(
     *,
     scene: str,
@@ -104,7 +91,7 @@ def plate(
     truth: bool,
     judge: bool,
     layout: str | None,
-    where: Where,
+    engine: Engine | None,
     out: Path,
     quiet: bool,
     as_json: bool,
@@ -126,7 +113,7 @@ def plate(
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
-    if layout is not None and (blocks is not None or where.part is not None):
+    if layout is not None and (blocks is not None or not (engine is None or engine.part.everything)):
         raise click.UsageError(
             "--layout writes whole plates: leave out --apertures and --part, or draw these first, without it"
         )
@@ -143,10 +130,9 @@ def plate(
         placed.check(opened, content, judged=judge)
         out = placed.group
     asked |= {"judge": judge, "progress": not quiet}
-    if where.asked:
+    if engine is not None:
         if asked.pop("check"):
             raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
-        engine = where.engine()
         files = write_plate_on(engine, opened, settings, out, chosen, content, told=options.note, **asked)
     else:
         files = write_plate(opened, settings, out, chosen, content, **asked)

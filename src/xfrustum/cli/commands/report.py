@@ -33,7 +33,7 @@ _CUTS = options.Read(
     "--near",
     "nears",
     options.NUMBERS,
-    "Offsets in scene units.  [default: 25 values from 1e-1 to 1e-8 of the reach]",
+    "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]",
 )
 @option(
     "--apertures",
@@ -45,35 +45,28 @@ _CUTS = options.Read(
     "--pivot",
     "pivots",
     options.list_of(options.member(Pivot)),
-    "Centers of the shear.  [default: aperture; if recentered, both]",
+    "Centers of the shear.  [default: as `raster`; if recentered, both]",
 )
 @option(
     "--fit",
     "fits",
     options.list_of(options.FIT),
-    "Heights |z| drawn exactly, such as angle,screen,15.  [default: the first cut, or angle]",
+    "Heights |z| drawn exactly.  [default: the first cut, or angle]",
 )
 @option(
     "--offset",
     "offsets",
     options.list_of(options.member(Offset)),
-    "Whether cameras step back; none leaves a gap of near at the plate.  [default: plate]",
+    "Whether cameras step back.  [default: plate]",
 )
-@option(
-    "--slabs", _CUTS, "Heights |z| at which both frusta are cut, such as '15,40;20;none'.  [default: none]"
-)
-@option("--cull", options.member(Cull), "Faces left out.  [default: none]", default=Cull.NONE)
+@option("--slabs", _CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]")
+@option("--cull", options.member(Cull), "Faces left out.", default=Cull.NONE)
 @options.tracer_option
 @options.decided_by_option
 @light_options(*ALL)
-@click.option(
-    "--causes/--no-causes",
-    default=True,
-    help="Whether wrong pixels are charged to causes, and errors predicted.  [default: causes]",
-)
+@click.option("--causes/--no-causes", default=True, help="Charge wrong pixels to causes, and predict errors.")
 @options.out_option("Folder.  [default: report/NAME]")
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def report(
     *,
     scene: str,

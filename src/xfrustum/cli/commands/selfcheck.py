@@ -10,8 +10,7 @@ from xfrustum.cli import options
 @options.command("xfrustum selfcheck asymmetric --quick")
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1)
 @click.option("--quick", is_flag=True, help="Fewer scenes and pixels, in less than a minute.")
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
     """Compare the truth with integer brute force; exit status 1 if anything disagrees.
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import Where
 
 if TYPE_CHECKING:
     from xfrustum.reports.blocks import Engine
@@ -27,18 +26,18 @@ def study() -> None:
 @options.out_option("Folder.  [default: study/splitting]")
 @click.option("--quick", is_flag=True, help="A small part of the maps, in less than a minute.")
 @options.engine_options("this process")
-@options.quiet_option
-@options.json_option
-def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
+@options.quiet_and_json
+def splitting(*, out: Path | None, quick: bool, engine: Engine | None, quiet: bool, as_json: bool) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.studies.splitting import make_study_on
     from xfrustum.reports.studies.splitting_cells import FULL, QUICK
     from xfrustum.reports.studies.splitting_facts import record, sentence
 
-    files = make_study_on(_engine(where), out, QUICK if quick else FULL, progress=not quiet)
+    files = make_study_on(engine or Engine(workers=1), out, QUICK if quick else FULL, progress=not quiet)
     _tell(as_json, files, record, sentence)
 
 
@@ -46,17 +45,17 @@ def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_js
 @options.out_option("Folder.  [default: study/noticeable]")
 @click.option("--quick", is_flag=True, help="One scene and a few settings, in less than a minute.")
 @options.engine_options("this process")
-@options.quiet_option
-@options.json_option
-def noticeable(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
+@options.quiet_and_json
+def noticeable(*, out: Path | None, quick: bool, engine: Engine | None, quiet: bool, as_json: bool) -> None:
     """Ask what viewers notice of near and depth buffer; write noticeable.md, its figure and its data.
 
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
     replayed is kept: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.studies.noticeable import FULL, QUICK, make_study_on, record, sentence
 
-    files = make_study_on(_engine(where), out, QUICK if quick else FULL, progress=not quiet)
+    files = make_study_on(engine or Engine(workers=1), out, QUICK if quick else FULL, progress=not quiet)
     _tell(as_json, files, record, sentence)
 
 
@@ -71,8 +70,3 @@ def _tell(
         options.note("this part is measured; the last one to be finished writes the study")
     else:
         options.tell(as_json, lambda: record(files), lambda: f"{sentence(files.rows)}\n{files.document}")
-
-
-def _engine(where: Where) -> Engine:
-    """Return where cells are measured: by this process alone unless options say otherwise."""
-    return (where if where.asked else Where(workers=1)).engine()

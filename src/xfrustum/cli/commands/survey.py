@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,62 +9,48 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import Where, option
+from xfrustum.cli.options import option
 
 if TYPE_CHECKING:
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.survey.jobs import ForeignPlate
     from xfrustum.reports.survey.survey import Chosen
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
-def _several_settings(function: options.Command) -> options.Command:
-    """Add the options of the double frustum with one near or several; the command receives `settings`.
+def _several(nears: tuple[float, ...] | None, **given: Any) -> tuple[DoubleFrustum, ...]:
+    """Return the settings of one near or of several; none where no near is given."""
+    if nears is not None and given["near"] is not None:
+        raise click.UsageError("--near is one setting and --nears are several: give one of them")
+    several = [given] if nears is None else [{**given, "near": near} for near in nears]
+    return tuple(settings for one in several if (settings := options.settings_of(**one)) is not None)
 
-    `settings` is a tuple, which is empty where no near is given.
-    """
 
-    @options.optional_double_frustum_options
-    def with_settings(*, nears: tuple[float, ...] | None, settings: DoubleFrustum | None, **rest: Any) -> Any:
-        one = () if settings is None else (settings,)
-        several = tuple(replace(settings, near=near) for near in nears) if settings and nears else one
-        return function(settings=several, **rest)
-
-    @functools.wraps(function)
-    def with_nears(**given: Any) -> Any:
-        if given["nears"] is not None:
-            if given["near"] is not None:
-                raise click.UsageError("--near is one setting and --nears are several: give one of them")
-            given["near"] = given["nears"][0]
-        return with_settings(**given)
-
-    added = with_settings.__click_params__  # type: ignore[attr-defined]  # where click keeps options
-    with_nears.__dict__["__click_params__"] = [*getattr(function, "__click_params__", ()), *added]
-    option("--nears", options.NUMBERS, "Several offsets, each of which is a setting.")(with_nears)
-    return with_nears  # type: ignore[return-value]  # wraps() keeps the name, not the type
+_several_options = options.gathered(
+    "settings",
+    _several,
+    option("--nears", options.NUMBERS, "Several offsets, each of which is a setting."),
+    *options.settings_options(),
+)
 
 
 @options.command("xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey")
 @options.scene_argument
-@_several_settings
+@_several_options
 @click.option("--all", "everything", is_flag=True, help="Judge every hogel: facts, not bounds.")
 @option("--sample", click.IntRange(1), "Hogels drawn at random.  [default: 300]")
-@option(
-    "--until", options.SHARE, "Go on until at most this share, such as 1%, is beyond (95 %), or cannot be."
-)
+@option("--until", options.SHARE, "Go on until at most this share, such as 1%, is beyond (95 %).")
 @options.tolerance_option
 @options.seed_option
 @options.tracer_option
 @option("--resolution", options.RESOLUTION, "Pixels of each hogel.  [default: the scene's]")
 @click.option("--images", help="Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'.")
 @options.encoding_option
-@options.layout_option(
-    "--layout", "Layout of --images, a folder or a picture.  [default: what it looks like]"
-)
+@options.layout_option("--layout", "Layout of --images.  [default: what it looks like]")
 @options.accept_option("Conventions of --images that are no faults; see verify.")
-@options.engine_options()
+@options.engine_options("one per processor or GPU")
 @options.out_option("Folder.", required=True)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def survey(
     *,
     scene: str,
@@ -78,7 +63,7 @@ def survey(
     tracer: str,
     resolution: tuple[int, int] | None,
     images: str | None,
-    where: Where,
+    engine: Engine | None,
     out: Path,
     quiet: bool,
     as_json: bool,
@@ -92,6 +77,7 @@ def survey(
     --tolerance-px was given, or --images, and any judged hogel is beyond.
     """
     opened = options.open_scene(scene)
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.survey.page import PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
@@ -104,7 +90,7 @@ def survey(
         _chosen(everything, sample, until, seed),
         tolerance_px=tolerance_px,
         tracer=tracer,
-        engine=where.engine(),
+        engine=engine or Engine(),
         told=options.note,
         progress=not quiet,
     )

@@ -27,13 +27,12 @@ def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
 @options.scene_argument
 @options.aperture_option
 @option(
-    "--tracer", options.one_of(options.TRACERS), "Ray tracer.  [default: embree; mitsuba for light transport]"
+    "--tracer", options.one_of(options.TRACERS), "Ray tracer.  [default: embree; for light paths mitsuba]"
 )
 @options.decided_by_option
 @light_options(*REFERENCE)
 @options.out_option("EXR file, NAME.exr.", required=True)
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def trace(
     *,
     scene: str,

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import Where, option
+from xfrustum.cli.options import option
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
+    from xfrustum.reports.blocks import Engine
     from xfrustum.reports.verification.baseline import Baseline
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
@@ -43,30 +44,20 @@ def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
 _baseline_options = options.gathered(
     "baseline",
     _baseline,
-    option(
-        "--baseline",
-        options.FOLDER,
-        "Folder of accepted measures: fail on what got worse.",
-    ),
+    option("--baseline", options.FOLDER, "Folder of accepted measures: fail on what got worse."),
     click.option("--approve", is_flag=True, help="Accept the present measures in --baseline."),
-    click.option(
-        "--repeated",
-        is_flag=True,
-        help="With --approve: the renderer is unchanged, so that differences are its noise.",
-    ),
+    click.option("--repeated", is_flag=True, help="With --approve: differences are the renderer's noise."),
     option(
         "--baseline-tolerance",
         options.Read("SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3"),
-        "What counts as noise, such as 5% or wrong_surfaces=3.  [default: the spread of accepted runs]",
+        "What counts as noise.  [default: the spread of accepted runs]",
     ),
     click.option("--renderer", help="Name of the renderer in --baseline.  [default: SOURCE or the command]"),
     click.option("--device", help="Name of its device in --baseline.  [default: this machine's processor]"),
 )
 
 _PIXELS = options.Read(
-    "PX|none",
-    lambda text: None if text == "none" else float(text),
-    "a number of pixels or none",
+    "PX|none", lambda text: None if text == "none" else float(text), "a number of pixels or none"
 )
 
 
@@ -80,60 +71,38 @@ _PIXELS = options.Read(
     "--command", help="In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'."
 )
 @options.encoding_option
-@options.layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
+@options.layout_option("--layout", "Layout of SOURCE.  [default: what it looks like]")
 @option("--apertures", options.INDICES, "Column,row of each.  [default: the whole plate]")
 @option("--near", float, "Near offset that the renderer is known to have.  [default: 0]")
-@options.accept_option(
-    "Conventions that are no faults: orientation, order, shift, fov, pitch, near, encoding; or all."
-)
+@options.accept_option("Conventions that are no faults, such as orientation,order; or all.")
 @option(
-    "--compare",
-    click.Choice(["color", "geometry"]),
-    "What plain pictures are judged by; geometry is coverage and outlines, in any shading.",
-    default="color",
-    show_default=True,
+    "--compare", click.Choice(["color", "geometry"]), "What plain pictures are judged by.", default="color"
 )
 @option(
     "--max-wrong",
     options.SHARE,
-    "Limit of wrong surfaces, as a share of the pixels of a hogel that show something; for plain pictures "
-    "of wrong colors or outlines.",
+    "Share of wrong surfaces (colors, outlines) in the pixels that show something.",
     default="1%",
-    show_default=True,
 )
 @option(
     "--max-displacement-px",
     _PIXELS,
-    "Limit of how far 99 of 100 surface points or outlines are off; an unknown displacement exceeds every "
-    "limit but none.",
+    "How far 99 of 100 points or outlines may be off; unknown exceeds all but none.",
     default=str(TOLERANCE_PX),
-    show_default=True,
 )
-@option(
-    "--max-color",
-    float,
-    "Difference of linear radiance that makes a color wrong.  [default: 0.009, rounding to 8 bits]",
-)
-@option(
-    "--timeout",
-    "timeout_s",
-    options.POSITIVE,
-    "Seconds that one run may take.",
-    default=60.0,
-    show_default=True,
-)
+@option("--max-color", float, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]")
+@option("--timeout", "timeout_s", options.POSITIVE, "Seconds that one run may take.", default=60.0)
 @options.engine_options("this process", draws=False)
 @options.out_option("Folder for index.html, inspect.html, verification.json.")
 @option("--junit", options.FOLDER, "JUnit XML file for continuous integration.")
 @_baseline_options
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def verify(
     *,
     scene: str,
     near: float | None,
     accept: tuple[str, ...] | None,
-    where: Where,
+    engine: Engine | None,
     out: Path | None,
     junit: Path | None,
     baseline: dict[str, Any] | None,
@@ -153,8 +122,8 @@ def verify(
 
     _check_places(out, junit, baseline)
     judged: dict[str, Any] = {"near": near, "accept": accept or (), "progress": not quiet, **asked}
-    if where.asked:
-        on_engine = _verified_on(opened, where, out, **judged)
+    if engine is not None:
+        on_engine = _verified_on(opened, engine, out, **judged)
         if on_engine is None:
             options.note("this part is judged; the last one to be finished writes the verification")
             return 0
@@ -178,9 +147,7 @@ def verify(
     held = _held(found, near=near, accept=accept or (), encoding=encoding, **baseline)
     status = _status(found, held)
     options.tell(
-        as_json,
-        lambda: {**found.summary(), "baseline": held.summary()},
-        lambda: _text(found, held, status),
+        as_json, lambda: {**found.summary(), "baseline": held.summary()}, lambda: _text(found, held, status)
     )
     return status
 
@@ -231,7 +198,7 @@ def _check_places(out: Path | None, junit: Path | None, baseline: dict[str, Any]
 
 
 def _verified_on(
-    scene: Scene, where: Where, out: Path | None, *, layout: str | None, progress: bool, **asked: Any
+    scene: Scene, engine: Engine, out: Path | None, *, layout: str | None, progress: bool, **asked: Any
 ) -> Verification | None:
     """Judge where the options say; None where other parts are not finished yet."""
     from xfrustum.reports.verification.verification import limits_of
@@ -246,12 +213,5 @@ def _verified_on(
     apertures, encoding = asked.pop("apertures"), asked.pop("encoding")
     renderer = ForeignRenderer(encoding=None if encoding is None else Encoding(encoding), **asked)
     return verify_on(
-        where.engine(),
-        scene,
-        renderer,
-        limits,
-        apertures=apertures,
-        out=out,
-        told=options.note,
-        progress=progress,
+        engine, scene, renderer, limits, apertures=apertures, out=out, told=options.note, progress=progress
     )

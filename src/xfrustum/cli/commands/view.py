@@ -59,7 +59,7 @@ _eye_options = options.gathered(
     option(
         "--beam",
         click.Choice(["box", "tent"]),
-        "Profile of the beams that hogels replay: the nearest pixel, or a mean of four.  [default: box]",
+        "Beams that hogels replay: a pixel each, or means of four.  [default: box]",
     ),
 )
 
@@ -89,12 +89,8 @@ class _Hogels:
 _hogel_options = options.gathered(
     "hogels",
     _Hogels,
-    option(
-        "--plate", options.FOLDER, "Show the hogels of this Zarr group, which `xfrustum plate` has drawn."
-    ),
-    click.option(
-        "--images", help="Show hogels of any renderer: a pattern of files, {i} the column, {j} the row."
-    ),
+    option("--plate", options.FOLDER, "Show the hogels of this Zarr group."),
+    click.option("--images", help="Show hogels of any renderer, such as 'DIR/{i}x{j}.png'."),
     options.encoding_option,
 )
 
@@ -106,14 +102,9 @@ _hogel_options = options.gathered(
 @options.optional_double_frustum_options
 @_hogel_options
 @light_options("effects")
-@option(
-    "--quilt",
-    options.TILES,
-    "Write quilts alone: views from a line through the eye, 40 degrees wide, as tiles of one picture.",
-)
+@option("--quilt", options.TILES, "Write quilts alone: views 40 degrees wide, as tiles.")
 @options.out_option("Folder for the page and the pictures.")
-@options.quiet_option
-@options.json_option
+@options.quiet_and_json
 def view(
     *,
     scene: str,
