@@ -6,5 +6,4 @@ camera_formats  The cameras C and C* as nodes of a glTF file, and as sensors of 
 cameras         The cameras C and C* of any settings and aperture, for renderers that somebody else writes
 convert         Plates from one layout into another, and from and into Zarr
 drawn           Plates that are drawn, in layouts of files: beside their Zarr groups, or instead of them
-plate_group     Plates in Zarr groups, as arrays of pixels
 """

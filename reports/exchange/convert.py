@@ -7,13 +7,7 @@ from pathlib import Path
 
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.exchange.plate_group import (
-    PlateArray,
-    is_group,
-    missing_hogels,
-    open_group,
-    write_group,
-)
+from xfrustum.reports.plate.rows import PlateArray, is_group, missing_hogels, open_plate, write_group
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.errors import InputError
@@ -195,8 +189,8 @@ class _Work:
 def _read(source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None) -> _Read:
     """Read a source."""
     if read_as == ZARR or (read_as is None and is_group(source)):
-        plate = open_group(source, array)
-        missing = missing_hogels(source, plate.array)
+        plate = open_plate(source, array)
+        missing = missing_hogels(plate)
         told = (f"{missing} hogels are not there and count as empty",) if missing else ()
         reasons = (f"array {plate.array}", plate.shape.words, *told)
         return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)

@@ -12,8 +12,8 @@ import numpy as np
 from xfrustum.compare.eye.collected import DEFAULT_COLOR, DrawnHogel, drawn_hogels
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
-from xfrustum.reports.plate import stored
-from xfrustum.reports.plate.store import COLOR, TRIANGLE
+from xfrustum.reports.plate import store
+from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
@@ -99,7 +99,7 @@ class StoredPlate:
     def __init__(self, path: Path, scene: Scene) -> None:
         self.name = path.name
         try:
-            plate = stored.StoredPlate(path)
+            plate = store.StoredPlate(path)
         except InputError as error:
             raise InputError(f"--plate {error}") from error
         of_scene, given = plate.description.get("scene"), plate.description.get("settings")
@@ -119,7 +119,7 @@ class StoredPlate:
         width, height = scene.frustum.resolution
         expected = (*scene.plate.hogels[::-1], height, width)
         if COLOR not in self._arrays or any(a.shape[:4] != expected for a in self._arrays.values()):
-            raise InputError(f"--plate {path}: its arrays are damaged; xfrustum plate mends them")
+            raise InputError(f"--plate {path}: its arrays are damaged; draw the plate again")
 
     def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
         """Read the hogels.
@@ -139,7 +139,7 @@ class StoredPlate:
         for column, row in parts:
             try:
                 arrays = {name: np.asarray(array[row, column]) for name, array in self._arrays.items()}
-            except (RuntimeError, ValueError, OSError) as error:
+            except DAMAGE as error:
                 raise InputError(
                     f"--plate {self._path}: hogel {column},{row} is damaged; xfrustum plate --check mends it"
                 ) from error

@@ -42,25 +42,10 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
 }
 """Type, value of what is missing, dimensions and meaning of each image; the type of color is asked for."""
 
-_OLD_DIMENSIONS = {"v": "y", "u": "x"}
-"""Names of dimensions in plates that were made before there were blocks and labels."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlateArray:
-    """One array of a plate's store: an image for every hogel.
-
-    Attributes
-    ----------
-    name, dtype, fill
-        Name, type of the numbers, and value of hogels that are not there.
-    shape
-        Shape of one hogel's image.
-    dimensions
-        Names of all dimensions, those of the plate first.
-    attributes
-        Unit and meaning, as readers of Zarr show them.
-    """
+    """One array of a plate's store: an image of some shape for every hogel; `fill` where it was not drawn."""
 
     name: str
     dtype: np.dtype[Any]
@@ -70,153 +55,82 @@ class PlateArray:
     attributes: Mapping[str, str]
 
     @property
-    def chunk_bytes(self) -> int:
+    def hogel_bytes(self) -> int:
         """Bytes of one hogel's image before it is compressed."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A rectangle of hogels that lie in one file of every array.
+    """A rectangle of hogels that lie in one shard of every array, and those of them that are asked for.
 
-    Attributes
-    ----------
-    number
-        Number of the block on the plate, row by row from the top left.
-    place
-        Row and column of the block among all blocks.
-    columns, rows
-        Columns and rows of its hogels; blocks at the right and lower ends of the plate may have fewer.
-    side
-        Columns and rows of a whole block.
+    Blocks are numbered row by row from the top left; those at the right and lower ends of the plate may have
+    fewer columns and rows than others.
     """
 
     number: int
-    place: tuple[int, int]
     columns: range
     rows: range
-    side: tuple[int, int]
-
-    def place_of(self, aperture: Aperture) -> int:
-        """Return the number of a hogel within the whole block."""
-        return (aperture.row - self.rows.start) * self.side[0] + aperture.column - self.columns.start
-
-
-@dataclass(frozen=True, kw_only=True)
-class BlockPart:
-    """The hogels of one block that are asked for, row by row."""
-
-    block: Block
     apertures: tuple[Aperture, ...]
 
-
-@dataclass(frozen=True, kw_only=True)
-class BlockGrid:
-    """The division of a plate into blocks.
-
-    Attributes
-    ----------
-    plate
-        Plate of the scene.
-    side
-        Columns and rows of a block.
-    """
-
-    plate: Plate
-    side: tuple[int, int]
+    @property
+    def selection(self) -> tuple[slice, slice]:
+        """Its part of an array."""
+        return slice(self.rows.start, self.rows.stop), slice(self.columns.start, self.columns.stop)
 
     @property
-    def hogels_in_block(self) -> int:
-        """Number of hogels of a whole block."""
-        return self.side[0] * self.side[1]
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.rows), len(self.columns)
 
-    @property
-    def blocks(self) -> tuple[int, int]:
-        """Number of columns and rows of blocks."""
-        (columns, rows), (width, height) = self.plate.hogels, self.side
-        return -(-columns // width), -(-rows // height)
-
-    def block(self, number: int) -> Block:
-        """Return a block by its number, row by row from the top left."""
-        row, column = divmod(number, self.blocks[0])
-        (width, height), (columns, rows) = self.side, self.plate.hogels
-        return Block(
-            number=number,
-            place=(row, column),
-            columns=range(column * width, min((column + 1) * width, columns)),
-            rows=range(row * height, min((row + 1) * height, rows)),
-            side=self.side,
-        )
-
-    def block_of(self, aperture: Aperture) -> int:
-        """Return the number of the block that a hogel lies in."""
-        return aperture.row // self.side[1] * self.blocks[0] + aperture.column // self.side[0]
-
-    def parts(self, apertures: Iterable[Aperture]) -> Iterator[BlockPart]:
-        """Yield the hogels that are asked for, block by block, in the order in which blocks are first named.
-
-        Rectangles of hogels are gone through block by block, and never listed.
-        """
-        if isinstance(apertures, ApertureBlocks):
-            for number in self.touched(apertures):
-                yield self.part(number, apertures)
-            return
-        found: dict[int, list[Aperture]] = {}
-        for aperture in dict.fromkeys(apertures):
-            found.setdefault(self.block_of(aperture), []).append(aperture)
-        for number, some in found.items():
-            yield BlockPart(block=self.block(number), apertures=tuple(some))
-
-    def part(self, number: int, apertures: ApertureBlocks) -> BlockPart:
-        """Return the hogels of a block that lie in any of some rectangles."""
-        block = self.block(number)
-        hogels = ((column, row) for row in block.rows for column in block.columns)
-        inside = (
-            index
-            for index in hogels
-            if any(index[0] in some and index[1] in rows for some, rows in apertures.blocks)
-        )
-        return BlockPart(block=block, apertures=tuple(self.plate.aperture(*index) for index in inside))
-
-    def touched(self, apertures: ApertureBlocks) -> Iterator[int]:
-        """Yield the numbers of the blocks that have a hogel in any of some rectangles, each once."""
-        seen: set[int] = set()
-        (width, height), across = self.side, self.blocks[0]
-        for columns, rows in apertures.blocks:
-            for row in range(rows.start // height, -(-rows.stop // height)):
-                for column in range(columns.start // width, -(-columns.stop // width)):
-                    number = row * across + column
-                    if number not in seen:
-                        seen.add(number)
-                        yield number
+    def place_of(self, aperture: Aperture) -> tuple[int, int]:
+        """Return row and column of a hogel within the block."""
+        return aperture.row - self.rows.start, aperture.column - self.columns.start
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout(BlockGrid):
+class Layout:
     """The arrays of a store and their division into blocks.
 
     Attributes
     ----------
-    frustum, units
-        Frustum and length unit of the scene.
+    plate, frustum, units
+        Plate, frustum and length unit of the scene.
     content
         The images that are stored.
-    labelled
-        Whether there are coordinates; plates that were made before there were any have none.
+    side
+        Columns and rows of a block.
     measures
         Name and unit of each measure of a hogel; none where hogels are not judged.
     """
 
+    plate: Plate
     frustum: Frustum
     units: str
     content: PlateContent
-    labelled: bool = True
+    side: tuple[int, int]
     measures: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def arrays(self) -> tuple[PlateArray, ...]:
-        """The arrays in the order in which a block's are written: color comes last."""
+        """The arrays in the order in which a block's are written."""
         return tuple(self._array(channel) for channel in self.content.channels)
+
+    def _array(self, channel: Channel) -> PlateArray:
+        kind, fill, dimensions, meaning = _IMAGES[channel]
+        dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
+        width, height = self.frustum.resolution
+        if dtype == np.uint8 and channel is Channel.COLOR:
+            meaning = f"{meaning} from 0 to 1 times 255, rounded"
+        units = {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}.get(channel)
+        return PlateArray(
+            name=channel,
+            dtype=dtype,
+            fill=fill,
+            shape=(height, width, *(3 for _ in dimensions[2:])),
+            dimensions=(*PLATE_DIMENSIONS, *dimensions),
+            attributes={"long_name": meaning, **({} if units is None else {"units": units})},
+        )
 
     def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], Mapping[str, str]]]:
         """Yield name, dimension, values and attributes of every coordinate."""
@@ -234,23 +148,53 @@ class Layout(BlockGrid):
         yield "u", "u", u, {"long_name": "film coordinate of the pixel's center, to the right", **film}
         yield "v", "v", v, {"long_name": "film coordinate of the pixel's center, upward", **film}
 
-    def _array(self, channel: Channel) -> PlateArray:
-        kind, fill, dimensions, meaning = _IMAGES[channel]
-        dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
-        width, height = self.frustum.resolution
-        if dtype == np.uint8 and channel is Channel.COLOR:
-            meaning = f"{meaning} from 0 to 1 times 255, rounded"
-        names = dimensions if self.labelled else tuple(_OLD_DIMENSIONS.get(name, name) for name in dimensions)
-        units = {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}.get(channel)
-        attributes = {"long_name": meaning, **({} if units is None else {"units": units})}
-        return PlateArray(
-            name=channel,
-            dtype=dtype,
-            fill=fill,
-            shape=(height, width, *(3 for _ in dimensions[2:])),
-            dimensions=(*PLATE_DIMENSIONS, *names),
-            attributes=attributes if self.labelled else {},
+    def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
+        """Yield the blocks of the hogels that are asked for, in the order in which they are first named.
+
+        Rectangles of hogels are gone through block by block, and never listed.
+        """
+        if isinstance(apertures, ApertureBlocks):
+            for number in self._touched(apertures):
+                block = self._block(number, ())
+                inside = (
+                    self.plate.aperture(column, row)
+                    for row in block.rows
+                    for column in block.columns
+                    if any(column in some and row in rows for some, rows in apertures.blocks)
+                )
+                yield self._block(number, tuple(inside))
+            return
+        found: dict[int, list[Aperture]] = {}
+        for aperture in dict.fromkeys(apertures):
+            found.setdefault(self._number(aperture.column, aperture.row), []).append(aperture)
+        for number, some in found.items():
+            yield self._block(number, tuple(some))
+
+    def _number(self, column: int, row: int) -> int:
+        across = -(-self.plate.hogels[0] // self.side[0])
+        return row // self.side[1] * across + column // self.side[0]
+
+    def _block(self, number: int, apertures: tuple[Aperture, ...]) -> Block:
+        (width, height), (columns, rows) = self.side, self.plate.hogels
+        row, column = divmod(number, -(-columns // width))
+        return Block(
+            number=number,
+            columns=range(column * width, min((column + 1) * width, columns)),
+            rows=range(row * height, min((row + 1) * height, rows)),
+            apertures=apertures,
         )
+
+    def _touched(self, apertures: ApertureBlocks) -> Iterator[int]:
+        """Yield the numbers of the blocks that have a hogel in any of some rectangles, each once."""
+        seen: set[int] = set()
+        width, height = self.side
+        for columns, rows in apertures.blocks:
+            for row in range(rows.start // height * height, rows.stop, height):
+                for column in range(columns.start // width * width, columns.stop, width):
+                    number = self._number(column, row)
+                    if number not in seen:
+                        seen.add(number)
+                        yield number
 
 
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
@@ -259,7 +203,7 @@ def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple
     Its side is a power of two, at most `MAX_BLOCK_SIDE`, and no longer than the plate.
     """
     whole = Layout(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
-    hogel_bytes = sum(array.chunk_bytes for array in whole.arrays)
+    hogel_bytes = sum(array.hogel_bytes for array in whole.arrays)
     side = MAX_BLOCK_SIDE
     while side > 1 and side * side * hogel_bytes > BLOCK_BYTES:
         side //= 2

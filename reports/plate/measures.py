@@ -6,7 +6,6 @@ same plate has the same bytes.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -40,15 +39,7 @@ PLACES = ("column", "row", "x", "y")
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredHogel:
-    """One hogel and how it differs from its truth.
-
-    Attributes
-    ----------
-    column, row, x, y
-        Place of the hogel on the plate, and of its aperture in scene units.
-    comparison
-        What `compare --json` tells.
-    """
+    """One hogel, its place on the plate, its aperture's in scene units, and what `compare --json` tells."""
 
     column: int
     row: int
@@ -162,13 +153,7 @@ def _unit(name: str, length: str) -> str:
 
 
 class Table:
-    """The measures of a plate's hogels as a folder of Parquet files, one for each block.
-
-    Parameters
-    ----------
-    folder
-        The folder; it need not exist.
-    """
+    """The measures of a plate's hogels as a folder of Parquet files, one for each block."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -192,46 +177,32 @@ class Table:
             return set()
         return set(zip(found["column"].to_pylist(), found["row"].to_pylist(), strict=True))
 
+    def write(self, block: Block, table: pa.Table) -> None:
+        """Write the rows of a block; the file is there whole or not at all."""
+        self.folder.mkdir(exist_ok=True)
+        aside = self.path(block).with_suffix(".partial")
+        pq.write_table(table, aside)
+        aside.replace(self.path(block))
+
 
 def merged(before: pa.Table | None, hogels: Iterable[MeasuredHogel]) -> pa.Table:
     """Return rows of a block with those of some hogels added, or put in the place of older ones."""
     added = table_of(MeasuredHogel, list(hogels))
-    rows = {} if before is None or before.schema != added.schema else _by_place(before)
-    rows |= _by_place(added)
+    rows: dict[tuple[int, int], dict[str, Any]] = {}
+    for table in (before, added):
+        if table is not None and table.schema == added.schema:
+            rows |= {(row["row"], row["column"]): row for row in table.to_pylist()}
     # From plain values, so that equal rows make equal bytes, whatever tables they come from.
     return pa.Table.from_pylist([rows[place] for place in sorted(rows)], schema=added.schema)
 
 
-def _by_place(table: pa.Table) -> dict[tuple[int, int], dict[str, Any]]:
-    """Return the rows of a table by row and column of their hogels."""
-    return {(row["row"], row["column"]): row for row in table.to_pylist()}
-
-
-def parquet_of(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file."""
-    file = io.BytesIO()
-    pq.write_table(table, file)
-    return file.getvalue()
-
-
 def maps_of(table: pa.Table, block: Block, names: Iterable[str]) -> Mapping[str, Floats]:
-    """Return each measure of a block over (row, column), NaN where there is none.
-
-    Parameters
-    ----------
-    table
-        Rows of the block.
-    block
-        The block.
-    names
-        Names of the measures.
-    """
-    width, height = block.side
+    """Return each measure of a block over (row, column), NaN where there is none."""
     columns = np.array(table["column"].to_pylist(), dtype=np.int64) - block.columns.start
     rows = np.array(table["row"].to_pylist(), dtype=np.int64) - block.rows.start
     maps: dict[str, Floats] = {}
     for name in names:
         values: list[Any] = table[name].to_pylist() if name in table.column_names else [None] * len(rows)
-        maps[name] = np.full((height, width), np.nan)
+        maps[name] = np.full(block.shape, np.nan)
         maps[name][rows, columns] = [np.nan if value is None else value for value in values]
     return maps

@@ -1,23 +1,25 @@
-"""A plate as a stream: any of its apertures drawn into a store, a few at a time, and never twice."""
+"""Plates drawn block by block into a store, by this process or by others, and never twice."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reports.blocks import Engine, Job, open_workers
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.description import described, document_of
-from xfrustum.reports.plate.layout import Block, BlockPart, Layout, default_side
+from xfrustum.reports.plate.description import described
+from xfrustum.reports.plate.layout import Block, Layout, default_side
 from xfrustum.reports.plate.measures import JudgedSource, measures_of
 from xfrustum.reports.plate.sources import Drawn, HogelSource, Truths
-from xfrustum.reports.plate.store import Encoded, PlateStore, open_store
+from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -25,11 +27,11 @@ from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-MAX_WAITING_HOGELS = 4
-"""Hogels that may wait to be compressed while others are drawn: several take it little longer than one."""
-
 Span = tuple[int, int] | None
 """First and last index; None for all."""
+
+HERE = Engine(workers=1)
+"""This process alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +43,7 @@ class PlateFiles:
     out
         The Zarr group.
     drawn, found
-        Number of hogels that were drawn, and of those that had been finished before or by others meanwhile.
+        Number of hogels that were drawn, and of those that had been finished before.
     damaged
         Number of drawn hogels that had been there, and were not whole.
     notes
@@ -58,6 +60,72 @@ class PlateFiles:
     table: Path | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlateJob(Job):
+    """A plate that is drawn block by block; parameters as for `write_plate`. Settings are None for truths."""
+
+    scene: Scene
+    settings: DoubleFrustum | None
+    content: PlateContent
+    out: Path
+    layout: Layout
+    free: bool
+    judge: bool = False
+
+    @property
+    def name(self) -> str:
+        """Word for the work."""
+        return "plate"
+
+    def finished(self, block: Block) -> bool:
+        """Return whether all hogels of a block that are asked for are there."""
+        return not _opened(self.out, self.layout).missing(block)[0]
+
+    def size(self, block: Block) -> int:
+        """Return the number of hogels of a block that are asked for."""
+        return len(block.apertures)
+
+    def words(self, block: Block) -> str:
+        """Return a block in words."""
+        return f"block {block.number} of {self.out}"
+
+    @contextmanager
+    def open(self) -> Iterator[PlateSession]:
+        """Open what draws or traces the hogels, and the store, or make it.
+
+        Raises
+        ------
+        InputError
+            See `source_of` and `open_store`: a process with another device than the one that made the store
+            is refused, for instance.
+        """
+        with source_of(self.scene, self.settings, self.content, judge=self.judge) as source:
+            yield PlateSession(source, open_store(self.out, self.layout, described(source), free=self.free))
+
+
+@lru_cache(1)
+def _opened(out: Path, layout: Layout) -> PlateStore:
+    """Return the store of a job, which this process asks about many blocks."""
+    return PlateStore(out, layout)
+
+
+@dataclass(frozen=True)
+class PlateSession:
+    """What draws the hogels of a job in one process, and where they go."""
+
+    source: HogelSource
+    store: PlateStore
+
+    def make(self, block: Block) -> None:
+        """Draw what is missing of a block."""
+        draw(self.source, Drawing(store=self.store), [block])
+
+
+def layout_found(session: PlateSession) -> Layout:
+    """Return the layout of the store; the question that makes a worker open the store, or make it."""
+    return session.store.layout
+
+
 def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
     settings: DoubleFrustum | None,
@@ -68,13 +136,13 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     block: tuple[int, int] | None = None,
     judge: bool = False,
     check: bool = False,
+    engine: Engine = HERE,
     progress: bool = False,
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, block by block, each into a shard of its own.
 
-    Killed at any moment it loses no finished block; called again it goes on with the others and ends
-    with the bytes of a run that was not disturbed. Any number of processes may draw one plate at once:
-    each block is drawn by one of them, and each ends when all that it was asked for is finished.
+    Killed at any moment it loses no finished block; called again it goes on with the others and ends with
+    the arrays of a run that was not disturbed.
 
     Parameters
     ----------
@@ -94,29 +162,105 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     check
         Whether to read through every hogel that is there; without it, only its layout is looked at. What
         is damaged is drawn again.
+    engine
+        Where blocks are drawn: by processes of this machine, by a cluster, or in parts.
     progress
         Whether to draw a bar on standard error.
 
     Raises
     ------
     InputError
-        See `source_of` and `open_store`, or the block is none.
+        See `source_of` and `open_store`; the block is none; no scheduler answers, or a worker has another
+        device than the one that began the plate.
     """
-    content = content or PlateContent()
-    with source_of(scene, settings, content, judge=judge) as source:
-        store = opened_store(source, Path(out), block)
-        asked = scene.plate.apertures() if apertures is None else apertures
-        chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
-        with store.claims() as claims, progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar:
-            work = BlockWork(store=store, claims=claims, check=check, bar=bar)
-            draw_parts(source, work, store.layout.parts(chosen))
-    return work.files()
+    content, out = content or PlateContent(), Path(out)
+    asked = scene.plate.apertures() if apertures is None else apertures
+    chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
+    job = PlateJob(
+        scene=scene,
+        settings=settings,
+        content=content,
+        out=out,
+        layout=layout_of(scene, content, block, judged=judge),
+        free=block is None,
+        judge=judge,
+    )
+
+    def blocks(layout: Layout) -> Iterator[Block]:
+        # Made anew for each use: a plate has millions of hogels.
+        return engine.part.of(layout.blocks(chosen))
+
+    def hogels(layout: Layout) -> int:
+        whole = engine.part.everything
+        return len(chosen) if whole else sum(len(one.apertures) for one in blocks(layout))
+
+    with open_workers(engine, sum(1 for _ in blocks(job.layout)), draws=settings is not None) as workers:
+        if workers.count == 1 and not workers.elsewhere:
+            with job.open() as session:
+                total = hogels(session.store.layout)
+                with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+                    work = Drawing(store=session.store, check=check, bar=bar)
+                    draw(session.source, work, blocks(session.store.layout))
+        else:
+            job = replace(job, layout=workers.ask(job, layout_found))
+            work, total = Drawing(store=PlateStore(out, job.layout)), hogels(job.layout)
+            work.drawn = sum(1 for _ in work.missing(blocks(job.layout)))
+            workers.run(job, blocks(job.layout), total, progress=progress)
+    return PlateFiles(
+        out=out,
+        drawn=work.drawn,
+        found=total - work.drawn,
+        damaged=work.damaged,
+        notes=(f"{out}: {work.damaged} damaged hogels were drawn again",) if work.damaged else (),
+        table=out.with_suffix(".parquet") if judge else None,
+    )
 
 
-def opened_store(source: HogelSource, out: Path, block: tuple[int, int] | None) -> PlateStore:
-    """Open the store of what a source draws, or make it; see `open_store` and `write_plate`."""
-    layout = layout_of(source.scene, source.content, block, judged=source.judged)
-    return open_store(out, layout, document_of(described(source)), free=block is None)
+@dataclass(kw_only=True)
+class Drawing:
+    """Blocks that are being drawn into a store, in their order, and how many hogels that are."""
+
+    store: PlateStore
+    check: bool = False
+    bar: tqdm[Any] | None = None
+    drawn: int = 0
+    damaged: int = 0
+    begun: deque[tuple[Block, int]] = field(default_factory=deque)
+
+    def missing(self, blocks: Iterable[Block]) -> Iterator[Aperture]:
+        """Yield the hogels of some blocks that are missing; `begun` are their blocks, with how many."""
+        for block in blocks:
+            missing, damaged = self.store.missing(block, check=self.check)
+            self.damaged += damaged
+            self.told(len(block.apertures) - len(missing))
+            if missing:
+                self.begun.append((block, len(missing)))
+                yield from missing
+
+    def told(self, hogels: int) -> None:
+        """Let the bar know of hogels that are there."""
+        if self.bar is not None:
+            self.bar.update(hogels)
+
+
+def draw(source: HogelSource, work: Drawing, blocks: Iterable[Block]) -> None:
+    """Draw what is missing of some blocks as one stream; each block is written while the next is drawn."""
+    drawn: dict[Aperture, PlateHogel] = {}
+    writing: Future[None] | None = None
+    with ThreadPoolExecutor(1, thread_name_prefix="plate") as pool:
+        for hogel in source.hogels(work.missing(blocks)):
+            drawn[hogel.aperture] = hogel
+            block, count = work.begun[0]
+            if len(drawn) == count:
+                if writing is not None:
+                    writing.result()
+                writing = pool.submit(work.store.write, block, drawn)
+                work.begun.popleft()
+                work.drawn += count
+                drawn = {}
+            work.told(1)
+        if writing is not None:
+            writing.result()
 
 
 def source_of(
@@ -140,178 +284,27 @@ def layout_of(
     scene: Scene, content: PlateContent, block: tuple[int, int] | None, *, judged: bool = False
 ) -> Layout:
     """Return the layout of a new store; parameters as for `write_plate`."""
+    columns, rows = scene.plate.hogels
+    if block is not None and min(block) < 1:
+        raise InputError(f"a block must have at least one column and one row, not {block[0]} x {block[1]}")
+    side = block or default_side(scene.plate, scene.frustum, content)
     return Layout(
         plate=scene.plate,
         frustum=scene.frustum,
         units=scene.units,
         content=content,
-        side=_side(scene, content, block),
+        side=(min(side[0], columns), min(side[1], rows)),
         measures=tuple(measures_of(scene).items()) if judged else (),
     )
 
 
-def _side(scene: Scene, content: PlateContent, block: tuple[int, int] | None) -> tuple[int, int]:
-    """Return the columns and rows of a block of a new store."""
-    if block is None:
-        return default_side(scene.plate, scene.frustum, content)
-    if min(block) < 1:
-        raise InputError(f"a block must have at least one column and one row, not {block[0]} x {block[1]}")
-    columns, rows = scene.plate.hogels
-    return min(block[0], columns), min(block[1], rows)
-
-
-def draw_parts(source: HogelSource, work: BlockWork, parts: Iterable[BlockPart]) -> None:
-    """Draw what is missing of some blocks, and wait for what other processes are drawing of them."""
-    waiting = parts
-    while True:
-        _draw(source.hogels(work.taken(waiting)), work)
-        waiting, work.elsewhere = work.elsewhere, []
-        if not waiting:
-            return
-        # Nothing of ours is under way: others may be waited for, as they wait for nobody.
-        work.claims.wait(waiting[0].block.number)
-
-
-@dataclass(kw_only=True)
-class OpenBlock:
-    """A block that this process is drawing: the hogels that are still to come, and those that are there."""
-
-    block: Block
-    missing: set[Aperture]
-    encoded: dict[Aperture, Encoded] = field(default_factory=dict)
-
-
-@dataclass(kw_only=True)
-class BlockWork:
-    """Which blocks this process draws, and what became of their hogels.
-
-    Attributes
-    ----------
-    store, claims, check, bar
-        The store, claims to its blocks, whether finished hogels are read, and the bar.
-    elsewhere
-        Blocks that another process is drawing.
-    drawn, found, damaged
-        As in `PlateFiles`.
-    """
-
-    store: PlateStore
-    claims: Claims
-    bar: tqdm[Any]
-    check: bool = False
-    elsewhere: list[BlockPart] = field(default_factory=list)
-    drawn: int = 0
-    found: int = 0
-    damaged: int = 0
-    _open: dict[int, OpenBlock] = field(default_factory=dict)
-
-    def taken(self, parts: Iterable[BlockPart]) -> Iterator[Aperture]:
-        """Claim the blocks that nobody else is drawing, and yield their hogels that are not finished."""
-        for part in parts:
-            if not self.store.state(part, check=self.check).missing:
-                self._count_found(part, 0)
-                continue
-            if not self.claims.take(part.block.number):
-                self.elsewhere.append(part)
-                continue
-            # Another process that claimed it before may have finished it since.
-            state = self.store.state(part, check=self.check)
-            self.damaged += len(state.damaged)
-            self._count_found(part, len(state.missing))
-            if not state.missing:
-                self.claims.release(part.block.number)
-                continue
-            self._open[part.block.number] = OpenBlock(block=part.block, missing=set(state.missing))
-            yield from state.missing
-
-    def keep(self, aperture: Aperture, encoded: Encoded) -> OpenBlock | None:
-        """Keep a hogel, and return its block if it was the last one that was missing."""
-        being_drawn = self._open[self.store.layout.block_of(aperture)]
-        being_drawn.encoded[aperture] = encoded
-        being_drawn.missing.remove(aperture)
-        self.bar.update()
-        return None if being_drawn.missing else being_drawn
-
-    def finished(self, full: OpenBlock) -> None:
-        """Count the hogels of a block that has been written."""
-        self.claims.release(full.block.number)
-        del self._open[full.block.number]
-        self.drawn += len(full.encoded)
-
-    def files(self) -> PlateFiles:
-        """Return what became of the hogels."""
-        return PlateFiles(
-            out=self.store.out,
-            drawn=self.drawn,
-            found=self.found,
-            damaged=self.damaged,
-            notes=tuple(notes_of(self.store, self.damaged)),
-            table=self.store.out.with_suffix(".parquet") if self.store.layout.measures else None,
-        )
-
-    def _count_found(self, part: BlockPart, missing: int) -> None:
-        self.found += len(part.apertures) - missing
-        self.bar.update(len(part.apertures) - missing)
-
-
-def notes_of(store: PlateStore, damaged: int) -> Iterator[str]:
-    """Yield what was damaged and has been mended, in sentences.
-
-    Parameters
-    ----------
-    store
-        Store that was opened, whose descriptions may have been mended then.
-    damaged
-        Number of hogels that were damaged and have been drawn again.
-    """
-    for name in store.mended:
-        yield f"{store.out}: the description of {name} was damaged and has been written again"
-    if damaged:
-        hogels = "hogel was" if damaged == 1 else "hogels were"
-        yield f"{store.out}: {damaged} {hogels} damaged, and drawn again"
-
-
-def _draw(hogels: Iterable[PlateHogel], work: BlockWork) -> None:
-    """Compress and write hogels while the next ones are drawn."""
-    waiting: deque[Future[Callable[[], OpenBlock | None]]] = deque()
-
-    def encode(hogel: PlateHogel) -> Callable[[], OpenBlock | None]:
-        encoded = work.store.encoded(hogel)
-        return lambda: work.keep(hogel.aperture, encoded)
-
-    def write(full: OpenBlock) -> Callable[[], None]:
-        work.store.write(full.block, full.encoded)
-        return lambda: work.finished(full)
-
-    with ThreadPoolExecutor(MAX_WAITING_HOGELS, thread_name_prefix="plate") as pool:
-
-        def step() -> None:
-            full = waiting.popleft().result()()
-            if full is not None:
-                waiting.append(pool.submit(write, full))
-
-        for hogel in hogels:
-            while len(waiting) >= MAX_WAITING_HOGELS:
-                step()
-            waiting.append(pool.submit(encode, hogel))
-        while waiting:
-            step()
-
-
 def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:
-    """Return the apertures of some blocks.
-
-    Parameters
-    ----------
-    plate
-        The plate.
-    blocks
-        Columns and rows of each.
+    """Return the apertures of some rectangles, each given by its columns and rows.
 
     Raises
     ------
     InputError
-        A block reaches beyond the plate.
+        One reaches beyond the plate.
     """
     found = []
     for block in blocks:

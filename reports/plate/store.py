@@ -1,55 +1,50 @@
-"""A plate on disk: a Zarr group whose shards are blocks of hogels, each file there whole or not at all.
+"""A plate on disk: a Zarr group whose shards are blocks of hogels, and what it says of itself.
 
-A file is written aside and renamed when it is on the disk, and nothing else is written after the group has
-been made: a hogel that a whole file's index names is finished, whatever happened to the process that wrote
-it. What is not whole was damaged from outside, and counts as missing. A block is always written as a whole,
-by the process that has claimed it: concurrent writes into one shard lose data.
+This is the only place that opens, makes, writes and reads the Zarr group of a plate. Zarr writes every file
+aside and renames it. The array `finished` says which hogels are there; its part of a block is written after
+all others, so that whatever ends a process, a hogel that it calls finished is. What a process that was killed
+may leave is a file `*.partial`, which the next command on the plate removes.
+
+Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a block is
+read, completed and written under a lock on the group's description that nobody shares; whole blocks, of which
+every process has the same bytes, share it.
 """
 
 from __future__ import annotations
 
-import asyncio
+import fcntl
 import json
-import stat
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import zarr
-from numcodecs.zstd import Zstd
 from numpy.typing import NDArray
-from zarr.abc.store import Store
+from pydantic import TypeAdapter, ValidationError
+from zarr.abc.store import ByteRequest, Store
 from zarr.codecs import ZstdCodec
-from zarr.core.buffer import default_buffer_prototype
+from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
-from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reference.lines.lines import film_window
+from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.parts import differences_words
-from xfrustum.reports.plate.chunks import is_whole
-from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, BlockPart, Layout, PlateArray, side_of
-from xfrustum.reports.plate.measures import (
-    JudgedPlateHogel,
-    MeasuredHogel,
-    Table,
-    maps_of,
-    merged,
-    parquet_of,
-)
-from xfrustum.reports.plate.shards import BlockFile, assembled, read_places
-from xfrustum.scenes.disk.durable import Aside, clear, remove_abandoned, sync_folder, write_file
+from xfrustum.reports.plate.description import SOURCE
+from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, Layout, side_of
+from xfrustum.reports.plate.measures import JudgedPlateHogel, Table, maps_of, merged
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import HogelCamera
 from xfrustum.scenes.model.plate_content import Channel, PlateHogel
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 ATTRIBUTE = "xfrustum"
 """Attribute of the group that holds everything that decides its pixels."""
-
-SOURCE = "source"
-"""Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
 
 LAYOUT = "layout"
 """Key of the layout in a description: it decides no pixel; a store keeps its own unless one is asked for."""
@@ -57,192 +52,228 @@ LAYOUT = "layout"
 COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
 """Names of the arrays that most readers ask for."""
 
+FINISHED = "finished"
+"""Array over (row, column) that is 1 where a hogel is there."""
+
 METADATA = "zarr.json"
 """What Zarr calls the description of a group or an array, in its folder."""
 
-METADATA_BYTES = 1 << 22
-"""Largest description that is read; those of plates take some ten thousand bytes."""
+COMPRESSOR = ZstdCodec(level=1, checksum=True)
+"""Compressor of everything: level 1 takes a small part of the time that drawing takes; the checksum tells a
+reader whether a chunk is what was written."""
 
-COMPRESSION_LEVEL = 1
-"""Level of Zstandard: the same bytes for the same pixels, in a small part of the time that drawing takes."""
-
-_COMPRESSOR = Zstd(level=COMPRESSION_LEVEL, checksum=True)
-"""Compressor of all pixels. Its checksum tells a reader whether a chunk is what was written."""
-
-MEASURE_TYPE = np.dtype("<f8")
-"""Type of all measures: counts are whole numbers in it, and what there is none of is NaN."""
-
-Description = Mapping[str, Any]
-"""A JSON object as it is read from a file: it may say anything."""
+DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+"""What Zarr raises of files that are not what was written: codecs, JSON and checksums have errors of their
+own."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Encoded:
-    """A hogel as it is stored.
+class _RegularFiles(LocalStore):
+    """A folder of which regular files alone are read: a FIFO would keep its reader waiting."""
 
-    Attributes
-    ----------
-    images
-        Compressed images by the names of their arrays.
-    measured
-        How it differs from its truth; None where it was not judged.
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        path = self.root / key
+        if path.exists() and not path.is_file():
+            raise OSError(f"{path} is no file")
+        return await super().get(key, prototype, byte_range)
+
+
+def open_group(place: Path, mode: str = "r") -> zarr.Group:
+    """Open the Zarr group in a folder.
+
+    Raises
+    ------
+    InputError
+        There is none, or its description is damaged.
+    """
+    try:
+        return zarr.open_group(_RegularFiles(place.resolve(), read_only=mode == "r"), mode=mode)  # type: ignore[arg-type]
+    except DAMAGE as error:
+        raise InputError(f"{place}: is no plate that can be read; draw one with `xfrustum plate`") from error
+
+
+class StoredPlate:
+    """The hogels of a Zarr group that `xfrustum plate` has made, for those who read it.
+
+    `description` is everything that decides the pixels, as the group says it; `arrays` are those of images by
+    name, (rows, columns, H, W) or (rows, columns, H, W, 3).
+
+    Raises
+    ------
+    InputError
+        There is no group, or it is no plate.
     """
 
-    images: Mapping[str, bytes]
-    measured: MeasuredHogel | None
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        group = open_group(path)
+        try:
+            said, found = group.attrs.get(ATTRIBUTE), {name: group.get(name) for name in (*Channel, FINISHED)}
+        except DAMAGE as error:
+            raise InputError(f"{path}: its description is damaged; draw the plate again") from error
+        self.description: Mapping[str, Any] = said if isinstance(said, dict) else {}
+        finished = found.pop(FINISHED)
+        self.arrays = {name: array for name, array in found.items() if isinstance(array, zarr.Array)}
+        shapes = {array.shape[:4] for array in self.arrays.values()}
+        shape = next(iter(shapes), ())
+        if not self.description or len(shapes) != 1 or len(shape) != 4 or 0 in shape:
+            raise InputError(f"{path}: is no plate of xfrustum, or damaged; draw it with `xfrustum plate`")
+        # Plates of version 0.2 do not say which hogels are there: all are taken for finished.
+        self._finished: Any = np.ones(shape[:2], np.uint8)
+        if isinstance(finished, zarr.Array) and finished.shape == shape[:2]:
+            self._finished = finished
 
+    def finished(self, aperture: Aperture) -> bool:
+        """Return whether a hogel is there.
 
-@dataclass(frozen=True, kw_only=True)
-class BlockState:
-    """What a store has of some hogels of a block.
+        Raises
+        ------
+        InputError
+            The array that says so is damaged.
+        """
+        try:
+            return bool(self._finished[aperture.row, aperture.column])
+        except DAMAGE as error:
+            raise InputError(f"{self.path}: array {FINISHED} is damaged; draw the plate again") from error
 
-    Attributes
-    ----------
-    missing
-        Hogels that are not finished.
-    damaged
-        Those of them of which something is there that is not whole.
-    """
-
-    missing: tuple[Aperture, ...]
-    damaged: frozenset[Aperture]
+    def missing(self) -> int:
+        """Return the number of hogels that are not there."""
+        return int(np.count_nonzero(self._finished[:] == 0))
 
 
 class PlateStore:
-    """The hogels of one scene, drawn with one choice of settings.
+    """The hogels of one scene, drawn with one choice of settings, for those who write it."""
 
-    Parameters
-    ----------
-    out
-        The group's folder.
-    layout
-        Arrays of the group and their blocks.
-    mended
-        Names of arrays whose description was damaged and has been written again.
-    """
-
-    def __init__(self, out: Path, layout: Layout, mended: tuple[str, ...] = ()) -> None:
-        self.out, self.layout, self.mended = out, layout, mended
-        self._arrays = {array.name: array for array in layout.arrays}
+    def __init__(self, out: Path, layout: Layout) -> None:
+        self.out, self.layout = out, layout
         self._place = out.resolve()
+        group, expected = open_group(out, "r+"), _make(MemoryStore(), layout, {})
+
+        def array(name: str) -> zarr.Array[Any]:
+            try:
+                found, wanted = group[name], expected[name]
+                assert isinstance(found, zarr.Array) and isinstance(wanted, zarr.Array)
+                # Nothing that it declares is believed: a shape of 10^12 hogels, for instance.
+                if _declared(found) != _declared(wanted):
+                    raise ValueError(name)
+            except (*DAMAGE, AssertionError) as error:
+                raise InputError(
+                    f"--out {out}: the description of {name} is damaged; draw the plate at another place"
+                ) from error
+            # What is black is written like any other hogel.
+            return found.with_config({"write_empty_chunks": True})
+
+        self._finished = array(FINISHED)
+        self._arrays = {one.name: array(one.name) for one in layout.arrays}
+        self._maps = {name: array(name) for name, _ in layout.measures}
         # Beside the group, for nothing but Zarr's own files belongs into it.
         self.table = Table(self._place.with_suffix(".parquet"))
 
-    def state(self, part: BlockPart, *, check: bool = False) -> BlockState:
-        """Return which hogels of a block are missing, as far as the layout of files tells.
+    def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
+        """Return the hogels of a block that are asked for and not finished, and how many of them are damaged.
 
-        With `check` every hogel that seems finished is decompressed too: what is not what was written is
-        missing, and damaged.
+        With `check` every hogel that is called finished is read too: what is not what was written is damaged.
+        Without, only files that are gone are found.
         """
-        files = [self._file(array, part.block) for array in self._arrays.values()]
-        measured = self._measured(part.block)
-        missing, damaged = [], set()
-        for aperture in part.apertures:
-            number = part.block.place_of(aperture)
-            unmeasured = measured is not None and aperture.index not in measured
-            if unmeasured or any(number not in file.places for file in files):
+        flags, files = self._flags(block), all(self._shard(array, block).is_file() for array in self._arrays)
+        measured = self.table.measured(block) if self._maps else None
+        missing, damaged = [], 0
+        for aperture in block.apertures:
+            there = bool(flags[block.place_of(aperture)]) and files
+            there = there and (measured is None or aperture.index in measured)
+            if there and check and not self._readable(aperture):
+                damaged += 1
+                there = False
+            if not there:
                 missing.append(aperture)
-                if any(number in file.damaged for file in files):
-                    damaged.add(aperture)
-            elif check and not self._readable(aperture):
-                missing.append(aperture)
-                damaged.add(aperture)
-        return BlockState(missing=tuple(missing), damaged=frozenset(damaged))
+        return tuple(missing), damaged
 
-    def encoded(self, hogel: PlateHogel) -> Encoded:
-        """Return the compressed images of a hogel."""
-        return Encoded(
-            images={
-                name: _compressed(np.ascontiguousarray(hogel.image(Channel(name)), dtype=array.dtype))
-                for name, array in self._arrays.items()
-            },
-            measured=hogel.measured if isinstance(hogel, JudgedPlateHogel) else None,
-        )
-
-    def write(self, block: Block, hogels: Mapping[Aperture, Encoded]) -> None:
-        """Add hogels to a block; afterwards they are finished, and on the disk.
-
-        Each array's file is written anew, with what is whole of the file before. Nobody else may write the
-        block meanwhile: the caller has claimed it.
+    def write(self, block: Block, hogels: Mapping[Aperture, PlateHogel]) -> None:
+        """Add hogels to a block; afterwards they are finished.
 
         Raises
         ------
         InputError
             The disk is full or cannot be written.
         """
-        count = self.layout.hogels_in_block
-        with _mendable(self.out):
-            for name, array in self._arrays.items():
-                path = self._path(array, block)
-                _clear_way(self._place, path)
-                kept = self._file(array, block).chunks() if count > 1 else {}
-                drawn = {block.place_of(aperture): one.images[name] for aperture, one in hogels.items()}
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_file(path, assembled({**kept, **drawn}, count), host=self._place)
+        rows, columns = block.shape
+        with _refused(self.out), self._locked(shared=len(hogels) == rows * columns):
+            flags = self._flags(block)
+            for aperture in hogels:
+                flags[block.place_of(aperture)] = 0
+            kept = [tuple(place) for place in np.argwhere(flags)]
+            for array in self.layout.arrays:
+                stored = self._arrays[array.name]
+                values = np.full((*block.shape, *array.shape), array.fill, array.dtype)
+                for row, column in kept:
+                    try:
+                        values[row, column] = stored[block.rows[row], block.columns[column]]
+                    except DAMAGE:
+                        flags[row, column] = 0  # it is drawn again by whoever asks for it
+                for aperture, hogel in hogels.items():
+                    values[block.place_of(aperture)] = hogel.image(Channel(array.name))
+                try:
+                    stored[block.selection] = values
+                except ValueError:
+                    # Zarr reads the index of a shard that is there, and this one is damaged.
+                    self._shard(array.name, block).unlink()
+                    stored[block.selection] = values
             if self.layout.measures:
-                self._write_measures(block, [one.measured for one in hogels.values() if one.measured])
+                self._write_measures(block, hogels)
+            for aperture in hogels:
+                flags[block.place_of(aperture)] = 1
+            self._finished[block.selection] = flags
 
-    def _write_measures(self, block: Block, hogels: Sequence[MeasuredHogel]) -> None:
-        """Write the arrays of measures of a block and, as the last of its files, their table."""
-        table = merged(self.table.rows(block), hogels)
-        maps = maps_of(table, block, [name for name, _ in self.layout.measures])
-        for name, values in maps.items():
-            path = self._measure_path(name, block)
-            _clear_way(self._place, path)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_file(path, _compressed(values), host=self._place)
-        self.table.folder.mkdir(exist_ok=True)
-        remove_abandoned(self.table.folder)
-        write_file(self.table.path(block), parquet_of(table))
+    def _write_measures(self, block: Block, hogels: Mapping[Aperture, PlateHogel]) -> None:
+        """Write the table of measures of a block, and the arrays of its columns."""
+        judged = [hogel.measured for hogel in hogels.values() if isinstance(hogel, JudgedPlateHogel)]
+        table = merged(self.table.rows(block), judged)
+        for name, values in maps_of(table, block, self._maps).items():
+            self._maps[name][block.selection] = values
+        self.table.write(block, table)
 
-    def _measured(self, block: Block) -> set[tuple[int, int]] | None:
-        """Return the hogels of a block whose measures are there and whole; None where there are none."""
-        if not self.layout.measures:
-            return None
-        size = self.layout.hogels_in_block * MEASURE_TYPE.itemsize
-        if not all(is_whole(self._measure_path(name, block), size) for name, _ in self.layout.measures):
-            return set()
-        return self.table.measured(block)
+    def remove_partial(self) -> None:
+        """Remove what processes that were killed have left, unless somebody is writing just now."""
+        with (self._place / METADATA).open("r+b") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                return
+            for path in self._place.rglob("*.partial"):
+                path.unlink(missing_ok=True)
 
-    def _measure_path(self, name: str, block: Block) -> Path:
-        return self._place / name / "c" / Path(*map(str, block.place))
+    @contextmanager
+    def _locked(self, *, shared: bool) -> Iterator[None]:
+        with (self._place / METADATA).open("r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
+            yield
 
-    def claims(self) -> Claims:
-        """Return what tells processes that draw this plate at once who draws which block.
-
-        Raises
-        ------
-        InputError
-            The group cannot be read.
-        """
-        with _mendable(self.out):
-            return Claims(self.out / METADATA)
+    def _flags(self, block: Block) -> NDArray[np.uint8]:
+        """Return which hogels of a block are finished, (rows, columns); none where that is damaged."""
+        try:
+            return np.array(self._finished[block.selection], np.uint8)
+        except DAMAGE:
+            return np.zeros(block.shape, np.uint8)
 
     def _readable(self, aperture: Aperture) -> bool:
-        """Return whether all of a finished hogel can be decompressed and is what was written."""
-        group = zarr.open_group(LocalStore(self._place, read_only=True), mode="r")
+        """Return whether all of a hogel can be decompressed and is what was written."""
         try:
-            for name in self._arrays:
-                array = group[name]
-                assert isinstance(array, zarr.Array)
+            for array in (*self._arrays.values(), *self._maps.values()):
                 array[aperture.row, aperture.column]
-        except (RuntimeError, ValueError, OSError):
+        except DAMAGE:
             return False
         return True
 
-    def _file(self, array: PlateArray, block: Block) -> BlockFile:
-        return read_places(self._path(array, block), self.layout.hogels_in_block, array.chunk_bytes)
+    def _shard(self, name: str, block: Block) -> Path:
+        array = self._arrays[name]
+        side = (array.shards or array.chunks)[:2]
+        place = (block.rows.start // side[0], block.columns.start // side[1], *(0 for _ in array.shape[2:]))
+        return self._place / name / array.metadata.encode_chunk_key(place)
 
-    def _path(self, array: PlateArray, block: Block) -> Path:
-        place = (*block.place, *(0 for _ in array.shape))
-        return self._place / array.name / "c" / Path(*map(str, place))
 
-
-def open_store(out: Path, layout: Layout, description: Description, *, free: bool = True) -> PlateStore:
+def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
-
-    What the arrays are follows from the scene. Where their descriptions say something else they were
-    damaged, and are written again: nothing that they declare is believed.
 
     Parameters
     ----------
@@ -258,208 +289,105 @@ def open_store(out: Path, layout: Layout, description: Description, *, free: boo
     Raises
     ------
     InputError
-        What exists there is something else, or was drawn from another scene or with other
-        settings; or nothing can be written there.
+        What exists there is something else, was drawn from another scene or with other settings, or is
+        damaged; or nothing can be written there.
     """
-    wanted = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
-    with _mendable(out):
-        place = out.resolve()
-        table = place.with_suffix(".parquet")
-        if layout.measures and _exists(table) and not table.is_dir():
-            raise InputError(
-                f"--out {out}: its measures belong into {table}, which is no folder; move that away"
-            )
-        remove_abandoned(place.parent)
-        if not _exists(place):
-            _make(place, _documents(layout, wanted))
-        made_with = _made_with(out, place, wanted, free=free)
-        layout = _layout_of(layout, made_with)
-        documents = _documents(layout, made_with)
-        remove_abandoned(place)
-        mended = tuple(dict.fromkeys(_mended(place, documents)))
-        return PlateStore(out, layout, mended)
-
-
-def _layout_of(layout: Layout, made_with: Description) -> Layout:
-    """Return the layout of a store that was made with a description that agrees with what is wanted."""
-    if LAYOUT not in made_with:
-        return replace(layout, side=(1, 1), labelled=False)
-    side = side_of(made_with[LAYOUT], layout.plate)
-    assert side is not None, "a layout that is none does not agree"
-    return replace(layout, side=side)
-
-
-def _documents(layout: Layout, description: Description) -> dict[str, bytes]:
-    """Return the descriptions of group and arrays that Zarr writes for a layout, by their place."""
-    store = MemoryStore()
-    # The unit of lengths stands here too, for xarray prints the attributes of groups alone.
-    labels = {"coordinates": "x y", "units": layout.units} if layout.labelled else {}
-    group = zarr.create_group(store, attributes={**labels, ATTRIBUTE: dict(description)})
-    for array in layout.arrays:
-        _create(group, array, layout)
-    for name, unit in layout.measures:
-        group.create_array(
-            name,
-            shape=layout.plate.hogels[::-1],
-            chunks=layout.side[::-1],
-            dtype=MEASURE_TYPE,
-            compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
-            fill_value=np.nan,
-            dimension_names=PLATE_DIMENSIONS,
-            attributes={"long_name": name.replace("_", " "), "units": unit},
-        )
-    if layout.labelled:
-        for name, dimension, values, attributes in layout.coordinates():
-            group.create_array(
-                name,
-                data=values,
-                chunks=values.shape,
-                compressors=None,
-                dimension_names=[dimension],
-                attributes=dict(attributes),
-            )
-        with warnings.catch_warnings():
-            # The page of Zarr's format does not name these yet; readers that do not know them go on without.
-            warnings.simplefilter("ignore", UserWarning)
-            zarr.consolidate_metadata(store)
-    return asyncio.run(_everything(store))
-
-
-async def _everything(store: Store) -> dict[str, bytes]:
-    found = {}
-    async for key in store.list():
-        value = await store.get(key, default_buffer_prototype())
-        assert value is not None
-        found[key] = value.to_bytes()
-    return found
-
-
-def _make(place: Path, documents: Mapping[str, bytes]) -> None:
-    """Make an empty group aside and give it its name, unless another process has been faster."""
-    with Aside(place.parent, folder=True) as aside:
-        group = aside.path / "group"
-        for key, content in documents.items():
-            (group / key).parent.mkdir(parents=True, exist_ok=True)
-            write_file(group / key, content)
-        sync_folder(group)
+    wanted: dict[str, Any] = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
+    table = out.resolve().with_suffix(".parquet")
+    if layout.measures and table.exists() and not table.is_dir():
+        raise InputError(f"--out {out}: its measures belong into {table}, which is no folder; move that away")
+    if not out.exists():
         try:
-            # No folder that holds something is replaced by this.
-            group.rename(place)
-        except OSError:
-            if not _exists(place):
+            with Staging(out) as staging:
+                _make(LocalStore(staging.folder), layout, wanted)
+                # No folder that holds something is replaced by this: another process may have been faster.
+                staging.folder.rename(out.resolve())
+        except InputError:
+            if not (out / METADATA).is_file():
                 raise
-        sync_folder(place.parent)
-
-
-def _create(group: zarr.Group, array: PlateArray, layout: Layout) -> None:
-    """Describe an array: a chunk for each hogel, and a shard for each block of several."""
-    columns, rows = layout.side
-    group.create_array(
-        array.name,
-        shape=(*layout.plate.hogels[::-1], *array.shape),
-        chunks=(1, 1, *array.shape),
-        shards=None if layout.hogels_in_block == 1 else (rows, columns, *array.shape),
-        dtype=array.dtype,
-        compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
-        fill_value=array.fill,
-        dimension_names=array.dimensions,
-        attributes=dict(array.attributes),
-    )
-
-
-def _made_with(out: Path, place: Path, wanted: Description, *, free: bool) -> Description:
-    """Return the description that a folder was made with; InputError where it is of something else."""
-    document = _read_document(place / METADATA)
-    attributes = document.get("attributes") if isinstance(document, dict) else None
-    found = attributes.get(ATTRIBUTE) if isinstance(attributes, dict) else None
+    found = said_by(out)
     if found is None:
         raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place")
-    wanted = _from_where(wanted, found)
-    if free or (wanted[LAYOUT] == {"block": [1, 1]} and LAYOUT not in found):
-        wanted = _laid_out_as(wanted, found)
+    # The place of the scene stays as it was, so that folders can be moved and bytes do not change.
+    scene = found.get("scene")
+    if isinstance(scene, dict) and SOURCE in scene:
+        wanted = {**wanted, "scene": {**wanted["scene"], SOURCE: scene[SOURCE]}}
+    if free and side_of(found.get(LAYOUT), layout.plate) is not None:
+        wanted = {**wanted, LAYOUT: found[LAYOUT]}
     if found != wanted:
         raise InputError(
             f"--out {out}: was drawn with {differences_words(found, wanted)}; "
             "give what it was drawn with, or another place"
         )
-    return wanted
+    side = side_of(wanted[LAYOUT], layout.plate)
+    assert side is not None, "a layout that is none does not agree"
+    store = PlateStore(out, replace(layout, side=side))
+    store.remove_partial()
+    return store
 
 
-def _from_where(wanted: Description, found: Any) -> Description:
-    """Return a description with the scene's place taken from another one, for it decides no pixel.
-
-    The place stays as it was when the plate was made, so that folders can be moved and the bytes are those
-    of a run that was not disturbed.
-    """
-    scene = found.get("scene") if isinstance(found, dict) else None
-    source = scene.get(SOURCE) if isinstance(scene, dict) else None
-    if not isinstance(source, str) or "scene" not in wanted:
-        return wanted
-    return {**wanted, "scene": {**wanted["scene"], SOURCE: source}}
-
-
-def _laid_out_as(wanted: Description, found: Any) -> Description:
-    """Return a description with the layout of a store, where that is one that a plate can have."""
-    if not isinstance(found, dict):
-        return wanted
-    if LAYOUT not in found:
-        return {key: value for key, value in wanted.items() if key != LAYOUT}
-    hogels = wanted["plate"]["hogels"]
-    plate = Plate(size=(1.0, 1.0), hogels=(hogels[0], hogels[1]))
-    return wanted if side_of(found[LAYOUT], plate) is None else {**wanted, LAYOUT: found[LAYOUT]}
-
-
-def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:
-    """Write descriptions again that say something else than they must; yield the names of their arrays."""
-    for key, content in documents.items():
-        if not _says(place / key, content):
-            _clear_way(place, place / key)
-            (place / key).parent.mkdir(parents=True, exist_ok=True)
-            write_file(place / key, content, host=place)
-            yield "group" if key == METADATA else key.partition("/")[0]
-
-
-def _compressed(image: NDArray[Any]) -> bytes:
-    return bytes(_COMPRESSOR.encode(image))
-
-
-def _says(path: Path, content: bytes) -> bool:
-    """Return whether a file says the same: descriptions in any form of JSON, coordinates byte by byte."""
-    if path.name == METADATA:
-        return bool(_read_document(path) == json.loads(content))
+def said_by(out: Path) -> dict[str, Any] | None:
+    """Return what a store says of its plate; None where it is none of ours."""
     try:
-        return path.is_file() and not path.is_symlink() and path.read_bytes() == content
-    except OSError:
-        return False
-
-
-def _read_document(path: Path) -> Any:
-    """Return what a description says; None where it is none."""
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            return None
-        with path.open("rb") as file:
-            return json.loads(file.read(METADATA_BYTES + 1)[:METADATA_BYTES])
-    except (OSError, ValueError, RecursionError):
+        found = open_group(out).attrs.get(ATTRIBUTE)
+    except InputError:
         return None
+    return found if isinstance(found, dict) else None
 
 
-def _clear_way(group: Path, path: Path) -> None:
-    """Remove what keeps a file of a group from being replaced: what is no file, and files for folders."""
-    for place in reversed(path.relative_to(group).parents[:-1]):
-        if _exists(group / place) and not (group / place).is_dir():
-            clear(group / place)
-    if path.is_symlink() or not path.is_file():
-        clear(path)
+def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.Group:
+    """Make an empty group: a chunk for each hogel, and a shard for each block of several."""
+    columns, rows = layout.side
+    # The unit of lengths stands here too, for xarray prints the attributes of groups alone.
+    attributes = {"coordinates": "x y", "units": layout.units, ATTRIBUTE: dict(description)}
+    group = zarr.create_group(store, attributes=attributes)
+    for array in layout.arrays:
+        group.create_array(
+            array.name,
+            shape=(*layout.plate.hogels[::-1], *array.shape),
+            chunks=(1, 1, *array.shape),
+            shards=None if rows == columns == 1 else (rows, columns, *array.shape),
+            dtype=array.dtype,
+            compressors=[COMPRESSOR],
+            fill_value=array.fill,
+            dimension_names=array.dimensions,
+            attributes=dict(array.attributes),
+        )
+    maps = [(name, "<f8", np.nan, name.replace("_", " "), unit) for name, unit in layout.measures]
+    for name, dtype, fill, meaning, unit in (*maps, (FINISHED, "u1", 0, "1 where the hogel is there", "1")):
+        group.create_array(
+            name,
+            shape=layout.plate.hogels[::-1],
+            chunks=(rows, columns),
+            dtype=dtype,
+            compressors=[COMPRESSOR],
+            fill_value=fill,
+            dimension_names=PLATE_DIMENSIONS,
+            attributes={"long_name": meaning, "units": unit},
+        )
+    for name, dimension, values, labels in layout.coordinates():
+        group.create_array(
+            name,
+            data=values,
+            chunks=values.shape,
+            compressors=None,
+            dimension_names=[dimension],
+            attributes=dict(labels),
+        )
+    with warnings.catch_warnings():
+        # Consolidated metadata are no part of Zarr's format 3 yet; readers that know them are faster.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(store)
+    return group
 
 
-def _exists(path: Path) -> bool:
-    """Return whether anything has this name, a link that leads nowhere included."""
-    return path.exists() or path.is_symlink()
+def _declared(array: zarr.Array[Any]) -> str:
+    """Return all that the description of an array says, as text."""
+    return json.dumps(array.metadata.to_dict(), sort_keys=True, default=str)
 
 
 @contextmanager
-def _mendable(out: Path) -> Iterator[None]:
+def _refused(out: Path) -> Iterator[None]:
     """Turn what the file system refuses into an InputError."""
     try:
         yield
@@ -468,3 +396,65 @@ def _mendable(out: Path) -> Iterator[None]:
             f"--out {out}: cannot write there ({error.strerror or error}); "
             "free some space or choose another place"
         ) from error
+
+
+# The camera of any hogel
+
+
+@runtime_checkable
+class Attributed(Protocol):
+    """Anything that has the attributes of a store: a group of Zarr, a dataset of xarray."""
+
+    @property
+    def attrs(self) -> Mapping[str, Any]:
+        """Attributes by name."""
+
+
+def camera_of(store: Path | str | Attributed, column: int, row: int) -> HogelCamera:
+    """Return the crossed frustum of a hogel of a plate.
+
+    Parameters
+    ----------
+    store
+        Folder of the plate, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
+    column, row
+        Place of the hogel on the plate.
+
+    Returns
+    -------
+    HogelCamera
+        Aperture, shear and half-extent in full double precision: the line of film coordinates u, v is
+        (x, y, 0) + s (kx + u tx, ky + v ty, -1). It has the settings that the plate was drawn with.
+
+    Raises
+    ------
+    InputError
+        There is no plate, or no such hogel on it.
+    """
+    in_folder = isinstance(store, str | Path)
+    said = said_by(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)  # type: ignore[union-attr,arg-type]
+    name = store if in_folder else "the store"
+    if not isinstance(said, Mapping):
+        raise InputError(f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made")
+    try:
+        plate = TypeAdapter(Plate).validate_python(said["plate"])
+        frustum = TypeAdapter(Frustum).validate_python(said["frustum"])
+        given = said.get("settings")
+        settings = None if given is None else TypeAdapter(DoubleFrustum).validate_python(given)
+        scene, renderer = said["scene"], said["renderer"]
+        source, scene_hash, device = (str(scene[SOURCE]), str(scene["hash"]), str(renderer["device"]))
+    except (KeyError, TypeError, ValidationError, InputError) as error:
+        raise InputError(f"{name}: the description of the plate is damaged; draw it again") from error
+    aperture = plate.aperture(column, row)
+    shear, half_extent = film_window(frustum, aperture)
+    return HogelCamera(
+        aperture=aperture,
+        resolution=frustum.resolution,
+        shear=shear,
+        half_extent=half_extent,
+        reach=frustum.reach,
+        scene=source,
+        scene_hash=scene_hash,
+        renderer=device,
+        settings=settings,
+    )

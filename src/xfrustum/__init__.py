@@ -62,7 +62,7 @@ _NAMES = {
     "reports.eye.viewing": "SceneView view",
     "reports.survey.answer": "Survey",
     "reports.verification.verdict": "Verification",
-    "reports.plate.camera": "camera_of",
+    "reports.plate.store": "camera_of",
     "reports.commands.planning": "make_plan plan",
     "scenes.files.openexr.images": "read_image write_image",
     "reports.survey.survey": "survey",

@@ -15,7 +15,6 @@ import pytest
 from markdown_it import MarkdownIt
 
 import xfrustum
-from xfrustum.reports.plate.blocks import close
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -93,10 +92,7 @@ def test_the_examples_of_names_run_one_after_the_other(
     blocks = re.findall(r"```pycon\n(.*?)```", NAMES_PAGE.read_text(encoding="utf-8"), re.DOTALL)
     test = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, "examples.md", str(NAMES_PAGE), 0)
     told: list[str] = []
-    try:
-        found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=told.append)
-    finally:
-        close()
+    found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=told.append)
     assert found.attempted > len(blocks)
     assert found.failed == 0, "".join(told)
 

@@ -67,15 +67,13 @@ def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
         plate=opened.plate, frustum=opened.frustum, units=opened.units, content=content, side=(1, 1)
     )
     store = open_store(out, layout, json.loads(description.read_text(encoding="utf-8")))
-    with store.claims() as claims:
-        for part in store.layout.parts(opened.plate.apertures()):
-            missing = store.state(part, check=True).missing
-            if missing and claims.take(part.block.number):
-                hogels = [PlateHogel(aperture=one, color=black, triangle=nothing) for one in missing]
-                store.write(part.block, {hogel.aperture: store.encoded(hogel) for hogel in hogels})
-                claims.release(part.block.number)
-            if store.state(part, check=True).missing:
-                raise AssertionError(f"block {part.block.number} is not whole after it was written")
+    for block in store.layout.blocks(opened.plate.apertures()):
+        missing, _ = store.missing(block, check=True)
+        hogels = [PlateHogel(aperture=one, color=black, triangle=nothing) for one in missing]
+        if hogels:
+            store.write(block, {hogel.aperture: hogel for hogel in hogels})
+        if store.missing(block, check=True)[0]:
+            raise AssertionError(f"block {block.number} is not whole after it was written")
 
 
 ENTRIES = (read_scene, read_picture, go_on_with_plate)

@@ -11,7 +11,7 @@ import zarr
 
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.exchange.plate_group import PlateArray, missing_hogels, read_group, write_group
+from xfrustum.reports.plate.rows import PlateArray, missing_hogels, open_plate, read_plate, write_group
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.files.layouts import PlateShape
 from xfrustum.scenes.files.plate_files import Plates
@@ -46,7 +46,7 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
     assert (there.read_as, there.written_as, there.losses) == ("zarr", name, ())
     back = convert(tmp_path / name, tmp_path / "back.zarr", read_as=name, options=_told(name))
     assert back.read_as == name
-    plate, _ = read_group(tmp_path / "back.zarr", PlateArray.COLOR)
+    plate, _ = read_plate(tmp_path / "back.zarr", PlateArray.COLOR)
     found = plate.pixels if plate.levels else np.rint(plate.pixels * 255)
     assert np.array_equal(found, pixels)
 
@@ -111,16 +111,13 @@ def test_hogels_that_were_never_drawn_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("drawn", "missing"), [(15, 0), (14, 1), (0, 15)])
-def test_hogels_are_counted_in_a_plate_that_is_no_multiple_of_its_shards(
-    drawn: int, missing: int, tmp_path: Path
-) -> None:
+def test_hogels_are_counted_by_what_the_plate_says_of_them(drawn: int, missing: int, tmp_path: Path) -> None:
     plate = zarr.create_group(tmp_path / "plate.zarr")
-    color = plate.create_array(
+    plate.create_array(
         "color", shape=(3, 5, 4, 5, 3), chunks=(1, 1, 4, 5, 3), shards=(2, 2, 4, 5, 3), dtype="uint8"
     )
-    for number in range(drawn):
-        color[number // 5, number % 5] = np.full((4, 5, 3), 7, np.uint8)
-    assert missing_hogels(tmp_path / "plate.zarr", PlateArray.COLOR) == missing
+    plate.create_array("finished", data=(np.arange(15) < drawn).astype("u1").reshape(3, 5), chunks=(2, 2))
+    assert missing_hogels(open_plate(tmp_path / "plate.zarr", None)) == missing
 
 
 def test_a_folder_whose_plate_is_stated_lacks_whole_rows(tmp_path: Path) -> None:

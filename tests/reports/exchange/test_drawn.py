@@ -14,7 +14,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.drawn import LaidOutPlate
-from xfrustum.reports.exchange.plate_group import PlateArray, read_group
+from xfrustum.reports.plate.rows import PlateArray, read_plate
 from xfrustum.scenes.files.layouts import layouts_named
 from xfrustum.scenes.files.plate_files import find_files
 
@@ -43,7 +43,7 @@ def test_beside_the_group_lies_the_same_plate_as_views(
         **{"layout": "views", "out": str(tmp_path / "plate-views"), "files": 30},
         **{"losses": [], "notes": []},
     }
-    drawn, _ = read_group(out, PlateArray.COLOR)
+    drawn, _ = read_plate(out, PlateArray.COLOR)
     files = find_files(tmp_path / "plate-views")
     assert files.plate.pixels.dtype == np.float16
     assert np.array_equal(files.plate.pixels, drawn.pixels)
@@ -62,7 +62,7 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
     assert (said["out"], said["found"], said["drawn"]) == (None, 1, 11)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
     write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
-    expected, _ = read_group(tmp_path / "again.zarr", PlateArray.COLOR)
+    expected, _ = read_plate(tmp_path / "again.zarr", PlateArray.COLOR)
     found = find_files(out, layouts=layouts_named("burnett"))
     assert np.array_equal(found.plate.pixels, expected.pixels)
     assert (out / "Hogel_1x3.exr").exists()
@@ -71,7 +71,7 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
 def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "plate.zarr"
     assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
-    expected, _ = read_group(out, PlateArray.TRIANGLE)
+    expected, _ = read_plate(out, PlateArray.TRIANGLE)
     found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
     assert np.array_equal(found.plate.pixels, expected.pixels)
     assert expected.pixels.any()

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import re
 import shutil
-import tempfile
-from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,15 +20,11 @@ from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, s
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.plate.blocks import PlatePlan, blocks_of, close, draw_block, plan_plate
-from xfrustum.reports.plate.camera import camera_of
 from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, default_side
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
-from xfrustum.reports.plate.shards import assembled, read_places
-from xfrustum.reports.plate.stored import StoredPlate
-from xfrustum.scenes import InputError, Plate, Scene, open_scene
+from xfrustum.reports.plate.store import StoredPlate, camera_of
+from xfrustum.scenes import InputError, Plate
 from xfrustum.scenes.appearance.sampling import Transport
-from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 BLOCK = (3, 2)
@@ -86,18 +78,18 @@ def test_a_block_does_not_depend_on_the_order_in_which_its_hogels_were_drawn(
 
 @pytest.mark.parametrize("damage", ["cut off", "index", "bit", "gone"])
 def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -> None:
+    """A file that is gone is missed at once; what is not what was written, where all is read."""
     shard = plate / SHARD
     data = shard.read_bytes()
     if damage == "gone":
         shard.unlink()
-    elif damage == "bit":
-        shard.write_bytes(data[:200] + bytes([data[200] ^ 1]) + data[201:])
     else:
-        cut = {"cut off": data[:-1], "index": data[:-6] + bytes([data[-6] ^ 1]) + data[-5:]}[damage]
-        shard.write_bytes(cut)
-    files = write_plate(small(), SETTINGS, plate, content=ALL, check=damage == "bit")
-    expected = {"bit": (1, 34, 1), "gone": (6, 29, 0)}.get(damage, (6, 29, 6))
-    assert (files.drawn, files.found, files.damaged) == expected
+        bit = {"cut off": None, "index": len(data) - 6, "bit": 200}[damage]
+        shard.write_bytes(data[:-1] if bit is None else data[:bit] + bytes([data[bit] ^ 1]) + data[bit + 1 :])
+    files = write_plate(small(), SETTINGS, plate, content=ALL, check=damage != "gone")
+    count = 1 if damage == "bit" else 6
+    damaged = 0 if damage == "gone" else count
+    assert (files.drawn, files.found, files.damaged) == (count, 35 - count, damaged)
     assert tree(plate) == tree(clean)
 
 
@@ -109,28 +101,15 @@ def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Pa
     assert tree(plate) == tree(clean)
 
 
-def test_a_plate_from_before_there_were_blocks_goes_on_as_it_is(tmp_path: Path) -> None:
-    """Its group says nothing of a layout, its arrays have other names of dimensions, and no coordinates."""
-    scene, out = small(), tmp_path / "x.zarr"
-    write_plate(scene, SETTINGS, out, [scene.plate.middle], EVERYTHING, block=(1, 1))
-    for name in ("x", "y", "u", "v", "row", "column"):
-        shutil.rmtree(out / name)
-    said = json.loads((out / "zarr.json").read_bytes())
-    del said["attributes"]["xfrustum"]["layout"], said["consolidated_metadata"]
-    del said["attributes"]["coordinates"], said["attributes"]["units"]
-    (out / "zarr.json").write_text(json.dumps(said))
-    for name, dimensions in (("color", ["y", "x", "rgb"]), ("triangle", ["y", "x"])):
-        said = json.loads((out / name / "zarr.json").read_bytes())
-        said |= {"dimension_names": ["row", "column", *dimensions], "attributes": {}}
-        (out / name / "zarr.json").write_text(json.dumps(said))
-    before = {path: (out / path).read_bytes() for path in tree(out)}
-    files = write_plate(scene, SETTINGS, out, content=EVERYTHING)
-    assert (files.drawn, files.found, files.notes) == (34, 1, ())
-    after = tree(out)
-    assert before.items() <= after.items()
-    assert {path for path in after if path not in before} <= {path for path in after if "/c/" in path}
-    with pytest.raises(InputError, match="another layout"):
-        write_plate(scene, SETTINGS, out, content=EVERYTHING, block=BLOCK)
+def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(plate: Path) -> None:
+    """It did not say which hogels are there."""
+    shutil.rmtree(plate / "finished")
+    said = json.loads((plate / "zarr.json").read_bytes())
+    del said["consolidated_metadata"]["metadata"]["finished"]
+    (plate / "zarr.json").write_text(json.dumps(said))
+    assert StoredPlate(plate).finished(small().plate.aperture(6, 4))
+    with pytest.raises(InputError, match="the description of finished is damaged"):
+        write_plate(small(), SETTINGS, plate, content=ALL)
 
 
 def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
@@ -142,7 +121,7 @@ def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
         "v",
         "u",
     )
-    assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"}
+    assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"} and bool(plate.finished.all())
     shown = repr(plate)
     assert all(name in shown for name in ("row", "column", "color", "height", "normal", "triangle"))
     assert re.search(r"units: +mm", shown)
@@ -199,7 +178,7 @@ def test_what_is_no_plate_has_no_cameras(tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "other.zarr")
     with pytest.raises(InputError, match="is no plate of xfrustum"):
         camera_of(tmp_path / "other.zarr", 0, 0)
-    with pytest.raises(InputError, match="no such"):
+    with pytest.raises(InputError, match="is no plate"):
         camera_of(tmp_path / "nosuch.zarr", 0, 0)
     group = zarr.create_group(tmp_path / "damaged.zarr", attributes={"xfrustum": {"plate": {"size": "x"}}})
     with pytest.raises(InputError, match="damaged"):
@@ -256,48 +235,6 @@ def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
     assert "settings" not in said
 
 
-def named() -> Scene:
-    """Return a scene that any process opens by its name."""
-    return open_scene("hard/only-behind")
-
-
-def test_blocks_drawn_by_single_calls_are_those_of_the_whole(tmp_path: Path) -> None:
-    whole = write_plate(named(), SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=BLOCK).out
-    content = replace(EVERYTHING, effects=ALL_EFFECTS)
-    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=content, block=BLOCK)
-    again = PlatePlan.from_json(plan.to_json())
-    assert again == plan
-    numbers = list(blocks_of(plan))
-    assert numbers == [0, 1, 2, 3, 4, 5]
-    try:
-        counts = [draw_block(again, number).drawn for number in reversed(numbers)]
-        assert draw_block(plan, 0).found == 6
-    finally:
-        close()
-    assert sum(counts) == 25
-    assert tree(tmp_path / "x.zarr") == tree(whole)
-
-
-def test_a_process_that_finds_another_scene_refuses(tmp_path: Path) -> None:
-    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr")
-    with pytest.raises(InputError, match="a worker finds another content than the command"):
-        draw_block(replace(plan, ticket=replace(plan.ticket, content="0" * 64)), 0)
-    with pytest.raises(InputError, match="no file or name"):
-        plan_plate(replace(named(), source=""), SETTINGS, tmp_path / "y.zarr")
-
-
-@pytest.mark.slow
-def test_processes_draw_blocks_of_one_plate_side_by_side(tmp_path: Path) -> None:
-    whole = write_plate(named(), SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=BLOCK).out
-    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=EVERYTHING, block=BLOCK)
-    spawned = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(2, mp_context=spawned) as pool:
-        files = list(pool.map(draw_block, [plan] * 12, [*blocks_of(plan)] * 2))
-    close()
-    assert (sum(one.drawn for one in files), sum(one.found for one in files)) == (25, 25)
-    assert tree(tmp_path / "x.zarr") == tree(whole)
-
-
 sizes = st.integers(1, 9)
 
 
@@ -320,43 +257,16 @@ def test_every_hogel_lies_in_one_block_at_a_place_of_its_own(
     others = st.tuples(st.integers(0, rows - 1), st.integers(0, rows - 1)).map(lambda two: tuple(sorted(two)))
     spans: Any = data.draw(st.lists(st.tuples(ends, others), min_size=1, max_size=3))
     asked = blocks_of_apertures(plate, spans)
-    parts = list(layout.parts(asked))
-    found = [aperture for part in parts for aperture in part.apertures]
+    blocks = list(layout.blocks(asked))
+    found = [aperture for block in blocks for aperture in block.apertures]
     assert sorted(a.index for a in found) == sorted(a.index for a in asked)
-    assert len({part.block.number for part in parts}) == len(parts)
-    for part in parts:
-        places = {part.block.place_of(aperture) for aperture in part.apertures}
-        assert len(places) == len(part.apertures) and places <= set(range(layout.hogels_in_block))
-        assert all(layout.block_of(aperture) == part.block.number for aperture in part.apertures)
-    listed = {part.block.number: set(part.apertures) for part in layout.parts(list(asked))}
-    assert listed == {part.block.number: set(part.apertures) for part in parts}
-
-
-@given(
-    chunks=st.dictionaries(st.integers(0, 7), st.binary(min_size=1, max_size=40)), flip=st.integers(0, 10_000)
-)
-@settings(max_examples=60, deadline=None)
-def test_a_shards_index_says_what_is_there_and_knows_when_it_is_damaged(
-    chunks: Mapping[int, bytes], flip: int
-) -> None:
-    """The chunks are no Zstandard frames, and so count as damaged: each is found by the index."""
-    with_index = bytearray(assembled(chunks, 8))
-    index = len(with_index) - 8 * 16 - 4
-    assert bytes(with_index[:index]) == b"".join(chunks[number] for number in sorted(chunks))
-    place = index + flip % (len(with_index) - index)
-    damaged = bytes(with_index[:place]) + bytes([with_index[place] ^ 1]) + bytes(with_index[place + 1 :])
-    for data, expected in ((bytes(with_index), frozenset(chunks)), (damaged, frozenset(range(8)))):
-        assert _looked_at(data) == expected
-
-
-def _looked_at(data: bytes) -> frozenset[int]:
-    """Return the numbers of the damaged chunks of a file."""
-    with tempfile.NamedTemporaryFile() as file:
-        file.write(data)
-        file.flush()
-        found = read_places(Path(file.name), 8, 100)
-    assert not found.places
-    return found.damaged
+    assert len({block.number for block in blocks}) == len(blocks)
+    for block in blocks:
+        for aperture in block.apertures:
+            row, column = block.place_of(aperture)
+            assert (block.columns[column], block.rows[row]) == aperture.index
+    listed = list(layout.blocks(list(asked)))
+    assert {b.number: set(b.apertures) for b in listed} == {b.number: set(b.apertures) for b in blocks}
 
 
 def test_the_default_block_holds_at_most_what_it_says() -> None:
@@ -365,6 +275,6 @@ def test_the_default_block_holds_at_most_what_it_says() -> None:
         plate = Plate(size=(1.0, 1.0), hogels=(81, 61))
         columns, rows = default_side(plate, frustum, ALL)
         layout = Layout(plate=plate, frustum=frustum, units="", content=ALL, side=(columns, rows))
-        stored = sum(one.chunk_bytes for one in layout.arrays) * columns * rows
+        stored = sum(one.hogel_bytes for one in layout.arrays) * columns * rows
         assert columns == rows <= MAX_BLOCK_SIDE
         assert stored <= BLOCK_BYTES or columns == 1

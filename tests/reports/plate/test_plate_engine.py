@@ -18,7 +18,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene
 from xfrustum.cli.main import main
 from xfrustum.reports.blocks import Engine
-from xfrustum.reports.plate.engine import write_plate_on
+from xfrustum.reports.plate.plate import write_plate
 from xfrustum.scenes.model.plate_content import PlateContent
 
 
@@ -53,13 +53,18 @@ def test_parts_of_a_job_array_make_the_plate_between_them(
     assert drawn(scene_path, out, "--part", "1/2") == alone
 
 
-def test_one_process_draws_a_scene_that_was_made_in_memory(
+@pytest.mark.slow
+def test_workers_draw_a_scene_that_was_made_in_memory(
     scene_path: Path, alone: dict[str, bytes], tmp_path: Path
 ) -> None:
     scene = replace(open_scene(scene_path), source="")
-    content = PlateContent(ids=True)
-    found = write_plate_on(
-        Engine(workers=1), scene, DoubleFrustum(near=0.5), tmp_path / "x.zarr", content=content, block=(2, 2)
+    found = write_plate(
+        scene,
+        DoubleFrustum(near=0.5),
+        tmp_path / "x.zarr",
+        content=PlateContent(ids=True),
+        block=(2, 2),
+        engine=Engine(workers=2),
     )
     assert (found.drawn, found.found) == (35, 0)
     shards = {name for name in alone if not name.endswith("zarr.json")}
@@ -67,22 +72,18 @@ def test_one_process_draws_a_scene_that_was_made_in_memory(
     assert {name: drawn[name] for name in shards} == {name: alone[name] for name in shards}
 
 
-def test_what_was_damaged_is_drawn_again_and_told(
+def test_what_is_gone_is_drawn_again(
     scene_path: Path, alone: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "x.zarr"
     for name, content in alone.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (out / name).write_bytes(content)
-    shard = out / "color" / "c" / "0" / "0" / "0" / "0" / "0"
-    shard.write_bytes(shard.read_bytes()[:-1])
-    (out / "color" / "zarr.json").write_text("{}")
+    (out / "color" / "c" / "0" / "0" / "0" / "0" / "0").unlink()
     capsys.readouterr()
     assert drawn(scene_path, out, "--part", "1/1", "--json") == alone
     printed = capsys.readouterr()
-    assert json.loads(printed.out)["damaged"] == json.loads(printed.out)["drawn"] == 4
-    assert "4 hogels were damaged, and drawn again" in printed.err
-    assert "the description of color was damaged" in printed.err
+    assert json.loads(printed.out)["drawn"] == 4
 
 
 @pytest.mark.slow
@@ -102,7 +103,7 @@ def test_killed_workers_change_no_byte_of_a_plate(
                 kills += 1
         time.sleep(chance.uniform(0.5, 4.0))
     assert run.returncode == 0
-    assert kills > 1
+    assert kills
     assert files_of(out) == alone
 
 

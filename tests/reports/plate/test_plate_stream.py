@@ -19,25 +19,21 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
+from zarr.storage import _local as local_store
 
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.plate import MAX_WAITING_HOGELS, blocks_of_apertures, write_plate
-from xfrustum.reports.plate.store import Encoded, PlateStore
+from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.look import look_hash
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
@@ -57,12 +53,13 @@ def array(group: zarr.Group, name: str) -> zarr.Array[Any]:
     return found
 
 
-def chunks(folder: Path) -> dict[str, tuple[int, int]]:
-    """Every file of finished hogels, with what changes when it is written again."""
+def finished(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every block that has finished hogels, with what changes when it is written again."""
     found = {}
-    for path in folder.glob("color/c/*/*/0/0/0"):
-        status = path.stat()
-        found[str(path)] = (status.st_ino, status.st_mtime_ns)
+    for path in folder.glob("finished/c/*/*"):
+        if not path.name.endswith(".partial"):
+            status = path.stat()
+            found[str(path)] = (status.st_ino, status.st_mtime_ns)
     return found
 
 
@@ -102,7 +99,7 @@ def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) ->
         apertures = list(blocks_of_apertures(scene.plate, [block, block]))
         files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING, block=(1, 1))
         assert (files.drawn, files.found) == (drawn, len(set(apertures)) - drawn)
-        after = chunks(out)
+        after = finished(out)
         assert before.items() <= after.items() and len(after) == len(before) + drawn
         before = after
     assert tree(out) == tree(whole)
@@ -217,54 +214,20 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, out = small(), tmp_path / "x.zarr"
+    put = local_store._put
 
-    def full(path: Path, content: bytes, *, host: Path | None = None) -> None:
+    def full(path: Path, *arguments: Any, **others: Any) -> int:
         if path == out / "color/c/3/2/0/0/0":
             raise OSError(28, "No space left on device")
-        write_file(path, content, host=host)
+        return put(path, *arguments, **others)
 
     with monkeypatch.context() as patched:
-        patched.setattr(plate_store, "write_file", full)
+        patched.setattr(local_store, "_put", full)
         with pytest.raises(InputError, match="No space left on device"):
             write_plate(scene, SETTINGS, out, block=(1, 1))
-    finished = len(chunks(out))
-    # All hogels before the failed one are there, and some after it that were under way may be.
-    assert 23 <= finished < 35
+    assert len(finished(out)) == 23
     files = write_plate(scene, SETTINGS, out)
-    assert (files.drawn, files.found) == (35 - finished, finished)
-
-
-def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The pixels in memory are those asked for or drawn, and not yet compressed."""
-    scene = replace(view("asymmetric", (16, 12)), plate=Plate(size=(80.0, 60.0), hogels=(40, 10)))
-    taken, written, most = 0, 0, 0
-    hogels, encoded = PlateRenderer.hogels, PlateStore.encoded
-
-    def counted(self: PlateRenderer, apertures: list[Aperture]) -> Iterator[object]:
-        def asked_for() -> Iterator[Aperture]:
-            nonlocal taken, most
-            for aperture in apertures:
-                taken += 1
-                most = max(most, taken - written)
-                yield aperture
-
-        return iter(hogels(self, asked_for()))
-
-    def counted_encoded(self: PlateStore, hogel: PlateHogel) -> Encoded:
-        nonlocal written
-        images = encoded(self, hogel)
-        written += 1
-        return images
-
-    monkeypatch.setattr(PlateRenderer, "hogels", counted)
-    monkeypatch.setattr(PlateStore, "encoded", counted_encoded)
-    write_plate(scene, SETTINGS, tmp_path / "x.zarr")
-    with PlateRenderer(scene, SETTINGS) as renderer:
-        allowed = renderer.batching.hogels_in_memory + MAX_WAITING_HOGELS
-    assert written == taken == 400
-    assert 1 < most <= allowed < 400
+    assert (files.drawn, files.found) == (12, 23)
 
 
 KILLED_BLOCK = (9, 1)
@@ -279,9 +242,9 @@ def command(out: Path, rows: str) -> list[str]:
 
 def killed(out: Path, rows: str, delay: float, *, from_first_hogel: bool) -> bool:
     """Run the command, kill it after a delay, and return whether it had not ended by then."""
-    before = len(chunks(out))
+    before = len(finished(out))
     process = subprocess.Popen(command(out, rows), stdout=subprocess.DEVNULL, start_new_session=True)
-    while from_first_hogel and process.poll() is None and len(chunks(out)) == before:
+    while from_first_hogel and process.poll() is None and len(finished(out)) == before:
         time.sleep(0.002)
     time.sleep(delay)
     if process.poll() is None:
@@ -301,17 +264,17 @@ def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Itera
     assert resumed(clean, rows)["found"] == 0
     kills = 0
     for number, delay in enumerate(delays):
-        before = chunks(out)
+        before = finished(out)
         # Some kills come while the command is still starting.
         kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
-        after = chunks(out)
+        after = finished(out)
         assert before.items() <= after.items(), "a finished block was lost or drawn again"
     assert kills > 0
-    before = chunks(out)
+    before = finished(out)
     found = len(before) * KILLED_BLOCK[0] * KILLED_BLOCK[1]
     last = resumed(out, rows)
     assert (last["drawn"], last["found"]) == (count - found, found)
-    assert before.items() <= chunks(out).items()
+    assert before.items() <= finished(out).items()
     assert tree(out) == tree(clean)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clean.zarr", "killed.zarr"]
 

@@ -12,7 +12,6 @@ from PIL import Image
 from tests.reports.plate.test_plate_stream import SETTINGS
 from tests.support.views import view
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.plate.blocks import close
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
@@ -48,11 +47,8 @@ def test_the_programs_run_one_after_the_other(
     content = PlateContent(channels=(Channel.COLOR, Channel.HEIGHT))
     write_plate(scene, SETTINGS, Path("row.zarr"), chosen, content, judge=True)
     names: dict[str, object] = {}
-    try:
-        for program in PROGRAMS:
-            exec(compile(program, "docs/plates.md", "exec"), names)
-    finally:
-        close()
+    for program in PROGRAMS:
+        exec(compile(program, "docs/plates.md", "exec"), names)
     printed = capsys.readouterr().out
     assert "Dimensions" in printed and "displacement_px_p99" in printed and "worst hogel: " in printed
     mosaic = np.asarray(Image.open("mosaic.png"))

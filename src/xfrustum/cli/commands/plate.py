@@ -109,7 +109,6 @@ def plate(
     if truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
     from xfrustum.reports.exchange.drawn import LaidOutPlate
-    from xfrustum.reports.plate.engine import write_plate_on
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
@@ -131,11 +130,10 @@ def plate(
         out = placed.group
     asked |= {"judge": judge, "progress": not quiet}
     if engine is not None:
-        if asked.pop("check"):
+        if asked["check"]:
             raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
-        files = write_plate_on(engine, opened, settings, out, chosen, content, told=options.note, **asked)
-    else:
-        files = write_plate(opened, settings, out, chosen, content, **asked)
+        asked["engine"] = engine
+    files = write_plate(opened, settings, out, chosen, content, **asked)
     for note in files.notes:
         options.note(note)
     _tell(files, None if placed is None else placed.write(opened), as_json=as_json)

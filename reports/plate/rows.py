@@ -1,26 +1,21 @@
-"""Plates in Zarr groups, as arrays of pixels.
+"""Plates in Zarr groups as rows of pixels, for conversion from and to layouts of files.
 
-This is the only place where the exchange touches the store of plates: it reads the arrays that
-CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
+It reads the arrays that CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
 """
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
-from zarr.codecs import ZstdCodec
 
-from xfrustum.reports.plate.shards import read_places
+from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.errors import InputError
@@ -28,44 +23,8 @@ from xfrustum.scenes.files.layouts import Pixels, PlateShape
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.files.plate_files import PlateRows, Plates, empty_row, whole_plate
 
-METADATA = "zarr.json"
-"""Name of the file in the folder of a Zarr group of format 3."""
-
 LAYOUT_ATTRIBUTE = "xfrustum:converted"
 """Attribute of groups that were converted, which says from what; groups that `plate` draws have another."""
-
-COMPRESSION_LEVEL = 1
-"""Level of Zstandard, as in plates that are drawn."""
-
-
-_DAMAGE = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
-"""Exceptions that Zarr and its codecs raise at metadata and chunks that were damaged."""
-
-
-@contextmanager
-def _reading(place: Path) -> Iterator[None]:
-    """Turn what Zarr raises at a damaged group into an InputError of one line."""
-    try:
-        yield
-    except _DAMAGE as error:
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{place}: is no plate that can be read ({told:.200}); write it again") from error
-
-
-def _check_regular(folder: Path) -> None:
-    """Refuse a folder with pipes, devices or sockets in it: reading a pipe waits for ever."""
-    try:
-        for inside, _, names in os.walk(folder, onerror=_raised):
-            for name in names:
-                path = Path(inside) / name
-                if not path.is_file():
-                    raise InputError(f"{path}: is no regular file; take it out of the Zarr group")
-    except OSError as error:
-        raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
-
-
-def _raised(error: OSError) -> None:
-    raise error
 
 
 class PlateArray(StrEnum):
@@ -111,19 +70,23 @@ class GroupRows:
         """
         pixels = empty_row(self)
         for column in range(self.shape.hogels[0]):
-            with _reading(self.place):
+            try:
                 hogel: Any = self.stored[number, column]
+            except DAMAGE as error:
+                raise InputError(
+                    f"{self.place}: hogel {column},{number} is damaged; `plate --check` draws it again"
+                ) from error
             pixels[column] = hogel if self.array is PlateArray.COLOR else packed(hogel)
         return pixels
 
 
-def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArray]:
-    """Return all pixels of a plate in a Zarr group, and the array that they come from; see `open_group`."""
-    rows = open_group(place, array)
+def read_plate(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArray]:
+    """Return all pixels of a plate in a Zarr group, and the array that they come from; see `open_plate`."""
+    rows = open_plate(place, array)
     return whole_plate(rows), rows.array
 
 
-def open_group(place: Path, array: PlateArray | None) -> GroupRows:
+def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     """Return the pixels of a plate in a Zarr group, and the array that they come from, to be read by rows.
 
     Parameters
@@ -139,14 +102,15 @@ def open_group(place: Path, array: PlateArray | None) -> GroupRows:
     InputError
         The folder is no plate, or its arrays are of another kind.
     """
-    _check_regular(place)
-    with _reading(place):
-        group = zarr.open_group(place, mode="r")
+    group = open_group(place)
+    try:
         names = [name for name in PlateArray if name in group]
         chosen = array or (names[0] if names else PlateArray.COLOR)
         if chosen not in names:
             raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
         stored = group[chosen]
+    except DAMAGE as error:
+        raise InputError(f"{place}: is no plate that can be read ({error})") from error
     dimensions = 5 if chosen is PlateArray.COLOR else 4
     if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
         raise InputError(f"{place}: array {chosen} is not that of a plate")
@@ -162,29 +126,21 @@ def open_group(place: Path, array: PlateArray | None) -> GroupRows:
     return GroupRows(place=place, stored=stored, array=chosen, shape=shape, levels=levels, dtype=dtype)
 
 
-def missing_hogels(place: Path, array: PlateArray) -> int:
-    """Return the number of hogels that were never written, which read as black or as no triangle.
+def missing_hogels(rows: GroupRows) -> int:
+    """Return the number of hogels that were never drawn, which read as black or as no triangle.
 
-    Shards at the right and lower edge reach beyond the plate; chunks there are no hogels. Groups by
-    others, in which a hogel is not a chunk, do not tell, and 0 is returned.
+    Groups by others do not say it where several hogels share a file; then 0 is returned.
     """
-    with _reading(place):
-        stored = zarr.open_group(place, mode="r")[array]
-    assert isinstance(stored, zarr.Array)
-    shape = stored.shape
-    if stored.chunks != (1, 1, *shape[2:]):
+    place, stored = rows.place, rows.stored
+    try:
+        finished = open_group(place).get(FINISHED)
+        if isinstance(finished, zarr.Array) and finished.shape == stored.shape[:2]:
+            return int(np.count_nonzero(np.asarray(finished[:]) == 0))
+        if stored.shards is None and stored.chunks == (1, 1, *stored.shape[2:]):
+            return int(stored.shape[0] * stored.shape[1] - stored.nchunks_initialized)
         return 0
-    high, wide = (stored.shards or stored.chunks)[:2]
-    content_bytes = stored.dtype.itemsize * math.prod(shape[2:])
-    there = 0
-    for row, column in product(range(0, shape[0], high), range(0, shape[1], wide)):
-        block = (row // high, column // wide, *(0 for _ in shape[2:]))
-        path = place / array / stored.metadata.encode_chunk_key(block)
-        # What is damaged was written, and whoever reads it is told so.
-        file = read_places(path, high * wide, content_bytes)
-        numbers = file.places.keys() | file.damaged
-        there += sum(row + n // wide < shape[0] and column + n % wide < shape[1] for n in numbers)
-    return shape[0] * shape[1] - there
+    except DAMAGE as error:
+        raise InputError(f"{place}: array {FINISHED} is damaged; draw the plate again") from error
 
 
 def write_group(
@@ -217,7 +173,7 @@ def write_group(
         shape=shape,
         chunks=(1, 1, *shape[2:]),
         dtype=plate.dtype if array is PlateArray.COLOR else np.dtype(np.int32),
-        compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
+        compressors=[COMPRESSOR],
         fill_value=-1 if array is PlateArray.TRIANGLE else 0,
         dimension_names=names[: len(shape)],
     ).with_config({"write_empty_chunks": True})
