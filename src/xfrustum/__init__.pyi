@@ -25,9 +25,9 @@ from xfrustum.reports.explain import EffectsPlan as EffectsPlan
 from xfrustum.reports.explain import explain as explain
 from xfrustum.reports.eye.viewing import SceneView as SceneView
 from xfrustum.reports.eye.viewing import view as view
-from xfrustum.reports.plate.camera import camera_of as camera_of
 from xfrustum.reports.plate.plate import PlateFiles as PlateFiles
 from xfrustum.reports.plate.plate import write_plate as write_plate
+from xfrustum.reports.plate.store import camera_of as camera_of
 from xfrustum.reports.scene_check.checking import SceneCheck as SceneCheck
 from xfrustum.reports.scene_check.checking import check as check
 from xfrustum.reports.scene_check.new_scene import NewScene as NewScene
