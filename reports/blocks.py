@@ -492,7 +492,9 @@ class _Cluster(Workers):
         try:
             from distributed import Client  # noqa: PLC0415 - a second that no other work may pay for
         except ImportError as error:
-            raise InputError("--scheduler: needs Dask; install xfrustum[cluster]") from error
+            raise InputError(
+                "--scheduler needs Dask: pip install '.[cluster]' in the checkout of xfrustum"
+            ) from error
         try:
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

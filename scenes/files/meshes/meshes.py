@@ -75,6 +75,11 @@ def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
         return read_parts(path, resolver)
     except OSError as error:
         raise InputError(f"{path}: cannot read the mesh ({error.strerror or 'I/O error'})") from error
+    except ImportError as error:
+        raise InputError(
+            f"{path}: reading it needs a package that is not installed; for 3MF: pip install '.[3mf]' in "
+            "the checkout of xfrustum"
+        ) from error
     except NotImplementedError as error:
         raise InputError(f"{path}: not a mesh type that can be read; use one of {kinds}") from error
     except IndexError as error:

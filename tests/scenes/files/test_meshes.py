@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -130,3 +131,13 @@ def test_a_placement_that_overflows_is_an_input_error(tmp_path: Path) -> None:
     path.write_text("v 1e300 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(InputError, match="NaN or infinite in scene coordinates"):
         place(load_mesh(path), np.diag([1e300, 1, 1, 1]))
+
+
+def test_a_3mf_mesh_without_lxml_is_told_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.3mf"
+    trimesh.creation.box().export(path)
+    monkeypatch.setitem(sys.modules, "lxml", None)
+    with pytest.raises(InputError, match=r"not installed; for 3MF: pip install '\.\[3mf\]'"):
+        load_mesh(path)
