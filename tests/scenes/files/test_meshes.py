@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from trimesh.exceptions import ExceptionWrapper
+from trimesh.exchange.load import mesh_loaders
 
 from xfrustum.scenes import InputError
 from xfrustum.scenes.files.meshes.meshes import load_mesh
@@ -138,6 +139,8 @@ def test_a_3mf_mesh_without_lxml_is_told_what_to_install(
 ) -> None:
     path = tmp_path / "a.3mf"
     trimesh.creation.box().export(path)
-    monkeypatch.setitem(sys.modules, "lxml", None)
+    # So trimesh keeps the failure of its own import of lxml.
+    failed = ExceptionWrapper(ImportError("No module named 'lxml'"))
+    monkeypatch.setitem(mesh_loaders, "3mf", failed)
     with pytest.raises(InputError, match=r"not installed; for 3MF: pip install '\.\[3mf\]'"):
         load_mesh(path)
