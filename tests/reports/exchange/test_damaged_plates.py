@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.exchange.plate_group import PlateArray, write_group
+from xfrustum.reports.plate.rows import PlateArray, write_group
 from xfrustum.scenes import InputError
 from xfrustum.scenes.files.plate_files import Plates
 
