@@ -127,20 +127,12 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Where blocks are made.
+    """Where blocks are made: by processes of this machine, or by the workers of a Dask scheduler.
 
-    Attributes
-    ----------
-    scheduler
-        Address of a Dask scheduler; None for processes of this machine.
-    workers
-        Number of these processes, 1 for this process itself; None for one per device where something is drawn
-        on GPUs or on `devices`, and else for as many as this process may use processors.
-    devices
-        Indices of EGL devices, which these processes take in turn; one process takes the first. None of them
-        stands for the GPUs of this machine.
-    part
-        Part of the blocks that is made here, by this process.
+    `workers` is the number of processes, 1 for the command itself; None for one per device where something is
+    drawn on GPUs or on `devices`, and else for as many as it may use processors. `devices` are indices of EGL
+    devices, which processes take in turn; none of them stands for the GPUs of this machine. `part` is the
+    part of the blocks that is made here, by the command itself.
 
     Raises
     ------
@@ -199,10 +191,7 @@ class Workers(ABC):
     ) -> Iterator[tuple[Item, Answer]]:
         """Yield each item and what the function returns of it, given a session of the job, in any order.
 
-        Raises
-        ------
-        InputError
-            What the function or the session raises; or workers died.
+        Whatever it raises is raised here; a WorkerLostError where workers died.
         """
 
     def ask(self, job: Job, function: Callable[..., Answer], *arguments: Any) -> Answer:
@@ -211,13 +200,7 @@ class Workers(ABC):
         return answer
 
     def run(self, job: Job, blocks: Iterable[Any], total: int, *, progress: bool = False) -> None:
-        """Make all blocks that are not finished, with a bar for so many hogels or other units.
-
-        Raises
-        ------
-        InputError
-            See `map`; or finished blocks are not seen, as in a folder that is not shared.
-        """
+        """Make all blocks that are not finished, with a bar for so many hogels or other units."""
         with progress_bar(total, job.name, job.unit, shown=progress) as bar:
 
             def unfinished() -> Iterator[Any]:
@@ -259,16 +242,7 @@ def _see(job: Job, block: Any) -> None:
 
 @contextmanager
 def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator[Workers]:
-    """Open the workers that make blocks, until the end of a `with` block.
-
-    Parameters
-    ----------
-    engine
-        Where blocks are made.
-    blocks
-        Number of blocks to be made at first, which bounds the number of processes.
-    draws
-        Whether the jobs draw with OpenGL.
+    """Open the workers that make so many blocks at first, with OpenGL or without, until a `with` block ends.
 
     Raises
     ------
@@ -301,8 +275,8 @@ class _OpenSession:
         self._stack = ExitStack()
 
     def of(self, key: object, job: Callable[[], Job]) -> Session:
-        """Return the session of the job with a key."""
-        if self._session is None or self._key != key:
+        """Return the session of the job that is known by an object."""
+        if self._session is None or self._key is not key:
             self.close()
             self._session, self._key = self._stack.enter_context(job().open()), key
         return self._session
@@ -327,7 +301,7 @@ class _ThisProcess(Workers):
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
         for item in items:
-            yield item, function(self._open.of(id(job), lambda: job), item)
+            yield item, function(self._open.of(job, lambda: job), item)
 
 
 class _Process:
@@ -371,7 +345,7 @@ class _Process:
         self._connection, theirs = Pipe()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
+                [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,  # standard output belongs to the command
                 env=self._environment,
@@ -407,7 +381,7 @@ class _Processes(Workers):
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
         if self._pickled is None or self._pickled[0] is not job:
-            self._pickled = job, _pickled(job)
+            self._pickled = job, pickle.dumps(job)
         _, pickled = self._pickled
         # Each item with the times that it has been given out.
         waiting, again = ((item, 1) for item in items), list[tuple[Item, int]]()
@@ -524,7 +498,7 @@ class _Cluster(Workers):
         if not listed:
             return
         try:
-            pickled = self._client.scatter([_pickled(job)], hash=False)[0]
+            pickled = self._client.scatter([pickle.dumps(job)], hash=False)[0]
             futures = self._client.map(
                 _do_in_cluster, listed, key=f"{job.name}-{os.getpid()}", pure=False, pickled=pickled,
                 function=function, version=metadata.version("xfrustum"),
@@ -568,16 +542,12 @@ def _do_in_cluster(
         raise InputError(f"{error} (worker on {socket.gethostname()})") from error
 
 
-def _pickled(job: Job) -> bytes:
-    return pickle.dumps(job)
-
-
-def _frozen(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+def _proxy(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(content)
 
 
 # Tables of a scene are proxies of dictionaries, which Python does not pickle by itself.
-copyreg.pickle(MappingProxyType, lambda proxy: (_frozen, (dict(proxy),)))
+copyreg.pickle(MappingProxyType, lambda proxy: (_proxy, (dict(proxy),)))
 
 
 def device_index() -> int:

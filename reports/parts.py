@@ -19,7 +19,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +47,8 @@ _NO_DIGEST = b"0" * 64
 MAX_NAMED_VALUES = 3
 """Values of one part of a description that are told with what they were and what they are now."""
 
-MAX_VALUE_CHARACTERS = 40
-"""Longest text of a value that is told; hashes and longer texts tell a reader nothing."""
+MAX_VALUES_CHARACTERS = 80
+"""Longest text of a value before and now that are told; hashes and longer texts tell a reader nothing."""
 
 PIXELS_PER_BLOCK = 1 << 22
 """Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
@@ -100,14 +99,9 @@ def hogel_blocks(places: Sequence[int], size: int, first: int = 0) -> Iterator[H
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """The parts of one result.
+    """The parts of one result: those in the folder `name` of the folder `out` that the user named.
 
-    Attributes
-    ----------
-    out
-        Folder that the user named; files are made aside in it.
-    name
-        Name of the folder of parts in it.
+    What writes raises an InputError where the disk is full or cannot be written.
     """
 
     out: Path
@@ -125,10 +119,7 @@ class Parts:
     def open(self, description: dict[str, Any]) -> None:
         """Make the folder, or see that it belongs to the same result; several processes may do so at once.
 
-        Parameters
-        ----------
-        description
-            Everything that decides the rows, in JSON's own types.
+        The description is everything that decides the rows, in JSON's own types.
 
         Raises
         ------
@@ -165,13 +156,7 @@ class Parts:
         return os.path.lexists(self.path(number)) and not self.finished(number)
 
     def write(self, number: int, table: pa.Table) -> None:
-        """Write the part of a block; afterwards it is finished, and on the disk.
-
-        Raises
-        ------
-        InputError
-            The disk is full or cannot be written.
-        """
+        """Write the part of a block; afterwards it is finished, and on the disk."""
         buffer = io.BytesIO()
         with pq.ParquetWriter(buffer, table.schema) as writer:
             writer.write_table(table)
@@ -211,24 +196,12 @@ class Parts:
         return content if without.hexdigest().encode() == found[-1][1] else None
 
     def remove(self, number: int) -> None:
-        """Remove the part of a block, which is unfinished afterwards.
-
-        Raises
-        ------
-        InputError
-            The folder cannot be written.
-        """
+        """Remove the part of a block, which is unfinished afterwards."""
         with self._writable():
             self.path(number).unlink(missing_ok=True)
 
     def write_beside(self, name: str, content: bytes) -> None:
-        """Write a file beside the parts, whole or not at all.
-
-        Raises
-        ------
-        InputError
-            The disk is full or cannot be written.
-        """
+        """Write a file beside the parts, whole or not at all."""
         with self._writable():
             write_file(self.folder / name, content, host=self.out)
 
@@ -237,13 +210,7 @@ class Parts:
         return _regular(self.folder / name)
 
     def remove_beside(self, name: str) -> None:
-        """Remove a file beside the parts, if there is one.
-
-        Raises
-        ------
-        InputError
-            The folder cannot be written.
-        """
+        """Remove a file beside the parts, if there is one."""
         with self._writable():
             (self.folder / name).unlink(missing_ok=True)
 
@@ -298,39 +265,33 @@ def _regular(path: Path) -> bytes | None:
 
 
 def differences_words(found: object, wanted: object) -> str:
-    """Return what differs, such as "other settings (near was 0.1, now 0.2) and another scene".
-
-    Parameters
-    ----------
-    found, wanted
-        Description that a folder has, and the one that is asked for, both as JSON has them.
-    """
+    """Return what differs between two JSON objects, such as "other settings (near was 0.1, now 0.2)"."""
     if not (isinstance(found, dict) and isinstance(wanted, dict)):
         return "another description"
     parts = []
     for key in dict.fromkeys((*wanted, *found)):
-        if found.get(key) == wanted.get(key):
-            continue
-        values = list(islice(_changed_values(found.get(key), wanted.get(key), key), MAX_NAMED_VALUES))
-        told = "; ".join(f"{name} was {was}, now {now}" for name, was, now in values)
-        # "Content" has no plural.
-        article = "other" if key.split()[0].endswith("s") or key == "content" else "another"
-        parts.append(f"{article} {key}" + (f" ({told})" if told else ""))
+        was, now = (dict(_leaves(one.get(key), (key,))) for one in (found, wanted))
+        changed = [
+            f"{path[-1]} was {was[path]}, now {now[path]}"
+            for path in was
+            if was[path] != now.get(path, was[path]) and len(was[path] + now[path]) <= MAX_VALUES_CHARACTERS
+        ]
+        if was != now:
+            # "Content" has no plural.
+            article = "other" if key.split()[0].endswith("s") or key == "content" else "another"
+            told = "; ".join(changed[:MAX_NAMED_VALUES])
+            parts.append(f"{article} {key}" + (f" ({told})" if told else ""))
     *first, last = parts or ["another description"]
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _changed_values(found: object, wanted: object, name: str) -> Iterator[tuple[str, str, str]]:
-    """Yield name, former and present text of the short values that differ, however deep they lie."""
-    if found == wanted:
-        return
-    if isinstance(found, dict) and isinstance(wanted, dict):
-        for key in dict.fromkeys((*wanted, *found)):
-            yield from _changed_values(found.get(key), wanted.get(key), key)
-    elif isinstance(found, list) and isinstance(wanted, list) and len(found) == len(wanted):
-        for one, other in zip(found, wanted, strict=True):
-            yield from _changed_values(one, other, name)
+def _leaves(value: object, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the name of each value within a value, and its text; lists of plain values are one."""
+    if isinstance(value, dict):
+        for key, one in value.items():
+            yield from _leaves(one, (*path, key))
+    elif isinstance(value, list) and any(isinstance(one, dict | list) for one in value):
+        for number, one in enumerate(value):
+            yield from _leaves(one, (*path[:-1], f"{number}", path[-1]))
     else:
-        was, now = (json.dumps(value, ensure_ascii=False, default=str) for value in (found, wanted))
-        if max(len(was), len(now)) <= MAX_VALUE_CHARACTERS:
-            yield name, was, now
+        yield path, json.dumps(value, ensure_ascii=False, default=str)
