@@ -29,8 +29,13 @@ from xfrustum.reports.error_report.sweep import (
     settings_grid,
     sweep,
 )
-from xfrustum.reports.inspection.page import PAGE, Inspection, replacing_inspection, write_inspection
-from xfrustum.reports.inspection.plate_map import PlateMap
+from xfrustum.reports.inspection.page import (
+    PAGE,
+    Inspection,
+    PlateMap,
+    replacing_inspection,
+    write_inspection,
+)
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot

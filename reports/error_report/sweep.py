@@ -34,8 +34,7 @@ from xfrustum.reports.error_report.measurement import (
     StageParts,
     TracersAlonePictured,
 )
-from xfrustum.reports.inspection.drawn import inspected_drawings
-from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
+from xfrustum.reports.inspection.channels import MAX_HOGELS, InspectedHogel, inspected_drawings
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.look import is_shaded

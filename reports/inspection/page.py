@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +16,16 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.inspection.hogels import MAX_HOGELS, MAX_INSPECTED_PIXELS, InspectedHogel, LayerHead
-from xfrustum.reports.inspection.plate_map import PlateMap
+from xfrustum.reports.inspection.channels import (
+    MAX_HOGELS,
+    MAX_INSPECTED_PIXELS,
+    InspectedHogel,
+    LayerHead,
+)
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Plate
 
 PAGE = "inspect.html"
 """Name of the page."""
@@ -28,6 +34,42 @@ MAX_PAGE_BYTES = 18_000_000
 """Largest size of the page. It shall pass through a mail server as an attachment: the usual limit is 25 MB,
 of which base64, in which attachments travel, leaves three fourths. Hogels that do not fit lie in files beside
 the page, one each."""
+
+
+MAX_MAP_CELLS = 120
+"""Largest number of cells along a side of a map; a cell of a larger plate stands for several hogels. On the
+page a map is some 360 pixels wide, so that a cell has at least three."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlateMap:
+    """One number of the hogels of a plate.
+
+    Attributes
+    ----------
+    words
+        What the number is: a share, if that is their first word.
+    cells
+        (rows, columns) of cells, the largest value in each; NaN where no hogel is known.
+    """
+
+    words: str
+    cells: Floats
+
+    @property
+    def in_percent(self) -> bool:
+        """Whether the number is told in percent."""
+        return self.words.startswith("Share")
+
+    @classmethod
+    def of(cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]) -> PlateMap:
+        """Make a map of hogels by column and row."""
+        columns, rows = (min(count, MAX_MAP_CELLS) for count in plate.hogels)
+        cells = np.full((rows, columns), np.nan)
+        for column, row, value in values:
+            place = row * rows // plate.hogels[1], column * columns // plate.hogels[0]
+            cells[place] = np.fmax(cells[place], value)
+        return cls(words=words, cells=cells)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

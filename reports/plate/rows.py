@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import zarr
 
-from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group
+from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group, told
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.errors import InputError
@@ -74,7 +74,8 @@ class GroupRows:
                 hogel: Any = self.stored[number, column]
             except DAMAGE as error:
                 raise InputError(
-                    f"{self.place}: hogel {column},{number} is damaged; `plate --check` draws it again"
+                    f"{self.place}: hogel {column},{number} is damaged ({told(error)}); "
+                    "`plate --check` draws it again"
                 ) from error
             pixels[column] = hogel if self.array is PlateArray.COLOR else packed(hogel)
         return pixels
@@ -110,7 +111,7 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
             raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
         stored = group[chosen]
     except DAMAGE as error:
-        raise InputError(f"{place}: is no plate that can be read ({error})") from error
+        raise InputError(f"{place}: is no plate that can be read ({told(error)})") from error
     dimensions = 5 if chosen is PlateArray.COLOR else 4
     if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
         raise InputError(f"{place}: array {chosen} is not that of a plate")

@@ -75,7 +75,7 @@ class _RegularFiles(LocalStore):
     ) -> Buffer | None:
         path = self.root / key
         if path.exists() and not path.is_file():
-            raise OSError(f"{path} is no file")
+            raise OSError(f"{path} is no regular file")
         return await super().get(key, prototype, byte_range)
 
 
@@ -90,7 +90,14 @@ def open_group(place: Path, mode: str = "r") -> zarr.Group:
     try:
         return zarr.open_group(_RegularFiles(place.resolve(), read_only=mode == "r"), mode=mode)  # type: ignore[arg-type]
     except DAMAGE as error:
-        raise InputError(f"{place}: is no plate that can be read; draw one with `xfrustum plate`") from error
+        raise InputError(
+            f"{place}: is no plate that can be read ({told(error)}); draw one with `xfrustum plate`"
+        ) from error
+
+
+def told(error: Exception) -> str:
+    """Return what Zarr says of damage, in one short line."""
+    return f"{' '.join(str(error).split()) or type(error).__name__:.200}"
 
 
 class StoredPlate:

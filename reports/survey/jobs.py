@@ -15,8 +15,7 @@ from xfrustum.reports.blocks import device_index
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
-from xfrustum.reports.inspection.drawn import WANTED, inspected_frame
-from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import HogelBlock, RowsJob
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
 from xfrustum.reports.verification.file_state import require_same_images, state_of_files
@@ -84,7 +83,7 @@ class DrawnSession:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
         scene = self._job.scene
         apertures, settings = [scene.plate.aperture(*index)], [self._job.settings[setting]]
-        with closing(self._judge.frames(apertures, settings, WANTED, partial(_shown, scene))) as frames:
+        with closing(self._judge.frames(apertures, settings, DRAWN, partial(_shown, scene))) as frames:
             return next(frames)
 
 

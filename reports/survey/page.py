@@ -17,7 +17,7 @@ from xfrustum.reports.common.provenance import versions
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
-from xfrustum.reports.inspection.plate_map import PlateMap
+from xfrustum.reports.inspection.page import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel

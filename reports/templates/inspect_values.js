@@ -1,5 +1,5 @@
 "use strict";
-// Streams of channels (reports/inspection/packing.py) as typed arrays, and numbers as text.
+// Streams of channels as typed arrays (little-endian, as on every machine with a browser), and numbers as text.
 
 const KINDS = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 
@@ -14,19 +14,6 @@ async function inflated(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// The four bytes of all values lie apart, the highest first; each value is a step from the one before.
-function restored(stored, kind, count) {
-  if (kind === "uint8") return stored.slice(0, count);
-  const values = new Uint32Array(count);
-  let value = 0;
-  for (let i = 0; i < count; i++) {
-    const step = (stored[i] << 24) | (stored[count + i] << 16) | (stored[2 * count + i] << 8) | stored[3 * count + i];
-    value = (value + step) | 0;
-    values[i] = value;
-  }
-  return new KINDS[kind](values.buffer);
-}
-
 async function unpacked(text, layers, count) {
   const bytes = await inflated(bytesOf(text)), found = {};
   let place = 0;
@@ -34,7 +21,7 @@ async function unpacked(text, layers, count) {
     found[layer.name] = {};
     for (const channel of layer.channels) {
       const length = count * KINDS[channel.kind].BYTES_PER_ELEMENT;
-      found[layer.name][channel.name] = restored(bytes.subarray(place, place + length), channel.kind, count);
+      found[layer.name][channel.name] = new KINDS[channel.kind](bytes.slice(place, place + length).buffer);
       place += length;
     }
   }

@@ -12,7 +12,7 @@ from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
-from xfrustum.reports.inspection.plate_map import PlateMap
+from xfrustum.reports.inspection.page import PlateMap
 from xfrustum.reports.verification.figures import PlateNumbers, figures_words, percent, totals
 from xfrustum.reports.verification.verdict import Verification
 

@@ -14,7 +14,7 @@ from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.channels import InspectedHogel
 from xfrustum.reports.verification.figures import (
     COLORS,
     DISPLACEMENT,

@@ -10,8 +10,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.compare.judging.judged import Figures
-from xfrustum.reports.inspection.foreign import inspected_figures
-from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.channels import InspectedHogel, inspected_figures
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

@@ -13,16 +13,17 @@ from tests.reports.inspection.conftest import Inspected
 from xfrustum import open_scene
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.inspection import page as inspection_page
-from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.channels import InspectedHogel
 from xfrustum.reports.inspection.page import (
+    MAX_MAP_CELLS,
     PAGE,
     Inspection,
+    PlateMap,
     read_inspection,
     remove_inspection,
     replacing_inspection,
     write_inspection,
 )
-from xfrustum.reports.inspection.plate_map import MAX_MAP_CELLS, PlateMap
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Plate
 
