@@ -6,16 +6,15 @@ before the point by more than half of the tolerance within which the point is kn
 farther from the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its
 other side, where the triangle does not hide it. What doubles leave open is decided in rational numbers.
 
-The film is cut into cells, one about each pixel's center, with a border for all that lies beside it. Points
-are sorted by the cells of their lines. There is one lane for each row of cells of a triangle's box: it walks
-the points in these cells, which lie one behind the other, and notes those before which it may be met.
+Points on clear triangles are seen (`clear`). The others are sorted by the cells of their lines (`cells`).
+There is one lane for each row of cells of a triangle's box: it walks the points in these cells, which lie one
+behind the other, and notes those before which it may be met.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -38,15 +37,20 @@ from xfrustum.reference.backend import (
     vectors_on_device,
 )
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
-from xfrustum.reference.certify.boxes import bounding_boxes
+from xfrustum.reference.certify.cells import Rows, film_places, rows_of_cells
+from xfrustum.reference.certify.clear import ClearTriangles, clear_triangles
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Cones, Planes, Triangles, Viewpoint, in_range
-from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
-HALF_CELL = 0.5
-"""Distance, in pixels, of a cell's sides from its center."""
+FEWEST_QUERIES = 3
+"""Number of a pencil's queries from which on its clear triangles are known. To find them takes about as long
+as two queries of all points of a picture; most of that is saved from then on."""
+
+MAX_TRIANGLES_PER_PIXEL = 1 / 4
+"""Largest number of triangles for each pixel of the film with which clear triangles are searched for: of
+triangles that are as small as pixels, few have points that are well inside."""
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
@@ -77,16 +81,6 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Rows:
-    """Rows of cells that triangles' boxes reach into, one lane each, with the cell behind the last."""
-
-    first: Any
-    behind: Any
-    number: Any
-    holds: Any
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Lines:
     """The lines through points, sorted by the cells of the film.
 
@@ -98,11 +92,32 @@ class _Lines:
         (N,) numbers of the points.
     start
         First line of each cell.
+    positions
+        Coordinates x, y and z of all points, and their tolerances.
     """
 
     line: Any
     point: Any
     start: Any
+    positions: list[Any]
+
+
+class _Film:
+    """A pencil's film: rows of cells and, as soon as they are worth finding, its clear triangles."""
+
+    def __init__(self, triangles: Triangles, pencil: Pencil) -> None:
+        self.pencil, self._triangles = pencil, triangles
+        self.rows = rows_of_cells(triangles, pencil)
+        few = len(triangles) <= MAX_TRIANGLES_PER_PIXEL * math.prod(pencil.resolution)
+        self._left = FEWEST_QUERIES if few else -1
+        self._clear: ClearTriangles | None = None
+
+    def clear(self) -> ClearTriangles | None:
+        """Return the clear triangles for one more query; None for the first few."""
+        self._left -= 1
+        if self._left == 0:
+            self._clear = clear_triangles(self._triangles, self.pencil)
+        return self._clear
 
 
 class Occlusion:
@@ -110,8 +125,8 @@ class Occlusion:
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
-        # The settings of one aperture share its boxes of cells, and several threads judge an aperture each.
-        self._rows = lru_cache(maxsize=worker_count() + 1)(self._rows_of_cells)
+        # The settings of one aperture share its film, and several threads judge an aperture each.
+        self._film = lru_cache(maxsize=worker_count() + 1)(lambda pencil: _Film(triangles, pencil))
 
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points lie behind another surface on their own line, (N,).
@@ -123,14 +138,17 @@ class Occlusion:
         points
             Points that are asked about.
         """
-        if not len(points.position) or not len(self._triangles):
-            return np.zeros(len(points.position), dtype=np.bool_)
+        behind = np.zeros(len(points.position), dtype=np.bool_)
+        if not len(behind) or not len(self._triangles):
+            return behind
         with recording():
-            positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
-            lines = _sorted_lines(pencil, positions, on_device(points.triangle))
-            hidden = dr.zeros(Bool, len(points.position))
-            open_pairs = [self._sifted(pencil, rows, lines, positions, hidden) for rows in self._rows(pencil)]
-            behind: Mask = hidden.numpy().copy()
+            film = self._film(pencil)
+            hidden = dr.zeros(Bool, len(behind))
+            lines = _sorted_lines(pencil, points, film.clear())
+            open_pairs = []
+            if lines is not None:
+                open_pairs = [self._sifted(pencil, rows, lines, hidden) for rows in film.rows]
+            behind |= hidden.numpy()
         for point, triangle in open_pairs:
             # Only points that nothing surely hides are decided in rational numbers.
             asked = np.flatnonzero(~behind[point])
@@ -138,33 +156,7 @@ class Occlusion:
             behind[point[asked][met]] = True
         return behind
 
-    def _rows_of_cells(self, pencil: Pencil) -> list[_Rows]:
-        """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
-        # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
-        endless = replace(pencil, s_range=(pencil.s_range[0], math.inf))
-        exact = ExactPencil(self._triangles.corners, pencil)
-        width, height = (side + 2 for side in pencil.resolution)
-        found = []
-        for boxes in bounding_boxes(self._triangles, endless, exact, HALF_CELL, 1):
-            reaching = boxes.rows(range(height))
-            if reaching is None:
-                continue
-            box, row = reaching
-            start = UInt32(row) * dr.opaque(UInt32, width)
-            left, right = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
-            rows = _Rows(
-                first=start + UInt32(left),
-                behind=start + UInt32(right) + 1,
-                number=dr.gather(UInt32, boxes.number, box),
-                holds=None if boxes.holds is None else dr.gather(Bool, boxes.holds, box),
-            )
-            dr.eval(rows.first, rows.behind, rows.number, rows.holds)
-            found.append(rows)
-        return found
-
-    def _sifted(
-        self, pencil: Pencil, rows: _Rows, lines: _Lines, positions: Sequence[Any], hidden: Any
-    ) -> tuple[Indices, Indices]:
+    def _sifted(self, pencil: Pencil, rows: Rows, lines: _Lines, hidden: Any) -> tuple[Indices, Indices]:
         """Mark points that triangles surely hide, and return the pairs of point and triangle left open."""
         none = np.zeros(0, dtype=np.int64)
         first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
@@ -175,8 +167,7 @@ class Occlusion:
         first, last, number = (dr.gather(UInt32, one, lane) for one in (first, last, rows.number))
         holds = False if rows.holds is None else dr.gather(Bool, rows.holds, lane)
         cones = Cones.of(self._triangles.points(number), Viewpoint.of(pencil), holds)
-        count = len(positions[0])
-        room = max(MIN_PAIRS, int(PAIRS_PER_POINT * count))
+        room = max(MIN_PAIRS, int(PAIRS_PER_POINT * dr.width(lines.point)))
         (nearest,) = constants(pencil.s_range[:1])
         found, pairs = _walk(cones, (first, last, number), lines, nearest, room)
         if found > room:
@@ -185,7 +176,7 @@ class Occlusion:
             return none, none
         at = dr.arange(UInt32, found)
         point, triangle, sure = (dr.gather(type(one), one, at) for one in pairs)
-        x, y, z, tolerance = (dr.gather(Float64, one, point) for one in positions)
+        x, y, z, tolerance = (dr.gather(Float64, one, point) for one in lines.positions)
         # A point near the triangle's plane is not hidden, but where |(p_0 - P) . n| > t |n|. The length of n
         # has the bounds of its coordinates.
         planes = Planes.of(self._triangles.points(triangle), (x, y, z), False)
@@ -204,7 +195,10 @@ class Occlusion:
         if not len(point):
             return np.zeros(0, dtype=np.bool_)
         position, tolerance = points.position[point], points.tolerance[point]
-        dx, dy, ends = _line_ends(pencil, [*position.T, tolerance], np.sqrt)
+        # The same doubles as in `_sorted_lines`.
+        offset = position - pencil.center
+        dx, dy = offset[:, 0] / -offset[:, 2], offset[:, 1] / -offset[:, 2]
+        ends = -offset[:, 2] - tolerance / (2 * np.sqrt(dx * dx + dy * dy + 1.0))
         directions = np.stack((dx, dy, np.full(len(point), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
         # Nothing is met before its end by a line that ends before the range.
@@ -221,39 +215,29 @@ class Occlusion:
         )
 
 
-def _line_ends(pencil: Pencil, positions: Sequence[Any], root: Any) -> tuple[Any, Any, Any]:
-    """Return slopes dx and dy of the lines through points, and s before which a surface hides the point.
+def _sorted_lines(pencil: Pencil, points: SurfacePoints, clear: ClearTriangles | None) -> _Lines | None:
+    """Return the lines through points that no clear triangle shows to be seen; None where all are.
 
-    Parameters
-    ----------
-    pencil
-        Lines through the point from which the points are seen.
-    positions
-        Coordinates x, y and z of the points, and the distance within which each is known.
-    root
-        Square root of an array.
+    What is met nearer than half a tolerance before a point is the point's own surface.
     """
-    x, y, z, tolerance = positions
-    center = pencil.center if root is np.sqrt else constants(pencil.center)
-    s = center[2] - z
-    dx, dy = (x - center[0]) / s, (y - center[1]) / s
-    # What is met nearer than half a tolerance before the point is the point's own surface.
-    return dx, dy, s - tolerance / (2 * root(dx * dx + dy * dy + 1.0))
-
-
-def _sorted_lines(pencil: Pencil, positions: Sequence[Any], own: Any) -> _Lines:
-    """Return the lines through points on the numbered triangles, sorted by the cells of the film."""
-    count = dr.width(own)
-    dx, dy, end = _line_ends(pencil, positions, dr.sqrt)
-    places = []
-    for axis, slope in enumerate((dx, dy)):
-        pixels, sign = pencil.resolution[axis], (1, -1)[axis]
-        scale = sign * pixels / (2 * pencil.half_extent[axis])
-        shear, scale, middle, side = constants((pencil.shear[axis], scale, (pixels - 1) / 2, pixels))
-        place = (slope - shear) * scale + middle
-        places.append(UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1))
+    positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
+    own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
+    some = positions
+    if clear is not None:
+        s, _, place = film_places(pencil, positions)
+        kept: Any = dr.compress(~clear.seen(own, place, s, positions[3]))
+        if not dr.width(kept):
+            return None
+        some = [dr.gather(Float64, one, kept) for one in positions]
+        own, point = dr.gather(Int32, own, kept), kept
+    s, (dx, dy), places = film_places(pencil, some)
+    end = s - some[3] / (2 * dr.sqrt(dx * dx + dy * dy + 1.0))
+    column, row = (
+        UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
+        for place, side in zip(places, constants(pencil.resolution), strict=True)
+    )
     width, height = (side + 2 for side in pencil.resolution)
-    cell = places[1] * dr.opaque(UInt32, width) + places[0]
+    cell = row * dr.opaque(UInt32, width) + column
     # Counting sort: the order of the lines within a cell means nothing.
     number: Any = dr.zeros(UInt32, width * height + 1)
     rank = dr.scatter_inc(number, cell)
@@ -262,12 +246,12 @@ def _sorted_lines(pencil: Pencil, positions: Sequence[Any], own: Any) -> _Lines:
     start: Any = dr.prefix_sum(number)
     first: Any = dr.gather(UInt32, start, cell)
     target = first + rank
-    line, point = dr.empty(Float64, 4 * count), dr.empty(UInt32, count)
+    line, sorted_point = dr.empty(Float64, 4 * dr.width(own)), dr.empty(UInt32, dr.width(own))
     # Four numbers at a time, one beside the other: a walk reads a line at once.
     dr.scatter(line, together, target)
-    dr.scatter(point, dr.arange(UInt32, count), target)
-    dr.eval(line, point, start)
-    return _Lines(line=line, point=point, start=start)
+    dr.scatter(sorted_point, point, target)
+    dr.eval(line, sorted_point, start)
+    return _Lines(line=line, point=sorted_point, start=start, positions=positions)
 
 
 def _walk(
