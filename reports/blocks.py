@@ -363,7 +363,7 @@ class _Processes(Workers):
         self.count = count
         threads = str(max(1, _processors() // count))
         usual = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, threads)}
-        usual["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+        usual["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, sys.path))
         self._processes = [
             _Process({**usual, DEVICE_VARIABLE: str(device)} if devices else usual)
             for device, _ in zip(itertools.cycle(devices or (0,)), range(count), strict=False)

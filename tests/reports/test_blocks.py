@@ -130,7 +130,7 @@ def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
         "run(ToyJob.at(Path(sys.argv[1]), seconds=0.2), Engine(workers=2))"
     )
     chance = random.Random(1)
-    for _ in range(3 if stop is signal.SIGKILL else 1):
+    for _ in range(2 if stop is signal.SIGKILL else 1):
         before = len(made(tmp_path))
         if before == len(NUMBERS):
             break
