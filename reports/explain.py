@@ -17,8 +17,14 @@ import numpy as np
 
 from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.compare.extent_words import require_seen
-from xfrustum.compare.eye.limits import Viewer, display_limits
-from xfrustum.compare.eye.noticeable import Display, require_before_viewer, resolved_crack, surface_content
+from xfrustum.compare.eye.noticeable import (
+    Display,
+    Viewer,
+    display_limits,
+    require_before_viewer,
+    resolved_crack,
+    surface_content,
+)
 from xfrustum.compare.prediction.band_limiting import (
     LEVEL,
     band_limit,

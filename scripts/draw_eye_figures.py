@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from xfrustum.compare.eye.collected import Collector, collected, film_parts
-from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.eye.loss import LossMaps, Views, display_loss, renderer_loss
 from xfrustum.compare.eye.moved import MovedScene, moved_scene
+from xfrustum.compare.eye.noticeable import Viewer
+from xfrustum.compare.eye.shown import Collector, collected, film_parts
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.commands.planning import make_plan, make_viewer_plan
-from xfrustum.reports.eye.pictures import WRONG, shown
-from xfrustum.reports.eye.sources import Drawing
+from xfrustum.reports.eye.page import WRONG, shown
+from xfrustum.reports.eye.view import Drawing
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye

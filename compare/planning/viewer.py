@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.eye.noticeable import (
     Content,
     Display,
+    Viewer,
     finest_separation,
     require_before_viewer,
     resolved_crack,

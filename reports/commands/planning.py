@@ -10,7 +10,7 @@ from dataclasses import replace
 import scipy
 
 from xfrustum.compare.extent_words import require_seen
-from xfrustum.compare.eye.limits import Viewer
+from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.measure import meets
 from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps

@@ -10,10 +10,8 @@ import numpy as np
 
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.eye.files import NAMES, images
-from xfrustum.reports.eye.pictures import png, shown
-from xfrustum.reports.eye.sources import Source
-from xfrustum.reports.eye.viewing import ViewRecord, view
+from xfrustum.reports.eye.page import NAMES, images, png, shown
+from xfrustum.reports.eye.view import Source, ViewRecord, view
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect

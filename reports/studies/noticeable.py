@@ -17,8 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC, Viewer
-from xfrustum.compare.eye.noticeable import Display, finest_separation, resolved_crack, stereo_change_arcsec
+from xfrustum.compare.eye.noticeable import (
+    STEREO_ACUITY_ARCSEC,
+    Display,
+    Viewer,
+    finest_separation,
+    resolved_crack,
+    stereo_change_arcsec,
+)
 from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
@@ -28,7 +34,7 @@ from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.eye.replayed import ReplayWorkbench
+from xfrustum.reports.eye.plan_replay import ReplayWorkbench
 from xfrustum.reports.studies.figures import Map, Panel, buffer_name, svg
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder
 from xfrustum.scenes import open_scene

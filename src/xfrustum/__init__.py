@@ -59,7 +59,7 @@ _NAMES = {
     "reports.error_report.report": "ReportFiles make_report",
     "compare.planning.views": "Requirement",
     "reports.scene_check.checking": "SceneCheck check",
-    "reports.eye.viewing": "SceneView view",
+    "reports.eye.view": "SceneView view",
     "reports.survey.answer": "Survey",
     "reports.verification.verdict": "Verification",
     "reports.plate.store": "camera_of",

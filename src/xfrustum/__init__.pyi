@@ -23,8 +23,8 @@ from xfrustum.reports.exchange.convert import ConversionOptions as ConversionOpt
 from xfrustum.reports.exchange.convert import convert as convert
 from xfrustum.reports.explain import EffectsPlan as EffectsPlan
 from xfrustum.reports.explain import explain as explain
-from xfrustum.reports.eye.viewing import SceneView as SceneView
-from xfrustum.reports.eye.viewing import view as view
+from xfrustum.reports.eye.view import SceneView as SceneView
+from xfrustum.reports.eye.view import view as view
 from xfrustum.reports.plate.plate import PlateFiles as PlateFiles
 from xfrustum.reports.plate.plate import write_plate as write_plate
 from xfrustum.reports.plate.store import camera_of as camera_of

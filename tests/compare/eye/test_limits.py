@@ -12,15 +12,13 @@ from hypothesis import strategies as st
 
 from tests.support.views import view
 from xfrustum.cli.main import main
-from xfrustum.compare.eye.limits import (
+from xfrustum.compare.eye.noticeable import (
     EYES_APART_MM,
     STEREO_ACUITY_ARCSEC,
-    Viewer,
-    display_limits,
-)
-from xfrustum.compare.eye.noticeable import (
     Display,
+    Viewer,
     crack_arcmin,
+    display_limits,
     resolved_crack,
     stereo_change_arcsec,
     surface_content,

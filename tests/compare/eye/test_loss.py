@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare.eye.collected import (
+from xfrustum.compare.eye.loss import Views, disparity, display_loss, renderer_loss, shown_at
+from xfrustum.compare.eye.moved import moved_scene
+from xfrustum.compare.eye.shown import (
     DEFAULT_COLOR,
     Collector,
     DrawnHogel,
@@ -17,9 +19,6 @@ from xfrustum.compare.eye.collected import (
     drawn_hogels,
     film_parts,
 )
-from xfrustum.compare.eye.loss import Views, display_loss, renderer_loss, shown_at
-from xfrustum.compare.eye.moved import moved_scene
-from xfrustum.compare.eye.stereo import disparity
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along

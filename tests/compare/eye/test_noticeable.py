@@ -11,18 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.views import view
-from xfrustum.compare.eye.limits import EYES_APART_MM, Viewer, display_limits, scene_length
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.moved import replayed_points
 from xfrustum.compare.eye.noticeable import (
     ARCSEC_PER_RADIAN,
+    EYES_APART_MM,
     Content,
     Display,
+    Viewer,
     crack_arcmin,
     disparity_changes,
+    display_limits,
     resolved_crack,
     resolved_separation,
     runs_through_plate,
+    scene_length,
     stereo_change_arcsec,
 )
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Pivot, Scene

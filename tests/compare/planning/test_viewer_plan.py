@@ -10,21 +10,20 @@ import pytest
 
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.eye.limits import Viewer
-from xfrustum.compare.eye.noticeable import Content, Display, stereo_change_arcsec
+from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement
 from xfrustum.compare.planning.views import Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.commands.planning import make_viewer_plan, table
-from xfrustum.reports.eye.planned import (
+from xfrustum.reports.eye.plan_replay import (
     PlannedRecord,
+    Replayed,
     exceeded,
     planned_record,
     planned_table,
     replayed_plan,
 )
-from xfrustum.reports.eye.replayed import Replayed
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 
 

@@ -11,10 +11,16 @@ import pytest
 
 from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
-from xfrustum.compare.eye.limits import EYES_APART_MM, STEREO_ACUITY_ARCSEC, Viewer
-from xfrustum.compare.eye.noticeable import Display, replay_noise_arcsec, surface_content
+from xfrustum.compare.eye.noticeable import (
+    EYES_APART_MM,
+    STEREO_ACUITY_ARCSEC,
+    Display,
+    Viewer,
+    replay_noise_arcsec,
+    surface_content,
+)
 from xfrustum.compare.sampling import share_at_most
-from xfrustum.reports.eye.replayed import ReplayWorkbench
+from xfrustum.reports.eye.plan_replay import ReplayWorkbench
 from xfrustum.reports.studies import noticeable
 from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns, rule_near
 from xfrustum.reports.studies.sweep import read_rows

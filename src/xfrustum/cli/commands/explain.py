@@ -50,7 +50,7 @@ def explain(
     or an option here, asks for them.
     """
     opened = light.applied(options.open_scene(scene))
-    from xfrustum.compare.eye.limits import scene_length
+    from xfrustum.compare.eye.noticeable import scene_length
     from xfrustum.reports import explain as explaining
 
     near = near or explaining.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach

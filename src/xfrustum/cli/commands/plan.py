@@ -13,7 +13,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
-    from xfrustum.compare.eye.limits import Viewer
+    from xfrustum.compare.eye.noticeable import Viewer
     from xfrustum.compare.planning.search import DepthBuffer
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.sampling import RandomSample
@@ -101,7 +101,7 @@ def plan(
             "--aperture names one aperture and --apertures asks for many: give one of them"
         )
     opened = options.open_scene(scene)
-    from xfrustum.compare.eye.limits import Viewer, scene_length
+    from xfrustum.compare.eye.noticeable import Viewer, scene_length
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.sampling import RandomSample
@@ -154,7 +154,7 @@ def _plan_for_eyes(
     as_json: bool,
 ) -> None:
     from xfrustum.reports.commands.planning import make_viewer_plan, table
-    from xfrustum.reports.eye.planned import planned_record, planned_table, replayed_plan
+    from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
 
     made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=not quiet)
     options.warn_of(scene)

@@ -15,7 +15,7 @@ from xfrustum.cli.options import option
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
-    from xfrustum.reports.eye.sources import Source
+    from xfrustum.reports.eye.view import Source
     from xfrustum.scenes.model.eye import Eye
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -37,7 +37,7 @@ def _eyes(places: tuple[Place, ...], path: int | None, **given: Any) -> Callable
     """Return a function that makes the eyes, for that loads what `--help` does not need."""
 
     def eyes() -> tuple[Eye, ...]:
-        from xfrustum.reports.eye.viewing import eyes_on_path
+        from xfrustum.reports.eye.view import eyes_on_path
         from xfrustum.scenes.model.eye import Eye
 
         known = {name: value for name, value in given.items() if value is not None}
@@ -74,7 +74,7 @@ class _Hogels:
 
     def source(self, scene: Scene, settings: DoubleFrustum | None, light: Light) -> Source | None:
         """Return where the hogels come from; None where none are asked for."""
-        from xfrustum.reports.eye.sources import Drawing, Images, StoredPlate
+        from xfrustum.reports.eye.view import Drawing, Images, StoredPlate
         from xfrustum.scenes.files.foreign_images import Encoding
 
         if settings is not None:
@@ -131,8 +131,8 @@ def view(
     opened = light.applied(options.open_scene(scene))
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.eye import quilt as quilts
-    from xfrustum.reports.eye.files import file_names, table, write_view
-    from xfrustum.reports.eye.viewing import view as viewed
+    from xfrustum.reports.eye.page import file_names, table, write_view
+    from xfrustum.reports.eye.view import view as viewed
 
     chosen = eyes()
     if quilt is not None and (out is None or len(chosen) > 1 or stereo is not None):
