@@ -10,7 +10,8 @@ import numpy as np
 
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.eye.page import NAMES, images, png, shown
+from xfrustum.reports.eye.page import NAMES, images
+from xfrustum.reports.eye.pictures import png, shown
 from xfrustum.reports.eye.view import Source, ViewRecord, view
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError

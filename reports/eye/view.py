@@ -35,7 +35,7 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.eye.page import shown
+from xfrustum.reports.eye.pictures import shown
 from xfrustum.reports.plate import stored
 from xfrustum.reports.plate.store import COLOR, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
