@@ -36,8 +36,8 @@ from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.pictures import shown
-from xfrustum.reports.plate import stored
-from xfrustum.reports.plate.store import COLOR, TRIANGLE
+from xfrustum.reports.plate import store
+from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
@@ -128,7 +128,7 @@ class StoredPlate:
     def __init__(self, path: Path, scene: Scene) -> None:
         self.name = path.name
         try:
-            plate = stored.StoredPlate(path)
+            plate = store.StoredPlate(path)
         except InputError as error:
             raise InputError(f"--plate {error}") from error
         of_scene, given = plate.description.get("scene"), plate.description.get("settings")
@@ -148,7 +148,7 @@ class StoredPlate:
         width, height = scene.frustum.resolution
         expected = (*scene.plate.hogels[::-1], height, width)
         if COLOR not in self._arrays or any(a.shape[:4] != expected for a in self._arrays.values()):
-            raise InputError(f"--plate {path}: its arrays are damaged; xfrustum plate mends them")
+            raise InputError(f"--plate {path}: its arrays are damaged; draw the plate again")
 
     def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
         """Read the hogels.
@@ -168,7 +168,7 @@ class StoredPlate:
         for column, row in parts:
             try:
                 arrays = {name: np.asarray(array[row, column]) for name, array in self._arrays.items()}
-            except (RuntimeError, ValueError, OSError) as error:
+            except DAMAGE as error:
                 raise InputError(
                     f"--plate {self._path}: hogel {column},{row} is damaged; xfrustum plate --check mends it"
                 ) from error
