@@ -14,8 +14,7 @@ import numpy as np
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.planning.displacement import displacement_bound, traced_errors
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
-from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
-from xfrustum.compare.prediction.stacks import Stacks
+from xfrustum.compare.prediction.share import Slab, Stacks, depth_wrong_share, slabs
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.arrays import Floats

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -50,18 +49,11 @@ class Chain(Brief):
     subpixel_bits: int
 
 
-MAX_KEPT_SETTINGS = 64
-"""Number of settings for which those of their chain are kept: a sweep asks for them once for each step of
-judging, and making settings takes longer, because they are checked."""
-
-
-@lru_cache(maxsize=MAX_KEPT_SETTINGS)
 def with_named_fit(settings: DoubleFrustum, frustum: Frustum) -> DoubleFrustum:
     """Return settings whose fit by default is replaced by the one that it stands for."""
     return replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
 
 
-@lru_cache(maxsize=MAX_KEPT_SETTINGS)
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
     # Links that change nothing are equal.
@@ -80,7 +72,6 @@ def links_of(settings: DoubleFrustum) -> tuple[str, ...]:
     return (*LINKS[:RASTERIZATION], CULLING, *LINKS[RASTERIZATION:])
 
 
-@lru_cache(maxsize=MAX_KEPT_SETTINGS)
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
     """Return settings with `EXACT_DEPTH`, and all else as it is."""
     return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])

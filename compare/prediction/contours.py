@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property, lru_cache
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -25,23 +25,6 @@ that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a pe
 either side, and the normal is exact. On stairs that lean less the normal is too near to an axis, but by at
 most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
 mix contours that are as near to each other."""
-
-SIGMAS = 4.0
-"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
-
-RADIUS_PX = int(SIGMAS * CONTOUR_SIGMA_PX + 0.5)
-"""Distance from a pixel to the last one along each axis that the filter takes in, pixels."""
-
-MAX_SPARSE_FRACTION = 0.3
-"""Largest share of an image that the filter takes anything but zero to, and that is smoothed pixel by pixel.
-Contours reach a tenth of most images; SciPy's filter, which smooths every pixel, takes as long as a share of
-about a third does."""
-
-CACHE_LINE_VALUES = 8
-"""Number of doubles in a line of the processor's cache."""
-
-Mode = Literal["reflect", "constant"]
-"""Ways in which an image goes on beyond its border, as SciPy names them: mirrored at it, or with zeros."""
 
 MIN_OCCLUSION_FOOTPRINTS = 2
 """Distance, in footprints of a pixel, by which neighboring points must lie off each other's tangent planes
@@ -197,15 +180,14 @@ def _occludes(truth: HogelImage, pairs: Pairs, axis: int) -> Mask:
     deep = np.abs(far - near) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
     some = np.flatnonzero(deep)
     footprint = footprint.ravel()[some]
-    # Rows of three numbers are taken several times faster by flat numbers of pixels than by two indices.
     positions, normals = (one.reshape(-1, 3) for one in (truth.position, truth.normal))
     first, step = (some + some // near.shape[1], 1) if axis else (some, near.shape[1])
-    chord = positions.take(first + step, axis=0) - positions.take(first, axis=0)
+    chord = positions[first + step] - positions[first]
     # Few points lie off the first plane: only these are asked how far they lie off the second.
     for beyond in (0, step):
-        normal = normals.take(first + beyond, axis=0)
-        off = np.abs(np.einsum("ij,ij->i", chord, normal)) > MIN_OCCLUSION_FOOTPRINTS * footprint
-        some, first, chord, footprint = (one[off] for one in (some, first, chord, footprint))
+        off = np.abs(np.einsum("ij,ij->i", chord, normals[first + beyond]))
+        kept = off > MIN_OCCLUSION_FOOTPRINTS * footprint
+        some, first, chord, footprint = (one[kept] for one in (some, first, chord, footprint))
     found.reshape(-1)[some] = True
     return found
 
@@ -224,14 +206,11 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
                 continue
             # Each of a step's two pixels takes half of it.
             both = np.concatenate((step.before, step.after))
-            halves = np.bincount(both, np.tile(weight, 2), size).astype(np.float64, copy=False)
-            pixels, values = smoothed_where_reached(halves.reshape(shape), "constant")
-            smooth = np.zeros(size)
-            smooth[pixels] = values
+            halves = np.bincount(both, np.tile(weight, 2), size).reshape(shape)
+            smooth = gaussian_filter(halves, CONTOUR_SIGMA_PX, mode="constant").reshape(-1)
             for found, asked in zip((across, down), steps, strict=True):
-                mine = np.flatnonzero(asked.kind == kind)
-                first, second = (smooth.take(end[mine]) for end in (asked.before, asked.after))
-                found[mine, axis] = first + second
+                mine = asked.kind == kind
+                found[mine, axis] = smooth[asked.before[mine]] + smooth[asked.after[mine]]
     return across, down
 
 
@@ -248,87 +227,3 @@ def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
     normal[against] = 0.0
     normal[against, axis] = step.oriented[against]
     return normal
-
-
-def smoothed_where_reached(image: Floats, mode: Mode = "reflect") -> tuple[Indices, Floats]:
-    """Smooth an image (H, W) over `CONTOUR_SIGMA_PX`: the numbers of SciPy's filter, without its zeros.
-
-    Returns
-    -------
-    Flat numbers (N,) of the pixels that the filter takes anything but zero to, and the smoothed values there.
-    """
-    padded = np.pad(image, RADIUS_PX, mode="symmetric" if mode == "reflect" else "constant")
-    # First along columns, as SciPy does: rows beyond the border are not needed any more, columns are.
-    by_columns = _reached(padded != 0, 0)
-    by_both = _reached(by_columns, 1)
-    found = np.flatnonzero(by_both)
-    if found.size > MAX_SPARSE_FRACTION * image.size:
-        return found, smoothed(image, mode).ravel().take(found)
-    half: Floats = np.zeros(by_columns.shape)
-    places = np.flatnonzero(by_columns)
-    # A pixel has the same flat number as the first row that its column's filter takes in: rows are as long.
-    half.reshape(-1)[places] = _weighted(padded, places, padded.shape[1])
-    rows, columns = np.divmod(found, image.shape[1])
-    return found, _weighted(half, rows * half.shape[1] + columns, 1)
-
-
-def smoothed(image: Floats, mode: Mode = "reflect") -> Floats:
-    """Return an image (H, W) smoothed over `CONTOUR_SIGMA_PX` by SciPy.
-
-    Rows lie an odd number of cache lines apart. Where they lie a power of two apart, as those of most films
-    do, the values of a column displace each other from the cache, and filtering takes twice the time.
-    """
-    height, width = image.shape
-    lines = -(-width // CACHE_LINE_VALUES) | 1
-    given: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
-    found: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
-    given[:] = image
-    gaussian_filter(given, CONTOUR_SIGMA_PX, output=found, mode=mode, truncate=SIGMAS)
-    return found
-
-
-def _reached(marked: Mask, axis: int) -> Mask:
-    """Return the pixels that lie within `RADIUS_PX` of a marked one along an axis, without a border."""
-    width, span = 2 * RADIUS_PX + 1, 1
-    while span < width:
-        # Each step joins two spans of pixels, so that there are few passes over the image.
-        step = min(span, width - span)
-        marked = marked[:-step] | marked[step:] if axis == 0 else marked[:, :-step] | marked[:, step:]
-        span += step
-    return marked
-
-
-def _weighted(values: Floats, begins: Indices, stride: int) -> Floats:
-    """Return sums of values, weighted as along a line of SciPy's filter, in its order.
-
-    Parameters
-    ----------
-    values
-        Values of any shape.
-    begins
-        (N,) flat numbers of the first value of each sum.
-    stride
-        Difference of the flat numbers of neighboring values along the line.
-    """
-    flat = values.reshape(-1)
-
-    def along(distance: int) -> Floats:
-        return flat[(RADIUS_PX + distance) * stride :].take(begins)
-
-    weights = _weights()
-    found = along(0) * weights[0]
-    for distance in range(RADIUS_PX, 0, -1):
-        both = along(-distance)
-        both += along(distance)
-        both *= weights[distance]
-        found += both
-    return found
-
-
-@lru_cache(maxsize=1)
-def _weights() -> tuple[float, ...]:
-    """Return the weights of SciPy's filter by distance: what it makes of a single one."""
-    one = np.zeros(2 * RADIUS_PX + 1)
-    one[RADIUS_PX] = 1.0
-    found = gaussian_filter1d(one, CONTOUR_SIGMA_PX, mode="constant", truncate=SIGMAS)
-    return tuple(found[RADIUS_PX:].tolist())

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.metrics.film import pixel_centers
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
@@ -65,10 +64,7 @@ class TruePoints:
         width, rows = truth.camera.resolution
         height = np.full(truth.triangle.shape, np.nan)
         np.copyto(height, truth.height, where=truth.off_plate)
-        from_middle = pixel_centers(truth.camera)
-        # Axis by axis: NumPy is several times slower along rows of two numbers.
-        for axis, side in enumerate((width, rows)):
-            from_middle[..., axis] -= (side - 1) / 2
+        from_middle = pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2]
         return cls(height=height, from_middle=from_middle, camera=truth.camera)
 
     @cached_property
@@ -81,19 +77,12 @@ class TruePoints:
         """Distances (...) from the middle of the film, pixels."""
         return lengths(self.from_middle)
 
-    @cached_property
-    def sides(self) -> tuple[Floats, Floats]:
-        """Columns and rows of `from_middle`, (...) each: NumPy is several times slower along rows of two."""
-        return np.ascontiguousarray(self.from_middle[..., 0]), np.ascontiguousarray(self.from_middle[..., 1])
-
-    def at(self, pixels: NDArray[Any]) -> TruePoints:
+    def at(self, pixels: Mask | Indices) -> TruePoints:
         """Return the points at some pixels, given as a mask or as indices of the flattened image."""
-        chosen = np.flatnonzero(pixels) if pixels.dtype == np.bool_ else pixels.ravel()
-        # NumPy takes rows of two numbers one by one, and complex numbers several times faster.
-        places = np.ascontiguousarray(self.from_middle).view(np.complex128).ravel().take(chosen)
+        chosen = np.flatnonzero(pixels) if pixels.dtype == np.bool_ else pixels
         return TruePoints(
-            height=self.height.ravel().take(chosen),
-            from_middle=places.view(np.float64).reshape(-1, 2),
+            height=self.height.reshape(-1)[chosen],
+            from_middle=self.from_middle.reshape(-1, 2)[chosen],
             camera=self.camera,
         )
 
@@ -138,17 +127,12 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
     per_fit = 0.0 if fitted is None else 1 / fitted
-    factor = bent if fitted is None else bent * (1 - points.depth * per_fit)
-    field = np.empty(points.from_middle.shape)
-    for axis, side in enumerate(points.sides):
-        np.multiply(side, factor, out=field[..., axis])
+    field = points.from_middle * (bent * (1 - points.depth * per_fit))[..., None]
     if settings.pivot is Pivot.CAMERA:
         camera = points.camera
         sides = [camera.resolution[0] / 2, -camera.resolution[1] / 2]
         film_units = np.asarray(camera.shear) / camera.half_extent * sides
-        factor = bent * (1 + settings.near * per_fit)
-        for axis in (0, 1):
-            field[..., axis] += factor * film_units[axis]
+        field += (bent * (1 + settings.near * per_fit))[..., None] * film_units
     return field
 
 

@@ -1,7 +1,19 @@
 """The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light").
 
 At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
-surface point is met. At one *surface point* the two lines differ: the eye vector bends.
+surface point is met. At one *surface point* the two lines differ: the eye vector bends. Its effect on
+highlights and reflections, to first order:
+
+With E the unit eye vector and d a line, E = -d / |d|. A bend D of the line (`eye_vector.bend`) turns E by
+
+    dE = - (D - (D.E) E) / |d|
+
+and turns the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE, of the same
+length. The specular term of a light from L then changes by
+
+    dC = I specular exponent (R.L)^(exponent - 1) (dR.L)      where N.L > 0 and R.L > 0
+
+and a mirror shows what lies at R + dR. Diffuse and ambient light do not depend on the eye.
 """
 
 from __future__ import annotations
@@ -12,8 +24,9 @@ from numpy.typing import NDArray
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reference.shading.interpolation import smooth_normals
 from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.shading.surroundings import radiance_toward
 from xfrustum.scenes.arrays import Floats, Numbers
-from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
@@ -94,3 +107,102 @@ def _through(position: NDArray[np.floating], center: tuple[float, float, float])
     offset = position.astype(np.float64) - center
     depth = -offset[..., 2:]
     return np.asarray(offset / np.where(depth == 0, np.nan, depth))
+
+
+def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
+    """Return E and dE, (N, 3) each.
+
+    Parameters
+    ----------
+    line, bend
+        (N, 3) direction d of the true line, of any length, and the drawn minus the true direction.
+    """
+    length = np.linalg.norm(line, axis=-1, keepdims=True)
+    eye = -line / length
+    return eye, -(bend - _dot(bend, eye) * eye) / length
+
+
+def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
+    """Return how much brighter highlights are drawn than they are, (N, 3) linear RGB.
+
+    Parameters
+    ----------
+    triangle
+        (N,) numbers of the triangles that the points are on.
+    normal
+        (N, 3) unit normals used for shading, turned to the viewer.
+    eye
+        E and dE as `bent_eye` returns them.
+    """
+    mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
+    material = scene.object_of_triangle[triangle]
+    exponent = np.array([m.exponent for m in scene.materials])[material][:, None]
+    specular = np.array([m.specular for m in scene.materials])[material]
+    change = np.zeros_like(normal)
+    for light in scene.appearance.lights:
+        toward = np.asarray(light.direction)
+        along = (mirrored @ toward)[:, None]
+        lit = ((normal @ toward)[:, None] > 0) & (along > 0)
+        # With an exponent below one the slope is infinite at the end of the highlight: unlit points take 1.
+        slope = exponent * np.where(lit, along, 1.0) ** (exponent - 1)
+        change += np.where(lit, slope * (turned @ toward)[:, None], 0.0) * specular * light.color
+    return change
+
+
+def mirror_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
+    """Return how much brighter reflections are drawn than they are, (N, 3) linear RGB.
+
+    The parameters are those of `specular_change`.
+    """
+    environment = scene.appearance.environment
+    if environment is None:
+        return np.zeros_like(normal)
+    mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
+    reflectivity = np.array([m.reflectivity for m in scene.materials])[scene.object_of_triangle[triangle]]
+    moved = radiance_toward(environment, mirrored + turned) - radiance_toward(environment, mirrored)
+    return np.asarray(reflectivity * moved)
+
+
+def _reflected(normal: Floats, vector: Floats) -> Floats:
+    return 2 * _dot(normal, vector) * normal - vector
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("...i,...i->...", a, b)[..., None])
+
+
+def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
+    """Return, in closed form to first order, how much brighter the points of an image are drawn, (N, 3).
+
+    Parameters
+    ----------
+    image
+        Image of surface points, such as the truth; the points off the plate count.
+    near
+        Near offset of both cameras, scene units (pivot aperture, fit angle, no slabs).
+    """
+    where = image.off_plate
+    triangle, position = image.triangle[where], image.position[where].astype(np.float64)
+    lines = true_lines(position, image.camera.aperture)
+    eye = bent_eye(lines, bend(position, image.camera, near))
+    normal = shading_normals(scene, triangle, position, lines)
+    return specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
+
+
+def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Floats:
+    """Return how much brighter a device drew the points of its image than they truly are, (N, 3).
+
+    Parameters
+    ----------
+    shader
+        Shader of the scene.
+    drawn
+        Drawn image with color, sampled once per pixel. The difference between its float32 and the shader's
+        double precision is part of the result.
+    """
+    assert drawn.color is not None
+    where = drawn.off_plate
+    position = drawn.position[where].astype(np.float64)
+    lines = true_lines(position, drawn.camera.aperture)
+    truly = radiance_along(scene, shader, drawn.triangle[where], position, lines)
+    return np.asarray(drawn.color[where] - truly)

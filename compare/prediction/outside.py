@@ -7,7 +7,6 @@ from beyond the border. A pixel counts from its center on: of d pixels, those ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -38,16 +37,8 @@ class Border:
         columns, rows = np.arange(width), np.arange(height) * width
         # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
         sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
-        self._frustum = frustum
-        # All sides are displaced at once: small arrays cost calls alone.
-        self._points = points.at(np.concatenate([pixels for pixels, _, _ in sides]))
-        ends = np.cumsum([0, *(len(pixels) for pixels, _, _ in sides)]).tolist()
-        self._sides = [slice(*both) for both in pairwise(ends)]
-        axes, signs = np.repeat([(axis, sign) for _, axis, sign in sides], np.diff(ends), axis=0).T
-        # Place of each point's displacement along its axis among those of all points and both axes.
-        self._inward, self._signs = 2 * np.arange(len(axes)) + axes, signs.astype(np.float64)
-        self._pixels = (height, width)
-        self._fractions: dict[DoubleFrustum, float] = {}
+        self._frustum, self._shape = frustum, (height, width)
+        self._sides = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
 
     def charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the share of all pixels from outside the film that each link of a chain is charged with.
@@ -56,35 +47,31 @@ class Border:
         ----------
         chain
             Settings, as they are changed link by link: pixels are charged to the link from which on they
-            show points from outside.
+            show points from outside. Links that change no setting are charged with nothing.
         """
-        first, *others = dict.fromkeys(chain)
-        if not others:
-            # Links that change no setting are charged with nothing.
-            return (self.fraction(first), *[0.0] * (len(chain) - 1))
-        return self._charged_fractions(chain)
+        shown = {one: self._shown(one) for one in dict.fromkeys(chain)}
+        height, width = self._shape
+        together, to_the_end = [], shown[chain[-1]]
+        for settings in reversed(chain):
+            to_the_end = [
+                np.minimum(one, other) for one, other in zip(to_the_end, shown[settings], strict=True)
+            ]
+            left, right, top, bottom = to_the_end
+            across = np.minimum(left + right, width).sum() / (height * width)
+            down = np.minimum(top + bottom, height).sum() / (height * width)
+            # Both at once only in corners: taken as independent.
+            together.append(1 - (1 - across) * (1 - down))
+        return tuple(np.diff(together[::-1], prepend=0.0).tolist())
 
     def fraction(self, settings: DoubleFrustum) -> float:
         """Return the share of all pixels that show points from outside the film."""
-        settings = with_named_fit(settings, self._frustum)
-        if settings not in self._fractions:
-            self._fractions[settings] = self._charged_fractions((settings,))[0]
-        return self._fractions[settings]
+        return self.charged_fractions((with_named_fit(settings, self._frustum),))[0]
 
-    def _charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
-        # Links that change no setting are displaced once.
-        shown = {one: self._shown(one) for one in dict.fromkeys(chain)}
-        to_the_end = np.minimum.accumulate(np.stack([shown[one] for one in reversed(chain)]), axis=0)[::-1]
-        left, right, top, bottom = (to_the_end[:, side] for side in self._sides)
-        height, width = self._pixels
-        across = np.minimum(left + right, width).sum(axis=1) / (height * width)
-        down = np.minimum(top + bottom, height).sum(axis=1) / (height * width)
-        # Both at once only in corners: taken as independent.
-        together = 1 - (1 - across) * (1 - down)
-        return tuple(np.diff(together, prepend=0.0).tolist())
-
-    def _shown(self, settings: DoubleFrustum) -> Floats:
-        """Return how many pixels in from the border show what lies beyond it, at each point of all sides."""
-        moved = displacements(self._points, self._frustum, settings)
-        # What is not known, as no camera draws it, shows nothing.
-        return np.asarray(np.floor(np.fmax(moved.ravel().take(self._inward) * self._signs, 0.0) + 0.5))
+    def _shown(self, settings: DoubleFrustum) -> list[Floats]:
+        """Return how many pixels in from the border show what lies beyond it, for each side's points."""
+        found = []
+        for points, axis, sign in self._sides:
+            moved = sign * displacements(points, self._frustum, settings)[:, axis]
+            # What is not known, as no camera draws it, shows nothing.
+            found.append(np.floor(np.fmax(moved, 0.0) + 0.5))
+        return found

@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
 from itertools import pairwise
-from threading import Lock
 
 import numpy as np
 
 from xfrustum.compare.metrics.displacement import Spread, lengths, root_mean_square
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import turned_away
-from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth, with_named_fit
+from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.compare.prediction.outside import Border
-from xfrustum.compare.prediction.share import depth_wrong_share, slabs
+from xfrustum.compare.prediction.share import Stacks, depth_wrong_share, slabs
 from xfrustum.compare.prediction.silhouettes import Silhouettes
-from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, Cull, DoubleFrustum
@@ -110,48 +107,18 @@ class Predictor:
         self._subpixel_bits = subpixel_bits
         points = TruePoints.of(truth)
         self._points = points.shown()
-        height = self._points.height
-        self._farthest = {
-            Camera.C: -float(height.min(initial=0)),
-            Camera.C_STAR: float(height.max(initial=0)),
-        }
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum, points)
         self._border = Border(truth, frustum, points)
-        # Threads that ask for the same cameras wait for the one that was first.
-        self._predicting, self._linking = Lock(), Lock()
-        self._without_depth: dict[DoubleFrustum, Prediction] = {}
-        self._depth_shares: dict[DoubleFrustum, float] = {}
-        self._links_without_depth: dict[DoubleFrustum, tuple[LinkPrediction, ...]] = {}
-
-    @cached_property
-    def _turned_away(self) -> int:
-        """Number of judged pixels whose true surface culling leaves out."""
-        return int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
+        self._without_depth: dict[DoubleFrustum, tuple[Prediction, tuple[LinkPrediction, ...]]] = {}
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
         """Return the errors to be expected with some settings."""
-        # The depth buffer displaces nothing: settings that differ only in depth share the other errors.
-        cameras = with_exact_depth(settings)
-        with self._predicting:
-            if cameras not in self._without_depth:
-                self._without_depth[cameras] = self._predict_without_depth(cameras)
+        prediction, _ = self.cameras(settings)
         return replace(
-            self._without_depth[cameras],
-            depth=self._depth_share(settings),
+            prediction,
+            depth=depth_wrong_share(self._stacks, self._frustum, settings),
             separation=self.separations(settings),
-        )
-
-    def _predict_without_depth(self, cameras: DoubleFrustum) -> Prediction:
-        judged = max(self._stacks.judged, 1)
-        return Prediction(
-            displacement_px=_spread(displacement_lengths(self._points, self._frustum, cameras)),
-            silhouettes=self._silhouettes.wrong_pixels(cameras) / judged,
-            snapped=self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged,
-            depth=0.0,
-            outside=self._border.fraction(cameras),
-            separation=Separations(c=None, c_star=None),
-            culled=0.0 if cameras.cull is Cull.NONE else self._turned_away / judged,
         )
 
     def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
@@ -159,64 +126,58 @@ class Predictor:
 
         Rasterization and depth displace nothing except by the rounding of positions.
         """
-        cameras = with_exact_depth(settings)
-        with self._linking:
-            if cameras not in self._links_without_depth:
-                self._links_without_depth[cameras] = self._undrawn_links(cameras)
-        share = self._depth_share(settings)
-        depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
-        return (*self._links_without_depth[cameras], depth)
+        _, links = self.cameras(settings)
+        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        return (*links, LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged))
 
-    def _depth_share(self, settings: DoubleFrustum) -> float:
-        """Return the share of pixels that depth makes wrong, found once for the same settings."""
-        if settings not in self._depth_shares:
-            self._depth_shares[settings] = depth_wrong_share(self._stacks, self._frustum, settings)
-        return self._depth_shares[settings]
+    def cameras(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+        """Return all that the depth buffers of the same cameras share, found once for all of them."""
+        exact = with_exact_depth(settings)
+        if exact not in self._without_depth:
+            self._without_depth[exact] = self._predicted(exact)
+        return self._without_depth[exact]
 
-    def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
-        """Return the errors to be expected of all links but depth."""
-        traced = traced_settings(cameras, self._frustum)
-        moved = self._moved_by(cameras, traced)
-        from_outside = [share * self._stacks.judged for share in self._border.charged_fractions(traced)]
-        wrong = [
-            sum(both) for both in zip(self._silhouettes.charged_pixels(traced), from_outside, strict=True)
-        ]
-        if cameras.cull is not Cull.NONE:
+    def _predicted(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+        """Return the prediction without errors of depth, and those of all links but depth."""
+        judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
+        swept, outside = self._silhouettes.charged_pixels(chain), self._border.charged_fractions(chain)
+        snapped = self._silhouettes.snapped_pixels(settings, self._subpixel_bits)
+        moved = self._moved_by(chain)
+        wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
+        turned = 0
+        if settings.cull is not Cull.NONE:
+            turned = int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
             # Culling shows nothing or what lies behind, of which the truth knows no displacement.
             moved[-1] = None
-            right_before = 1 - min(sum(wrong) / max(self._stacks.judged, 1), 1.0)
-            wrong[-1] = self._turned_away * right_before
-        snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits)
-        return tuple(
-            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)
-            for rms, pixels in zip([*moved, None], [*wrong, snapped], strict=True)
+            wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
+        prediction = Prediction(
+            displacement_px=_spread(displacement_lengths(self._points, self._frustum, settings)),
+            silhouettes=sum(swept) / judged,
+            snapped=snapped / judged,
+            depth=0.0,
+            outside=sum(outside),
+            separation=Separations(c=None, c_star=None),
+            culled=turned / judged,
+        )
+        links = zip([*moved, None], [*wrong, snapped], strict=True)
+        return prediction, tuple(
+            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels) for rms, pixels in links
         )
 
-    def _moved_by(self, cameras: DoubleFrustum, chain: Sequence[DoubleFrustum]) -> list[float | None]:
-        """Return the root mean square of the displacement that each link of the cameras' chain adds."""
-        field = cache(partial(displacements, self._points, self._frustum))
-        found = [self._moved_by_offset(cameras, chain[0])]
+    def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
+        """Return the root mean square of the displacement that each link of a chain adds."""
+        fields = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
+        found = [_rms_of_known(lengths(fields[chain[0]]))]
         for before, after in pairwise(chain):
-            if before != after:
-                found.append(_rms_of_known(lengths(field(after) - field(before))))
-            else:
-                # Nothing moves, where anything is known: what is drawn at all is the same for all links.
-                found.append(None if found[0] is None else 0.0)
+            # Where nothing moves, what is drawn at all is the same for all links.
+            still = None if found[0] is None else 0.0
+            found.append(still if before == after else _rms_of_known(lengths(fields[after] - fields[before])))
         return found
-
-    def _moved_by_offset(self, cameras: DoubleFrustum, offset: DoubleFrustum) -> float | None:
-        """Return the root mean square of the displacement by a chain's first link, the offset of its cameras.
-
-        Without pivot, fit and slabs that is all displacement, which may have been predicted already.
-        """
-        known = self._without_depth.get(cameras)
-        if known is not None and with_named_fit(cameras, self._frustum) == offset:
-            return known.displacement_px.rms if known.displacement_px else None
-        return _rms_of_known(displacement_lengths(self._points, self._frustum, offset))
 
     def separations(self, settings: DoubleFrustum) -> Separations:
         """Return the smallest separation that is ordered at the farthest visible surface of each side."""
-        farthest = self._farthest
+        height = self._points.height
+        farthest = {Camera.C: -float(height.min(initial=0)), Camera.C_STAR: float(height.max(initial=0))}
         found: dict[Camera, float] = {}
         for slab in slabs(self._frustum, settings):
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
@@ -234,13 +195,10 @@ def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -
 
 def _rms_of_known(moved: Floats) -> float | None:
     """Return the root mean square of those lengths (N,) that are known; None where none is."""
-    known = np.isfinite(moved)
-    if not known.all():
-        moved = moved[known]
-    return root_mean_square(moved) if moved.size else None
+    known = moved[np.isfinite(moved)]
+    return root_mean_square(known) if known.size else None
 
 
 def _spread(moved: Floats) -> Spread | None:
     """Return the spread of those lengths (N,) that are known; None where none is."""
-    known = np.isfinite(moved)
-    return Spread.of(moved if known.all() else moved[known])
+    return Spread.of(moved[np.isfinite(moved)])

@@ -9,18 +9,19 @@ A depth buffer shows a pixel wrongly in two ways (docs/method.md, "The error bud
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import assert_never
 
 import numpy as np
 from scipy.special import ndtr
 
+from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.depth import depth_variance, float32_spacing, stored_depth
-from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.compare.rounding.depth import STEP
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
@@ -40,14 +41,41 @@ MAX_DOUBT_DEVIATIONS = 6.0
 """Standard deviations of the depth error beyond which the order is taken as certain: the normal
 distribution leaves a share of 1e-9 there."""
 
-DOUBT_MARGIN = 1e-9
-"""Relative margin by which the differences of depth of two surfaces must exceed all that are in doubt, so
-that those of all surfaces between them do. A difference has at most ten roundings of 2^-53, and a logarithm
-that is off by a few units in the last place."""
-
 MIN_STEP_PER_ERROR = 1e-3
 """Smallest step of a format that is used, as a part of the depth error. A smaller step changes nothing
 beside the error, and the difference quotient of `_misordered` would lose it in float64's rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stacks:
+    """Distances and gaps of the surfaces in the true image of an aperture.
+
+    Attributes
+    ----------
+    judged
+        Number of pixels whose truth is no tie.
+    distance
+        For each camera, (N,) |z| of the surfaces that it shows in judged pixels, scene units.
+    gap
+        For each camera, (N,) distance from each of these surfaces to the next one on the same line, scene
+        units; see `Reference.gaps`.
+    """
+
+    judged: int
+    distance: Mapping[Camera, Floats]
+    gap: Mapping[Camera, Floats]
+
+    @classmethod
+    def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
+        """Return the stacks of a true image and its gaps, (H, W)."""
+        judged = judged_pixels(truth).ravel()
+        height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
+        shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
+        return cls(
+            judged=int(judged.sum()),
+            distance={camera: np.abs(height[here]) for camera, here in shown.items()},
+            gap={camera: gaps[here] for camera, here in shown.items()},
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,19 +166,13 @@ def depth_wrong_share(
     expected = 0.0
     for camera in stacks.distance:
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
-        # Where none can be lost, only surfaces with another one behind them can be shown wrongly.
-        some = any(_may_lose(slab, stacks.ends[camera], settings) for slab in own)
-        distance, gap = (stacks if some else stacks.paired).of_camera(camera)
-        if not len(distance):
-            continue
+        distance, gap = stacks.distance[camera], stacks.gap[camera]
         # Step 2: the chance of each pixel under the settings themselves.
-        ends = stacks.ends[camera]
-        wrong = chances(own, distance, gap, settings, order, ends)
+        wrong = chances(own, distance, gap, settings, order)
         # Step 3: subtract the chance under linear depth, which few pixels need.
         at = np.flatnonzero(wrong)
-        if len(at):
-            anyway = chances(own, distance[at], gap[at], control, order, ends)
-            expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
+        anyway = chances(own, distance[at], gap[at], control, order)
+        expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
     return expected / stacks.judged if stacks.judged else 0.0
 
 
@@ -160,7 +182,6 @@ def chances(
     gap: Floats,
     settings: DoubleFrustum,
     order: float,
-    ends: tuple[float, float] = (0.0, np.inf),
 ) -> Floats:
     """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
 
@@ -175,31 +196,14 @@ def chances(
         Settings of the camera.
     order
         Ratio of the misordered share to that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
-    ends
-        Distances between which all surfaces lie.
     """
     least = np.full(len(distance), np.inf)
     for slab in own:
-        found = (distance <= slab.high) & (distance >= slab.low)
-        # A single slab nearly always holds every surface: a slice then spares copying.
-        inside: Indices | slice = slice(None) if found.all() else np.flatnonzero(found)
-        known = _table(slab, settings.depth, settings.mapping, ends)
+        inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
+        known = _table(slab, settings.depth, settings.mapping)
         chance = _chance(slab, distance[inside], gap[inside], known, settings.mapping, order)
         least[inside] = np.minimum(least[inside], chance)
     return np.where(np.isfinite(least), least, 0.0)
-
-
-def _may_lose(slab: Slab, ends: tuple[float, float], settings: DoubleFrustum) -> bool:
-    """Return whether any surface between two distances may be lost in a slab.
-
-    Depth runs one way with distance, so that the surface nearest to the clear value is one at the ends.
-    """
-    first, last = max(ends[0], slab.low), min(ends[1], slab.high)
-    if not first <= last:
-        return False
-    known = _table(slab, settings.depth, settings.mapping, ends)
-    apart = _from_clear(np.array([first, last]) + slab.step, slab, settings.mapping)
-    return bool(apart.min() <= known.most_doubtful * (1 + DOUBT_MARGIN))
 
 
 def _from_clear(w: Floats, slab: Slab, mapping: DepthMapping) -> Floats:
@@ -287,11 +291,6 @@ class _Table:
     error: Floats
     doubtful: Floats
 
-    @cached_property
-    def most_doubtful(self) -> float:
-        """The largest of all differences in doubt."""
-        return float(np.fmax.reduce(self.doubtful))
-
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
         """Return the places at which two depths may be ordered wrongly, and their rows of the table, (K,).
 
@@ -301,7 +300,7 @@ class _Table:
             (N,) distances from the camera, and differences of depth there in stored units.
         """
         # Most differences are larger than all that are in doubt anywhere.
-        near = np.flatnonzero(apart < self.most_doubtful)
+        near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
         row = self.rows(w[near])
         doubted = apart[near] < self.doubtful[row]
         return near[doubted], row[doubted]
@@ -312,14 +311,10 @@ class _Table:
 
 
 @lru_cache(maxsize=16)
-def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping, ends: tuple[float, float]) -> _Table:
-    """Return the table of a slab's buffer between two distances, where all of its surfaces lie.
-
-    The same slab is asked about for both errors, and by threads. Surfaces lie within a few octaves of w; from
-    near to far there may be thirty.
-    """
-    used = np.clip(np.array(ends), slab.low, slab.high) + slab.step
-    first, last = _bins(np.clip(used, slab.near, slab.far)).tolist()
+def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
+    """Return the table of a slab's buffer, from its lower to its upper end."""
+    used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
+    first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
     # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)

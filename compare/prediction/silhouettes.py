@@ -25,10 +25,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.chain import with_named_fit
-from xfrustum.compare.prediction.contours import Contours, Kind, contours, smoothed_where_reached
+from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kind, contours
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacements,
@@ -109,16 +110,10 @@ class Silhouettes:
         self._points = points or TruePoints.of(truth)
         self._in_aperture = pierced(truth)
         self._contours: dict[tuple[float, ...], _Sided] = {}
-        self._wrong: dict[DoubleFrustum, float] = {}
-        self._snapping: dict[tuple[float, ...], float] = {}
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
-        settings = with_named_fit(settings, self._frustum)
-        if settings not in self._wrong:
-            swept = _swept(self._contours_for(settings).steps, self._spans(settings, settings))
-            self._wrong[settings] = expected_wrong(swept, self._not_shown(settings), self._judged)
-        return self._wrong[settings]
+        return self.charged_pixels((with_named_fit(settings, self._frustum),))[0]
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the expected number of wrong pixels charged to each link of a chain.
@@ -132,15 +127,14 @@ class Silhouettes:
         last = chain[-1]
         steps, missing = self._contours_for(last).steps, self._not_shown(last)
         # Step 1: from the last link backward, the part of each step's wrong span that stays wrong to the end.
-        wrong_to_the_end = [self.wrong_pixels(last)]
-        common: _Spans | None = None
+        common = self._spans(last, last)
+        wrong_to_the_end = [expected_wrong(_swept(steps, common), missing, self._judged)]
         for after, before in pairwise(reversed(chain)):
-            if before != after:
-                common = common or self._spans(last, last)
-                common = common.within(self._spans(before, last))
-                wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
-            else:
+            if before == after:
                 wrong_to_the_end.append(wrong_to_the_end[-1])
+                continue
+            common = common.within(self._spans(before, last))
+            wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
         # Step 2: a link is charged with what is wrong to the end from it on, and was not from the one before.
         return tuple(np.diff(wrong_to_the_end[::-1], prepend=0.0).tolist())
 
@@ -158,14 +152,10 @@ class Silhouettes:
         of the contour that recedes does. The number is an upper estimate: where displacement has moved a
         contour farther than snapping does, half of the pixels that change were wrong before.
         """
-        first = settings.slabs[:1]
-        if first not in self._snapping:
-            steps = self._contours_for(settings).steps
-            length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
-            judged = self._judged.ravel()
-            counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
-            self._snapping[first] = float(np.sum(length * counted))
-        return self._snapping[first] * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
+        steps, judged = self._contours_for(settings).steps, self._judged.ravel()
+        length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
+        counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
+        return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
 
     def _contours_for(self, settings: DoubleFrustum) -> _Sided:
         """Return the contours, found once for each height at which the first slab ends."""
@@ -199,9 +189,7 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
     if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
         # No area is swept twice, and smoothing preserves the sum.
         return float(swept.sum())
-    wrong = np.zeros_like(swept)
-    pixels, values = smoothed_where_reached(swept)
-    wrong.reshape(-1)[pixels] = np.minimum(values, 1)
+    wrong = np.minimum(gaussian_filter(swept, CONTOUR_SIGMA_PX), 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
 
@@ -222,14 +210,11 @@ def _swept(steps: Contours, spans: _Spans) -> Floats:
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
     # Step 3: the pixel under the middle of each piece.
-    pieces = np.maximum(count, 1)
-    along = low.take(step) + (number + 0.5) * ((high - low) / pieces).take(step)
-    column, row = (
-        np.rint(place.take(step) + along * normal.take(step)).astype(np.int64)
-        for place, normal in zip(steps.places.T, steps.normal.T, strict=True)
-    )
-    on_film = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
+    size = (high - low) / np.maximum(count, 1)
+    along = low[step] + (number + 0.5) * size[step]
+    column, row = np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64).T
+    on_film = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     # Step 4: add up the areas of the pieces, contour length times piece length, in each pixel.
-    area = (steps.length * (high - low) / pieces).take(step.take(on_film))
-    swept = np.bincount((column + row * width).take(on_film), area, width * height)
-    return swept.astype(np.float64, copy=False).reshape(height, width)
+    area = (steps.length * size)[step[on_film]]
+    swept = np.bincount((column + row * width)[on_film], area, width * height)
+    return swept.astype(np.float64).reshape(height, width)

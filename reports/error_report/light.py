@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from xfrustum.compare.metrics.left_out import LeftOutNumbers, measure_left_out
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE
-from xfrustum.compare.prediction.eye_error import measured_eye_error, predicted_eye_error
+from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader

@@ -11,12 +11,14 @@ from tests.support.views import reversed_d32f, view
 from xfrustum.compare.metrics.radiance import away_from_edges
 from xfrustum.compare.prediction.eye_vector import (
     bend,
+    bent_eye,
     drawn_lines,
+    mirror_change,
     radiance_along,
     shading_normals,
+    specular_change,
     true_lines,
 )
-from xfrustum.compare.prediction.shading import bent_eye, mirror_change, specular_change
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader

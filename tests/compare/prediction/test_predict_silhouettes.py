@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.ndimage import gaussian_filter
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, view
@@ -20,12 +19,9 @@ from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
 from xfrustum.compare.prediction.contours import (
-    CONTOUR_SIGMA_PX,
     Contours,
     Kind,
-    Mode,
     contours,
-    smoothed_where_reached,
 )
 from xfrustum.compare.prediction.displacement import displacement_field
 from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
@@ -392,17 +388,3 @@ def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
 def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
     judged = np.ones((40, 60), dtype=np.bool_)
     assert expected_wrong(np.full((40, 60), 2.0), ~judged, judged) == pytest.approx(40 * 60)
-
-
-@pytest.mark.parametrize("shape", [(64, 64), (5, 7), (40, 61), (1, 1)])
-@pytest.mark.parametrize("mode", ["reflect", "constant"])
-@pytest.mark.parametrize("share", [0.0, 0.002, 0.02, 1.0])
-def test_smoothing_is_that_of_scipy_wherever_it_reaches(
-    shape: tuple[int, int], mode: Mode, share: float
-) -> None:
-    random = np.random.default_rng(1)
-    image = np.where(random.random(shape) < share, random.normal(size=shape), 0.0)
-    pixels, values = smoothed_where_reached(image, mode)
-    found = np.zeros(shape)
-    found.reshape(-1)[pixels] = values
-    np.testing.assert_array_equal(found, gaussian_filter(image, CONTOUR_SIGMA_PX, mode=mode))
