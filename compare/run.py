@@ -21,8 +21,14 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
-from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
-from xfrustum.compare.metrics.comparison_facts import figures, said_of_numbers, table_of_numbers
+from xfrustum.compare.metrics.comparison import (
+    Comparison,
+    ComparisonNumbers,
+    compare_images,
+    figures,
+    said_of_numbers,
+    table_of_numbers,
+)
 from xfrustum.compare.metrics.error_maps import PixelErrors, pixel_errors
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor

@@ -6,7 +6,6 @@ explain          Causes of pixels where our rasterizer shows another triangle th
 radiance_budget  The radiance error of an image, link by link: signed differences that add up
 shear            The shear error alone: how far a shear about the cameras moves each point, measured and
                  in closed form
-steps            How far each link displaces what is shown, where every image shows a surface off the plate
 wrong_by_depth   Pixels that show a wrong surface because of the depth buffer: they are right with an
                  exact one
 """

@@ -5,7 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import pairwise
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import differing_triangles, explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.attribution.steps import Steps, StepSize
-from xfrustum.compare.metrics.displacement import film_shifts, shifts_at
+from xfrustum.compare.metrics.displacement import film_shifts, root_mean_square, shifts_at
 from xfrustum.compare.metrics.error_maps import (
     PixelErrors,
     differing_pixels,
@@ -32,6 +31,77 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook.shown import Brief, Shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepSize:
+    """Root mean square and 99th percentile of the lengths of some displacements, in pixels."""
+
+    rms: float
+    p99: float
+
+    @classmethod
+    def of(cls, values: Floats) -> StepSize | None:
+        """Return the size of lengths (N,), the numbers of a `Spread`; None where there is none."""
+        if not values.size:
+            return None
+        with np.errstate(invalid="ignore"):
+            return cls(rms=root_mean_square(values), p99=float(np.percentile(values, 99)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Steps:
+    """What links add to displacement, where each image before and after them shows a surface off the plate.
+
+    Attributes
+    ----------
+    known
+        (H W,) whether a pixel is one of these.
+    lengths
+        (H W,) lengths in pixels for each link; None for a link that changes no image.
+    """
+
+    known: Mask
+    lengths: tuple[Floats | None, ...]
+
+    @classmethod
+    def between(cls, shifts: Sequence[Floats]) -> Steps:
+        """Return the steps from image to image.
+
+        Parameters
+        ----------
+        shifts
+            Displacement (2, H W) of each image, see `film_shifts`; that of the same image is the same array.
+        """
+        lengths = tuple(
+            None if after is before else np.hypot(*(after - before)) for before, after in pairwise(shifts)
+        )
+        known: Mask = np.asarray(np.isfinite(shifts[0]).all(axis=0))
+        for length in lengths:
+            if length is not None:
+                known &= np.isfinite(length)
+        return cls(known=known, lengths=lengths)
+
+    def sizes(self) -> tuple[StepSize | None, ...]:
+        """Return the size of the steps of each link."""
+        still = StepSize(rms=0.0, p99=0.0) if self.known.any() else None
+        return tuple(still if one is None else StepSize.of(one[self.known]) for one in self.lengths)
+
+    def with_last(self, pixels: Indices, step: Floats) -> Steps:
+        """Return the steps with one more link, which displaces nothing but some pixels.
+
+        Parameters
+        ----------
+        pixels
+            (M,) flat numbers of pixels that this link may displace.
+        step
+            (M,) lengths; not finite where the image before or after the link shows no surface off the plate.
+        """
+        known, last = self.known.copy(), np.zeros(self.known.size)
+        known[pixels] &= np.isfinite(step)
+        last[pixels] = step
+        return Steps(known=known, lengths=(*self.lengths, last))
+
 
 RIGHT = -1
 """Value in a map of charges of a pixel that is right in the end, or not judged."""

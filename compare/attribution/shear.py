@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import lengths
-from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.compare.metrics.displacement import lengths, pixel_centers
 from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.perceptual import perceptual_difference
+from xfrustum.compare.metrics.radiance import perceptual_difference
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.rays import hogel_lines

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     HeightError,
@@ -20,10 +20,12 @@ from xfrustum.compare.metrics.error_maps import (
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
 from xfrustum.compare.metrics.surface import culled_pixels
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.notebook.labels import SCENE_UNITS
+from xfrustum.scenes.notebook.labels import NO_UNIT, SCENE_UNITS, Labelled, dataset
+from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook.pictures import as_shown, marked, png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 
 if TYPE_CHECKING:
@@ -170,23 +172,20 @@ class Comparison(Shown, ComparisonNumbers):
         InputError
             xarray is not installed.
         """
-        from xfrustum.compare.metrics.comparison_facts import labelled  # noqa: PLC0415 - it knows this module
-
         return labelled(self, units)
 
     def _said(self) -> str:
-        from xfrustum.compare.metrics.comparison_facts import said_of_comparison  # noqa: PLC0415 - likewise
-
-        return said_of_comparison(self)
+        camera, renderer = self.errors.truth.camera, self.errors.raster.camera.renderer
+        column, row = camera.aperture.index
+        return (
+            f"{renderer} against the truth, aperture {column},{row} of {camera.scene or 'a scene'!r}; "
+            f"{said_of_numbers(self)}"
+        )
 
     def _tables(self) -> Sequence[Table]:
-        from xfrustum.compare.metrics.comparison_facts import table_of_numbers  # noqa: PLC0415 - likewise
-
         return (table_of_numbers(self),)
 
     def _figures(self) -> Sequence[Figure]:
-        from xfrustum.compare.metrics.comparison_facts import figures  # noqa: PLC0415 - likewise
-
         return tuple(figures(self))
 
 
@@ -279,3 +278,101 @@ def _certainty_counts(truth: HogelImage) -> dict[str, int]:
         return {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
     counts = np.bincount(truth.certainty.reshape(-1), minlength=len(Certainty))
     return {kind.name.lower(): int(counts[kind]) for kind in Certainty}
+
+
+if TYPE_CHECKING:
+    import xarray
+
+MOVED_PX = 1.0
+"""Displacement from which on a map is in full color: a neighboring pixel shows what this one should."""
+
+
+def said_of_numbers(found: ComparisonNumbers) -> str:
+    """Return the errors of an image in a line."""
+    return f"of {found.judged:,} judged pixels {', '.join(_errors(found))}"
+
+
+def _errors(found: ComparisonNumbers) -> Iterator[str]:
+    yield (
+        "unknown show the wrong surface"
+        if found.surface is None
+        else (f"{_share(found.surface)} show the wrong surface")
+    )
+    if found.triangle is not None:
+        yield f"{_share(found.triangle)} another triangle"
+    if found.displacement_px is not None:
+        spread = found.displacement_px
+        yield f"99 of 100 surface points within {digits(spread.p99)} px, all within {digits(spread.max)} px"
+
+
+def _share(share: Share) -> str:
+    return f"{share.wrong:,} ({percent(share.fraction)})"
+
+
+def table_of_numbers(found: ComparisonNumbers) -> Table:
+    """Return the numbers of a comparison."""
+    rows = [
+        ("pixels", f"{found.pixels:,}; {found.judged:,} are judged, {found.covered:,} show a surface"),
+        ("certainty of the truth", ", ".join(f"{n:,} {name}" for name, n in found.certainty.items() if n)),
+    ]
+    if found.surface is not None:
+        rows.append(("wrong surface", f"{_share(found.surface)}, {found.surface.outside:,} outside the film"))
+    if found.triangle is not None:
+        rows.append(("another triangle", _share(found.triangle)))
+    if found.displacement_px is not None:
+        spread = found.displacement_px
+        numbers = f"rms {digits(spread.rms)}, 50 % {digits(spread.p50)}, 95 % {digits(spread.p95)}"
+        rows.append(("displacement, px", f"{numbers}, 99 % {digits(spread.p99)}, max {digits(spread.max)}"))
+    if found.height is not None:
+        rows.append(
+            ("height, scene units", f"rms {digits(found.height.rms)}, max {digits(found.height.max)}")
+        )
+    if found.radiance is not None:
+        rows.append(("radiance", f"rms {digits(found.radiance.rms)}, max {digits(found.radiance.max)}"))
+    return Table(rows=rows)
+
+
+def figures(found: Comparison) -> Iterator[Figure]:
+    """Yield the errors on the dimmed image, the truth, and the image."""
+    truth, drawn = found.errors.truth, found.errors.raster
+    picture = as_shown(drawn.color, drawn.covered, drawn.height)
+    moved = lengths(found.maps.displacement) / MOVED_PX
+    yield Figure(
+        caption=f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)",
+        content=png(marked(picture, found.maps.surface, moved)),
+    )
+    yield Figure(caption="truth", content=png(_picture(truth)))
+    yield Figure(caption="image", content=png(picture))
+
+
+def _picture(image: HogelImage) -> Bytes:
+    return as_shown(image.color, image.covered, image.height)
+
+
+def labelled(found: Comparison, units: str) -> xarray.Dataset:
+    """Return the errors as labelled arrays; see `Comparison.to_xarray`."""
+    maps, camera = found.maps, found.errors.truth.camera
+    columns, rows = maps.displacement[..., 0], maps.displacement[..., 1]
+    images = {
+        "judged": Labelled(values=maps.judged, meaning="whether the truth is no tie"),
+        "surface": None if maps.surface is None else Labelled(
+            values=maps.surface, meaning="whether the wrong surface is shown"
+        ),
+        "triangle": Labelled(values=maps.triangle, meaning="whether another triangle is shown"),
+        "displacement_columns": Labelled(
+            values=columns, meaning="true minus drawn place, to the right", units="px"
+        ),
+        "displacement_rows": Labelled(values=rows, meaning="true minus drawn place, down", units="px"),
+        "height_error": Labelled(values=maps.height, meaning="height, image minus truth", units=units),
+        "radiance_error": None if maps.radiance is None else Labelled(
+            values=maps.radiance, meaning="linear radiance, image minus truth", units=NO_UNIT
+        ),
+    }  # fmt: skip
+    attributes = {
+        "aperture": list(camera.aperture.index),
+        "scene": camera.scene,
+        "scene_hash": camera.scene_hash,
+        "truth": camera.renderer,
+        "image": found.errors.raster.camera.renderer,
+    }
+    return dataset(images, {}, attributes)

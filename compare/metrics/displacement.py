@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.film import DrawnPoints, true_lines
-from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.reference import SurfacePoints
+from xfrustum.reference.lines.lines import Pencil, pixel_places, places_off_center
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,3 +97,128 @@ def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
 def lengths(shift: Floats) -> Floats:
     """Return the lengths (...) of vectors (..., 2)."""
     return np.hypot(shift[..., 0], shift[..., 1])
+
+
+def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
+    """Project surface points through the true frustum of an aperture.
+
+    Parameters
+    ----------
+    points
+        (..., 3) scene units.
+    camera
+        Camera of an image; only its aperture, shear, half-extent and resolution matter.
+
+    Returns
+    -------
+    (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
+    points in the plane of the plate, which have no place on the film.
+    """
+    return pixel_places(points, true_lines(camera))
+
+
+def true_lines(camera: HogelCamera) -> Pencil:
+    """Return the lines of the true frustum of the aperture that an image's camera names."""
+    return Pencil(
+        center=(camera.aperture.x, camera.aperture.y, 0.0),
+        shear=camera.shear,
+        half_extent=camera.half_extent,
+        resolution=camera.resolution,
+        s_range=(-camera.reach[0], camera.reach[1]),
+    )
+
+
+def pixel_centers(camera: HogelCamera) -> Floats:
+    """Return column and row of every pixel, (H, W, 2)."""
+    width, height = camera.resolution
+    centers = np.empty((height, width, 2))
+    centers[..., 0], centers[..., 1] = np.arange(width), np.arange(height)[:, None]
+    return centers
+
+
+def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
+    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnPoints:
+    """Surface points that some pixels of an image show, coordinate by coordinate.
+
+    Attributes
+    ----------
+    pixels
+        (N,) flat numbers of the pixels.
+    coordinates
+        (3, N) x, y and z of the points in scene units.
+    triangle
+        (N,) triangle numbers, as the image has them.
+    """
+
+    pixels: Indices
+    coordinates: Floats
+    triangle: Numbers
+
+    @classmethod
+    def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
+        """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
+        return cls(
+            pixels=pixels,
+            coordinates=np.stack(
+                [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)], dtype=np.float64
+            ),
+            triangle=image.triangle.reshape(-1)[pixels],
+        )
+
+    def at(self, some: Indices) -> DrawnPoints:
+        """Return some of the points, given by their places (M,) among these."""
+        return DrawnPoints(
+            pixels=self.pixels.take(some),
+            coordinates=self.coordinates.take(some, axis=1),
+            triangle=self.triangle.take(some),
+        )
+
+    def places(self, pencil: Pencil) -> tuple[Floats, Floats]:
+        """Return column and row (N,) at which a pencil's film shows each point; see `pixel_places`."""
+        x, y, z = self.coordinates
+        return places_off_center(x, y, z, pencil)
+
+    def surface_points(self, scene: Scene) -> SurfacePoints:
+        """Return the points with how exactly they are known."""
+        position, number = self.coordinates.T, existing_triangles(self.triangle, scene)
+        return SurfacePoints(
+            position=position, triangle=number, tolerance=position_tolerance(scene, number, position)
+        )
+
+
+def beyond_film(points: DrawnPoints, places: tuple[Floats, Floats], pencil: Pencil, scene: Scene) -> Mask:
+    """Return which points (N,) belong outside a pencil's film, however they were rounded.
+
+    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
+    from the center of the lines: |z| for the true frustum.
+
+    Parameters
+    ----------
+    points
+        Points off the plane of the pencil's center.
+    places
+        Columns and rows (N,) at which the film shows them.
+    pencil, scene
+        Lines of the film, and the scene that is shown.
+    """
+    sides = np.asarray(pencil.resolution, dtype=np.float64)
+    outside = np.zeros(len(points.pixels), dtype=np.bool_)
+    for place, side in zip(places, sides, strict=True):
+        outside |= (place < -0.5) | (place > side - 0.5)
+    # Few points lie there: only these are asked how exactly they are known.
+    some = np.flatnonzero(outside)
+    asked = points.at(some)
+    tolerance = asked.surface_points(scene).tolerance
+    per_length = sides / (2 * np.asarray(pencil.half_extent))
+    depth = np.abs(asked.coordinates[2] - pencil.center[2])
+    beyond = np.zeros(len(some), dtype=np.bool_)
+    for place, side, share in zip(places, sides, per_length, strict=True):
+        known_to = tolerance * share / depth
+        beyond |= (place[some] < -0.5 - known_to) | (place[some] > side - 0.5 + known_to)
+    outside[some] = beyond
+    return outside

@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread, displacement, root_mean_square
-from xfrustum.compare.metrics.film import DrawnPoints, true_lines
+from xfrustum.compare.metrics.displacement import (
+    DrawnPoints,
+    Spread,
+    displacement,
+    root_mean_square,
+    true_lines,
+)
 from xfrustum.compare.metrics.surface import in_plate, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask

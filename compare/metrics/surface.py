@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import DrawnPoints, beyond_film, existing_triangles, true_lines
+from xfrustum.compare.metrics.displacement import DrawnPoints, beyond_film, existing_triangles, true_lines
 from xfrustum.compare.rounding.positions import largest_tolerance, tolerance_by_size
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil

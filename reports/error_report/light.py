@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from xfrustum.compare.metrics.left_out import LeftOutNumbers, measure_left_out
-from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE
+from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

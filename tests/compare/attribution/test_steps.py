@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare.attribution.steps import Steps, StepSize
+from xfrustum.compare.attribution.budget import Steps, StepSize
 from xfrustum.compare.metrics.displacement import Spread, displacement, film_shifts
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

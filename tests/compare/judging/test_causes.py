@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup
-from xfrustum.compare.judging.foreign_cameras import OFFSET_PRECISION, foreign_cameras
+from xfrustum.compare.judging.judged import OFFSET_PRECISION, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes

@@ -21,7 +21,7 @@ import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
-from xfrustum.compare.judging.outline_shift import outline_displacement, steps_of
+from xfrustum.compare.judging.image_displacement import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene, open_scene
@@ -374,4 +374,4 @@ def test_options_that_cannot_be_meant_are_refused(world: Scene, capsys: pytest.C
     with pytest.raises(InputError, match="max-color"):
         xfrustum.verify(world, "{i}{j}", max_color=-1.0)
     assert main(["verify", "scene.toml", "{i}{j}.png", "--max-displacement-px", "some"]) == 2
-    assert "neither a number of pixels nor none" in capsys.readouterr().err
+    assert "is not a number of pixels or none" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.views import at, reversed_d32f, soup, view
 from xfrustum.compare import Spread, compare_images
-from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.displacement import pixel_centers, true_pixel
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from tests.support.views import view
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.perceptual import perceptual_difference
-from xfrustum.compare.metrics.radiance import STEP, RadianceSpread, away_from_edges, compare_radiance
+from xfrustum.compare.metrics.radiance import (
+    STEP,
+    RadianceSpread,
+    away_from_edges,
+    compare_radiance,
+    perceptual_difference,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.appearance.display import decoded, encoded, through_8_bits

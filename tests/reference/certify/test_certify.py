@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tests.support.brute_force import exact_first
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
 from tests.support.views import at, lines_by_definition, soup, view
-from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.displacement import pixel_centers, true_pixel
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import (
