@@ -15,7 +15,7 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.openexr.images import image_size, read_image
+from xfrustum.scenes.files.exr import image_size, read_image
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 

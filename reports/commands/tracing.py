@@ -13,7 +13,7 @@ from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.scenes.files.openexr.images import ImageWriter, write_image
+from xfrustum.scenes.files.exr import ImageWriter, write_image
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -141,7 +141,7 @@ def trace_to_file(
     height = reference.scene.frustum.resolution[1]
     camera, rendering = reference.camera(aperture), reference.rendering()
     with (
-        ImageWriter(path, camera, normals=True, color=True, certainty=True, rendering=rendering) as writer,
+        ImageWriter(path, camera, arrays=("normal", "color", "certainty"), rendering=rendering) as writer,
         progress_bar(height, "trace", "row", shown=progress) as bar,
     ):
         row = 0

@@ -11,7 +11,7 @@ from xfrustum.compare.metrics.left_out import transported
 from xfrustum.reference import Reference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.files.openexr.images import write_image
+from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.plate.plate import Aperture

@@ -26,7 +26,7 @@ from xfrustum.reports.eye.pictures import (
     side_by_side,
 )
 from xfrustum.reports.eye.view import EyeRecord, PairRecord, SceneView
-from xfrustum.scenes.files.openexr.eye_writer import write_eye_image
+from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.model.eye_image import EyeImage
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"

@@ -21,7 +21,7 @@ from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.files.openexr.channels import (
+from xfrustum.scenes.files.exr import (
     CERTAINTY,
     COLOR,
     HEIGHT,

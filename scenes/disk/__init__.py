@@ -2,5 +2,4 @@
 
 durable      Files and folders that are whole or absent, whatever ends the process or fills the disk
 input_files  Files from outside: regular files only, and a bound on the memory that reading one may take
-quiet        Silence for libraries that print on standard error the errors that they also raise
 """

@@ -1,20 +1,19 @@
-"""Files and folders that are whole or absent, whatever ends the process or fills the disk.
+"""Files and folders that are whole or absent: written aside, in the folder where they belong, then renamed.
 
-All of them are made aside: under a name of their own, in the folder where they belong. A lock shows that the
-process that makes one is alive; the system releases it when the process ends, however that happens. A file
-without a lock was left by a process that was killed, and the next process removes it.
+What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed. A process that was killed
+leaves it; the next one that writes there removes it, for no process has this number any more.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import re
 import secrets
 import shutil
 import stat
 import tempfile
+import zlib
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
@@ -24,26 +23,24 @@ from typing import Self
 from xfrustum.interrupts import delayed
 from xfrustum.scenes.errors import InputError
 
-_PREFIX = ".xfrustum-"
-_MADE_BY_US = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
+_ASIDE = re.compile(r"\.xfrustum-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}")
 
-_DESCRIPTOR = re.compile(r"/(?:dev|proc/self|proc/thread-self)/fd/(\d+)")
-"""Names of the process's own open files; /dev/stdout and /dev/stderr are links to such names."""
 
-_MAX_LINKS = 40
-"""Largest number of links that are followed; Linux calls more of them a loop."""
-
-_COPIED_BYTES = 1 << 20
-"""Bytes copied at a time into what cannot be renamed."""
+def _host() -> str:
+    """Return eight letters for the machine, or the container, in which numbers of processes are counted."""
+    names = [os.uname().nodename]
+    with suppress(OSError):
+        names.append(str(Path("/proc/self/ns/pid").readlink()))
+    return f"{zlib.crc32(' '.join(names).encode()):08x}"
 
 
 class Aside:
-    """A file or folder in the making, locked by this process; a context manager that removes it.
+    """A file or folder in the making; a context manager that removes what still has its name.
 
     Parameters
     ----------
     host
-        Folder in which it is made. Files that killed processes left there are removed first.
+        Folder in which it is made. What killed processes left there is removed first.
     folder
         Whether to make a folder instead of a file.
 
@@ -59,43 +56,22 @@ class Aside:
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
-        self.descriptor = -1
         remove_abandoned(host)
-        self._folder = folder
-        while True:
-            self.path, self.descriptor = host / f"{_PREFIX}{secrets.token_hex(4)}", -1
-            try:
-                with delayed():  # what was made is noted before a signal is obeyed
-                    self.descriptor = self._made()
-                # Before it was locked, another process may have removed it as abandoned: then try again.
-                if _locked(self.descriptor) is not False and _is(self.path, self.descriptor):
-                    return
-            except FileExistsError:
-                continue
-            except BaseException:
-                self.remove()
-                raise
-            os.close(self.descriptor)
-
-    def _made(self) -> int:
-        if not self._folder:
-            return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        self.path.mkdir(mode=0o700)
-        try:
-            return os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        except FileNotFoundError as error:
-            raise FileExistsError(self.path) from error
+        self.path = host / f".xfrustum-{_host()}-{os.getpid()}-{secrets.token_hex(4)}"
+        with delayed():  # what was made is noted before a signal is obeyed
+            self._made = False
+            if folder:
+                self.path.mkdir(mode=0o700)
+            else:
+                self.path.touch(exist_ok=False)
+            self._made = True
 
     def remove(self) -> None:
-        """Remove what still has this name, and release the lock."""
-        if self.descriptor < 0:
-            return
+        """Remove what still has this name."""
         with delayed():
-            try:
+            if self._made:
+                self._made = False
                 clear(self.path)
-            finally:
-                descriptor, self.descriptor = self.descriptor, -1
-                os.close(descriptor)
 
     def __enter__(self) -> Self:
         return self
@@ -108,6 +84,15 @@ class Aside:
     def __del__(self) -> None:
         # A signal may come after this was made and before the block that removes it is entered.
         self.remove()
+
+
+def remove_abandoned(host: Path) -> None:
+    """Remove what processes that have ended left in a folder; what cannot be removed stays."""
+    with suppress(OSError):
+        for name in os.listdir(host):  # noqa: PTH208 - faster, where a folder has millions of files
+            found = _ASIDE.fullmatch(name)
+            if found and found[1] == _host() and not Path("/proc", found[2]).exists():
+                clear(host / name)
 
 
 class AllOrNothing(ABC):
@@ -136,8 +121,8 @@ class AllOrNothing(ABC):
 class NewFile(AllOrNothing):
     """A file that is written aside and takes its name when it is whole.
 
-    A context manager: leaving the block puts it in its place, an exception leaves no trace of it. Links
-    are followed: their target is replaced, and they stay. Devices and pipes are written into.
+    A context manager. Links are followed: their target is replaced, and they stay. Devices, pipes and the
+    process's own open files, such as `/dev/stdout`, are written into.
 
     Parameters
     ----------
@@ -150,8 +135,6 @@ class NewFile(AllOrNothing):
     ----------
     aside
         Path of the file to write to, which is empty at first.
-    open_name
-        Another name of this file, in ASCII whatever the folders are called, for libraries that need it.
 
     Raises
     ------
@@ -162,26 +145,21 @@ class NewFile(AllOrNothing):
     """
 
     def __init__(self, path: Path, *, host: Path | None = None) -> None:
-        self._path = path
-        self._into = written_into(path)
+        self._path, self._into = path, written_into(path)
         self._target = Path(os.path.realpath(path))
-        if host is None:
-            # A file that is copied in the end can be made anywhere.
-            host = scratch_folder() if self._into else self._target.parent
-        self._held = Aside(host)
+        # A file that is copied in the end can be made anywhere.
+        self._held = Aside(host or (scratch_folder() if self._into else self._target.parent))
         self.aside = self._held.path
-        self.open_name = f"/proc/self/fd/{self._held.descriptor}"
 
     def commit(self) -> None:
         """Put the file in its place; afterwards it is on the disk."""
         try:
-            descriptor = self._held.descriptor
-            os.fsync(descriptor)
             if self._into:
-                _copy(descriptor, self._path)
+                _copy(self.aside, self._path)
                 return
             with suppress(OSError):  # There is none, or the file system knows no permissions.
-                os.fchmod(descriptor, stat.S_IMODE(self._target.stat().st_mode))
+                self.aside.chmod(stat.S_IMODE(self._target.stat().st_mode))
+            _sync(self.aside)
             self.aside.replace(self._target)
             sync_folder(self._target.parent)
         finally:
@@ -195,16 +173,11 @@ class NewFile(AllOrNothing):
 def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = None) -> None:
     """Write a file, whole or not at all; see `NewFile`."""
     with NewFile(path, host=host) as new:
-        with new.aside.open("wb", buffering=0) as file:
-            _write(file.fileno(), memoryview(content).cast("B"))
-        if new.aside.stat().st_size != memoryview(content).nbytes:
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        new.aside.write_bytes(content)
 
 
 def written_into(path: Path) -> bool:
-    """Return whether a path is written into and not replaced, as character devices and pipes are.
-
-    The process's own open files, such as `/dev/stdout`, are written into too, whatever they are.
+    """Return whether a path is written into and not replaced, as devices, pipes and own open files are.
 
     Raises
     ------
@@ -219,14 +192,32 @@ def written_into(path: Path) -> bool:
         mode = path.stat().st_mode
     except FileNotFoundError:
         return False
-    if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode):
-        return True
     if stat.S_ISDIR(mode):
         raise InputError(f"{path}: is a folder; give the name of a file")
-    if not stat.S_ISREG(mode):
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
         kind = "block device" if stat.S_ISBLK(mode) else "socket"
         raise InputError(f"{path}: is a {kind}, which is not written to; give the name of a file")
-    return False
+    return stat.S_ISCHR(mode) or stat.S_ISFIFO(mode)
+
+
+def _descriptor(path: Path) -> int | None:
+    """Return the number of the open file that a name or a link stands for; None for any other."""
+    name = os.path.abspath(path)  # noqa: PTH100 - links are followed one at a time
+    for _ in range(40):  # Linux calls more links a loop
+        if found := re.fullmatch(r"/(?:dev|proc/self)/fd/(\d+)", name):
+            return int(found[1])
+        if not os.path.islink(name):  # noqa: PTH114
+            break
+        name = os.path.normpath(Path(name).parent / Path(name).readlink())
+    return None
+
+
+def _copy(source: Path, path: Path) -> None:
+    """Write a file into a device, a pipe or an open file of this process, where that stands."""
+    number = _descriptor(path)
+    into = os.open(path, os.O_WRONLY | os.O_NOCTTY) if number is None else os.dup(number)
+    with source.open("rb") as file, os.fdopen(into, "wb") as target:
+        shutil.copyfileobj(file, target)
 
 
 def put(made: Path, path: Path) -> None:
@@ -239,8 +230,8 @@ def put(made: Path, path: Path) -> None:
     """
     if path.is_symlink() or written_into(path):
         # The target of a link may be on another file system.
-        with NewFile(path) as new, made.open("rb") as source, new.aside.open("wb") as copy:
-            shutil.copyfileobj(source, copy)
+        with NewFile(path) as new:
+            shutil.copyfile(made, new.aside)
         return
     _sync(made)
     made.replace(path)
@@ -276,7 +267,7 @@ def put_folder(made: Path, path: Path) -> bool:
 
 
 def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
@@ -285,36 +276,12 @@ def _sync(path: Path) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Wait until the names in a folder are on the disk, where its file system can do that."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        os.fsync(descriptor)
+        _sync(folder)
     except OSError as error:
         # Some network file systems have no such thing for folders.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
             raise
-    finally:
-        os.close(descriptor)
-
-
-def remove_abandoned(host: Path) -> None:
-    """Remove files that processes which have ended left in a folder; those that cannot be removed stay."""
-    try:
-        with os.scandir(host) as entries:
-            names = [entry.name for entry in entries if _MADE_BY_US.fullmatch(entry.name)]
-    except OSError:
-        return
-    for name in names:
-        path = host / name
-        try:
-            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError:
-            continue
-        try:
-            ours = os.fstat(descriptor).st_uid == os.geteuid()
-            if ours and _locked(descriptor) and _is(path, descriptor):
-                clear(path)
-        finally:
-            os.close(descriptor)
 
 
 def clear(path: Path) -> None:
@@ -328,55 +295,3 @@ def clear(path: Path) -> None:
 def scratch_folder() -> Path:
     """Return the folder for temporary files."""
     return Path(tempfile.gettempdir())
-
-
-def _locked(descriptor: int) -> bool | None:
-    """Lock a file or folder; False where another process has locked it, None where locks do not work."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return None
-    return True
-
-
-def _is(path: Path, descriptor: int) -> bool:
-    """Return whether a name still belongs to an open file."""
-    try:
-        return os.path.samestat(path.lstat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False
-
-
-def _descriptor(path: Path) -> int | None:
-    """Return the number of the open file that a name or a link stands for; None for any other."""
-    # Links are followed one at a time: the last name on the way is the one that is looked for.
-    name = os.path.abspath(path)  # noqa: PTH100
-    for _ in range(_MAX_LINKS):
-        found = _DESCRIPTOR.fullmatch(name)
-        if found:
-            return int(found.group(1))
-        link = Path(name)
-        if not link.is_symlink():
-            return None
-        name = os.path.normpath(link.parent / link.readlink())
-    return None
-
-
-def _copy(source: int, path: Path) -> None:
-    """Write an open file into a device, a pipe or an open file of this process."""
-    number = _descriptor(path)
-    # The process's own open files are written where they stand, between what is printed before and after.
-    into = os.open(path, os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC) if number is None else os.dup(number)
-    try:
-        os.lseek(source, 0, os.SEEK_SET)
-        while block := os.read(source, _COPIED_BYTES):
-            _write(into, memoryview(block))
-    finally:
-        os.close(into)
-
-
-def _write(descriptor: int, content: memoryview) -> None:
-    while content:
-        content = content[os.write(descriptor, content) :]

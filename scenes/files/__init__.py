@@ -2,8 +2,8 @@
 
 layouts           Layouts: the ways in which people store the pictures of a plate, as a table
 meshes/           mesh files: what is checked, what is read, and nothing that is made up
-openexr/          hogel images as OpenEXR files
-environment_file  Environment maps from OpenEXR and Radiance HDR files, through OpenImageIO
+environment       Environment maps from OpenEXR and Radiance HDR files
+exr               Hogel images and other pictures as OpenEXR files
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
 pictures          Pictures as arrays, read and written without a change of any bit
 plate_files       The pixels of a plate in files of any layout: found, read row by row, and written

@@ -12,8 +12,7 @@ from xfrustum.scenes.appearance.display import decoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import regular_size
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.openexr.header import MAGIC
-from xfrustum.scenes.files.openexr.reader import read_image
+from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.rgb_pictures import read_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.notebook.shown import Brief

@@ -8,18 +8,14 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import Imath
 import numpy as np
-import OpenEXR
-import OpenImageIO as oiio
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.exr import MAGIC, image_size, read_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
-from xfrustum.scenes.files.openexr.channels import lossless_header
-from xfrustum.scenes.files.openexr.header import MAGIC, check_header
 from xfrustum.scenes.files.rgb_pictures import read_rgb
 
 PLENO_LEVELS = 1023
@@ -65,9 +61,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     head = _head(path)
     if head.startswith(MAGIC):
-        check_header(path)
-        spec = _opened(path).spec()
-        return spec.width, spec.height
+        return image_size(path)
     if ppm := _P6_HEADER.match(head):
         return int(ppm[1]), int(ppm[2])
     try:
@@ -135,7 +129,7 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         stored = pixels.astype(">u2" if picture.levels > BYTE_LEVELS else np.uint8)
         path.write_bytes(f"P6\n{width} {height}\n{picture.levels}\n".encode() + stored.tobytes())
     elif suffix == ".exr" and picture.levels is None:
-        _write_exr(path, pixels)
+        write_planes(path, {name: pixels[..., channel] for channel, name in enumerate("RGB")})
     else:
         raise InputError(
             f"{path}: cannot hold {pixels.dtype.name}; .png holds 8 bits, .ppm integers, .exr floating point"
@@ -169,38 +163,10 @@ def _read_ppm(path: Path) -> Picture:
     return Picture(pixels=native.reshape(height, width, 3), levels=levels)
 
 
-def _opened(path: Path) -> oiio.ImageInput:
-    picture = oiio.ImageInput.open(str(path))
-    if picture is None:
-        reason = " ".join(oiio.geterror().split())
-        raise InputError(f"{path}: the image is damaged ({reason})")
-    return picture
-
-
 def _read_exr(path: Path) -> Picture:
-    check_header(path)
-    with bounded_memory(path):
-        picture = _opened(path)
-        spec = picture.spec()
-        missing = [name for name in "RGB" if name not in spec.channelnames]
-        if missing:
-            raise InputError(
-                f"{path}: has no channel {missing[0]}; only pictures in R, G and B are re-arranged"
-            )
-        half = spec.format.basetype == oiio.HALF
-        pixels = picture.read_image(oiio.HALF if half else oiio.FLOAT)
-        if pixels is None:
-            raise InputError(f"{path}: the image is damaged ({' '.join(picture.geterror().split())})")
-    rgb = np.asarray(pixels)[..., [spec.channelindex(name) for name in "RGB"]]
-    return Picture(pixels=rgb.astype(np.float16 if half else np.float32), levels=None)
-
-
-def _write_exr(path: Path, pixels: Pixels) -> None:
-    height, width = pixels.shape[:2]
-    kind = Imath.PixelType.HALF if pixels.dtype == np.float16 else Imath.PixelType.FLOAT
-    header = lossless_header((width, height), dict.fromkeys("RGB", Imath.PixelType(kind)))
-    file = OpenEXR.OutputFile(str(path), header)
-    try:
-        file.writePixels({name: pixels[..., channel].tobytes() for channel, name in enumerate("RGB")})
-    finally:
-        file.close()
+    planes, _ = read_channels(path, "RGB")
+    missing = [name for name in "RGB" if name not in planes]
+    if missing:
+        raise InputError(f"{path}: has no channel {missing[0]}; only pictures in R, G and B are re-arranged")
+    pixels = np.stack([planes[name] for name in "RGB"], axis=-1)
+    return Picture(pixels=pixels if pixels.dtype == np.float16 else pixels.astype(np.float32), levels=None)

@@ -114,7 +114,7 @@ def _appearance(path: Path, file: SceneTables) -> Appearance:
 def _environment(path: Path, file: SceneTables) -> Environment | None:
     if file.environment is None:
         return None
-    from xfrustum.scenes.files.environment_file import read_environment  # noqa: PLC0415 - loads OpenImageIO
+    from xfrustum.scenes.files.environment import read_environment  # noqa: PLC0415 - loads OpenEXR
 
     with named(path, "environment.map"):
         return read_environment(path.parent / file.environment.map, strength=file.environment.strength)

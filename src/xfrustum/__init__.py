@@ -64,7 +64,7 @@ _NAMES = {
     "reports.verification.verdict": "Verification",
     "reports.plate.store": "camera_of",
     "reports.commands.planning": "make_plan plan",
-    "scenes.files.openexr.images": "read_image write_image",
+    "scenes.files.exr": "read_image write_image",
     "reports.survey.survey": "survey",
     "reports.verification.verification": "verify",
 }

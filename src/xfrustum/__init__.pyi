@@ -52,8 +52,8 @@ from xfrustum.scenes import Offset as Offset
 from xfrustum.scenes import Pivot as Pivot
 from xfrustum.scenes import Scene as Scene
 from xfrustum.scenes import open_scene as open_scene
-from xfrustum.scenes.files.openexr.images import read_image as read_image
-from xfrustum.scenes.files.openexr.images import write_image as write_image
+from xfrustum.scenes.files.exr import read_image as read_image
+from xfrustum.scenes.files.exr import write_image as write_image
 from xfrustum.scenes.model.eye import Eye as Eye
 
 __all__: list[str]

@@ -21,7 +21,7 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.plain import Decision, PlainReference, open_reference
 from xfrustum.scenes import Certainty, Cull, DoubleFrustum, InputError, open_scene
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.files.exr import read_image
 
 HARD = "hard/nearly-coincident"
 """Two surfaces closer to each other than single precision tells."""

@@ -19,7 +19,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.files.exr import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.rendering import Rendering
 

@@ -16,7 +16,7 @@ from tests.support.scene_file import film, named, part
 
 HEAVY = (
     "trimesh", "scipy", "mitsuba", "drjit", "embreex", "moderngl", "OpenGL", "pyarrow", "plotly", "zarr",
-    "jinja2", "PIL", "OpenEXR", "OpenImageIO", "skimage", "matplotlib", "xarray", "distributed",
+    "jinja2", "PIL", "OpenEXR", "skimage", "matplotlib", "xarray", "distributed",
 )  # fmt: skip
 """Libraries that take from a tenth of a second to some seconds to load."""
 

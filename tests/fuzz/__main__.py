@@ -15,8 +15,6 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from PIL import Image
@@ -25,17 +23,19 @@ from tests.fuzz.child import outcome_of
 from tests.fuzz.findings import findings
 from tests.fuzz.inputs import KINDS, Seed
 from tests.fuzz.mutations import mutated, mutated_arguments
+from xfrustum.reference.llvm import THREADS_VARIABLE
 
 BATCH = 50
 """Number of inputs in one task of a worker."""
 
 PREPARED = (
-    *("tests.fuzz.entries", "charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
+    *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
     *(
         "xfrustum.reports.commands.comparison",
         "xfrustum.reports.plate.plate",
         "xfrustum.reports.scene_check.checking",
+        "xfrustum.reports.exchange.convert",
     ),
     *(
         "xfrustum.reports.commands.tracing",
@@ -126,30 +126,13 @@ def _batches(count: int, first: int) -> list[tuple[int, int]]:
 def import_everything() -> None:
     """Import once what every child would import: forking it costs a hundredth of that.
 
-    Dr.Jit is told that there is no LLVM: its threads do not outlive a fork, and what it compiles is the same
-    whatever the input. The truth is computed with NumPy instead, as on machines without LLVM.
+    Nothing is computed here: threads of Dr.Jit and OpenMP do not outlive a fork.
     """
-    from xfrustum.reference.llvm import LLVM_VARIABLE
-
-    os.environ[LLVM_VARIABLE] = os.devnull
-    with _silent():
-        for name in PREPARED:
-            importlib.import_module(name)
+    os.environ[THREADS_VARIABLE] = "1"
+    for name in PREPARED:
+        importlib.import_module(name)
     # Without this, every child would look for the entry points again.
     Image.init()
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Drop what libraries in C say on standard error within a block, such as that there is no LLVM."""
-    shown = os.dup(2)
-    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(shown, 2)
-            os.close(shown)
 
 
 if __name__ == "__main__":

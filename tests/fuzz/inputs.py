@@ -28,6 +28,8 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from tests.support.environment_maps import write_map
+
 SCENE = """name = "small"
 units = "mm"
 
@@ -392,16 +394,10 @@ def _hdr_map() -> bytes:
 
 
 def _written_map(name: str) -> bytes:
-    import OpenImageIO as oiio
-
-    pixels = np.linspace(0, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
+    pixels = np.linspace(0.01, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
-        output = oiio.ImageOutput.create(str(path))
-        assert output is not None
-        output.open(str(path), oiio.ImageSpec(8, 4, 3, oiio.FLOAT))
-        output.write_image(pixels)
-        output.close()
+        write_map(path, pixels)
         return path.read_bytes()
 
 

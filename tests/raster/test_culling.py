@@ -16,8 +16,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Cull, DoubleFrustum, Frustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
-from xfrustum.scenes.files.openexr.channels import CAMERA_JSON
-from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.files.exr import CAMERA_JSON, read_image
 
 REACH = 40.0
 FRUSTUM = Frustum(resolution=(64, 48), reach=(REACH, REACH), fov=(radians(60), radians(50)))

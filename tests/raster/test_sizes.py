@@ -19,7 +19,7 @@ from xfrustum.reports.commands import tracing
 from xfrustum.reports.commands.tracing import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.files.exr import read_image
 
 
 def sized(width: int, height: int) -> Scene:

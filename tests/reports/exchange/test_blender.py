@@ -30,7 +30,7 @@ from xfrustum.reports.exchange.blender import long_run, pixel_files, render
 from xfrustum.reports.exchange.camera_files import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
-from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.files.exr import read_image
 
 BLENDER = Path(os.environ.get("XFRUSTUM_BLENDER_PYTHON", CHECKOUT / "build" / "blender" / "bin" / "python"))
 needs_blender = pytest.mark.skipif(

@@ -16,7 +16,7 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.eye.view import eyes_on_path
 from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
-from xfrustum.scenes.files.openexr.images import write_image
+from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye
 
 EYES = "--eye=-20,3,300;25,3,300"

@@ -18,8 +18,8 @@ from xfrustum.reports.verification.files import table
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import InputError, Plate, Scene, Screen
+from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.files.layouts import Naming, layout_for
-from xfrustum.scenes.files.openexr.images import write_image
 from xfrustum.scenes.files.plate_files import Plates, Target, write_files
 
 

@@ -20,7 +20,7 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.openexr.images import write_image
+from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
     named("three parts", "mm")

@@ -16,12 +16,11 @@ from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
-from xfrustum.scenes.files.environment_file import read_environment
+from xfrustum.scenes.files.environment import read_environment
+from xfrustum.scenes.files.exr import check_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.files.meshes.meshes import load_mesh
 from xfrustum.scenes.files.meshes.patches import load_patches
-from xfrustum.scenes.files.openexr.header import check_header
-from xfrustum.scenes.files.openexr.images import read_image, write_image
 from xfrustum.scenes.files.rgb_pictures import read_rgb
 
 GIBIBYTE = 1 << 30

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -26,8 +23,7 @@ from xfrustum.scenes import (
     open_scene,
 )
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.disk.quiet import without_messages_of_failure
-from xfrustum.scenes.files.openexr.images import ImageWriter, read_image, write_image
+from xfrustum.scenes.files.exr import ImageWriter, read_image, write_image
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.rendering import Rendering
 
@@ -149,8 +145,8 @@ def test_channels_are_those_of_the_contract(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows_per_band", [1, 5, 16, 20])
 def test_bands_make_the_same_image_as_one_piece(tmp_path: Path, rows_per_band: int) -> None:
     path, image = tmp_path / "bands.exr", an_image()
-    arrays = dict.fromkeys(("normals", "color", "variance", "certainty"), True)
-    with ImageWriter(path, image.camera, **arrays, rendering=image.rendering) as writer:
+    arrays = ("normal", "color", "variance", "certainty")
+    with ImageWriter(path, image.camera, arrays=arrays, rendering=image.rendering) as writer:
         for start in range(0, HEIGHT, rows_per_band):
             writer.write_rows(start, rows(image, start, start + rows_per_band))
             assert not path.exists(), "the file appears only when it is complete"
@@ -291,41 +287,6 @@ def test_of_a_damaged_file_openexr_itself_prints_nothing(
         with pytest.raises(InputError, match="damaged"):
             read_image(path)
     assert capfd.readouterr().err == ""
-
-
-def test_messages_are_dropped_where_the_work_fails_and_kept_where_it_does_not(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    with without_messages_of_failure():
-        os.write(2, b"a warning\n")
-    with pytest.raises(OSError, match="broken"), without_messages_of_failure():
-        os.write(2, b"broken, says the library\n")
-        raise OSError("broken")
-    os.write(2, b"afterwards\n")
-    assert capfd.readouterr().err == "a warning\nafterwards\n"
-
-
-def test_threads_that_read_images_at_once_leave_standard_error_where_it_was() -> None:
-    """A second thread waits. If it did not, it would put back the descriptor that the first had put there."""
-    first_is_in, second_is_in = Event(), Event()
-
-    def first() -> None:
-        with without_messages_of_failure():
-            first_is_in.set()
-            second_is_in.wait(0.5)
-
-    def second() -> None:
-        first_is_in.wait()
-        with without_messages_of_failure():
-            second_is_in.set()
-            finished.result()
-
-    before = os.fstat(2)
-    with ThreadPoolExecutor(2) as pool:
-        finished = pool.submit(first)
-        pool.submit(second).result()
-    after = os.fstat(2)
-    assert (after.st_dev, after.st_ino) == (before.st_dev, before.st_ino)
 
 
 def test_an_image_larger_than_openexr_counts_is_refused_before_anything_is_written(tmp_path: Path) -> None:

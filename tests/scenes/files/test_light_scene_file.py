@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-import OpenImageIO as oiio
 import pytest
+from PIL import Image
 
+from tests.support.environment_maps import write_map
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.files.environment_file import read_environment
+from xfrustum.scenes.files.environment import read_environment
 
 HEAD = (
     "[plate]\nsize = [80, 60]\nhogels = [81, 61]\n"
@@ -34,11 +35,6 @@ def write(folder: Path, *tables: str) -> str:
     path = folder / "scene.toml"
     path.write_text(HEAD + "".join(tables))
     return str(path)
-
-
-def store(path: Path, pixels: Singles) -> None:
-    picture = oiio.ImageBuf(np.ascontiguousarray(pixels, dtype=np.float32))
-    assert picture.write(str(path)), picture.geterror()
 
 
 @pytest.fixture
@@ -76,7 +72,7 @@ def test_lights_point_toward_the_light_and_have_a_color(tmp_path: Path) -> None:
 def test_only_a_file_without_light_and_environment_gets_the_default_light(
     tmp_path: Path, sky: Singles, tables: str, lights: tuple[object, ...]
 ) -> None:
-    store(tmp_path / "sky.exr", sky)
+    write_map(tmp_path / "sky.exr", sky)
     path = tmp_path / "scene.toml"
     path.write_text(tables + HEAD if tables.startswith("light") else HEAD + tables)
     found = open_scene(str(path)).appearance.lights
@@ -105,8 +101,8 @@ def test_smooth_gives_normals_to_what_has_none(tmp_path: Path) -> None:
 def test_an_environment_is_read_as_stored_from_openexr_and_radiance_files(
     tmp_path: Path, sky: Singles
 ) -> None:
-    store(tmp_path / "sky.exr", sky)
-    store(tmp_path / "sky.hdr", sky)
+    write_map(tmp_path / "sky.exr", sky)
+    write_map(tmp_path / "sky.hdr", sky)
     scene = open_scene(write(tmp_path, MAP, "strength = 2.5\n"))
     assert scene.appearance.environment is not None
     assert scene.appearance.environment.strength == 2.5
@@ -132,12 +128,12 @@ def test_a_bad_environment_is_one_line_that_says_what_is_wrong(tmp_path: Path, s
         "nan.exr": nan,
         "infinite.exr": infinite,
         "gray.exr": sky[..., :1],
-        "plain.png": sky / np.float32(5),
         "whole.hdr": sky,
         "whole.exr": sky,
     }
     for name, pixels in pictures.items():
-        store(tmp_path / name, pixels)
+        write_map(tmp_path / name, pixels)
+    Image.new("RGB", (12, 6)).save(tmp_path / "plain.png")
     for kind in ("hdr", "exr"):
         whole = (tmp_path / f"whole.{kind}").read_bytes()
         (tmp_path / f"cut.{kind}").write_bytes(whole[: len(whole) * 2 // 3])

@@ -28,7 +28,7 @@ def raster(
     settings.check_against(opened.frustum)
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.common.outputs import check_writable_image
-    from xfrustum.scenes.files.openexr.images import write_image
+    from xfrustum.scenes.files.exr import write_image
 
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
