@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.claims import claims_of, outside_px
+from xfrustum.compare.diagnosis.claims import Claims, claims_of, outside_px
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.diagnosis.stored_truth import (
@@ -139,18 +139,17 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
         Model of the renderer by its author's statements.
     """
     stated = _stated(images)
-    if stated is None:
+    told = [one for one in images if stated is not None and (stored_integers(one, stated) != 0).any()]
+    if stated is None or not told:
         return FoundEncoding()
-    told = [image for image in images if (stored_integers(image, stated) != 0).any()]
-    if not told:
-        return FoundEncoding()
-    if stated.encoding in NUMBER_ENCODINGS:
-        found = _numbers(reference, told, nominal, stated)
+    truth = StoredTruth(reference, told)
+    search = _Search(scene=reference.scene, images=told, nominal=nominal, stated=stated, truth=truth)
+    if stated.encoding is Encoding.TRIANGLE_ID:
+        found = search.of_triangles()
     else:
-        found = _numbers_as_colors(reference, told, nominal)
+        found = search.of_objects() if stated.encoding is Encoding.OBJECT_ID else search.of_colors()
     if found is not None and found.reading is not None and found.reading.first_is_lost:
-        restoring = restored_first(StoredTruth(reference, told), found.reading)
-        return replace(found, restoring=restoring)
+        return replace(found, restoring=restored_first(truth, found.reading))
     return found or FoundEncoding()
 
 
@@ -169,217 +168,157 @@ def _is_picture(image: HogelImage) -> bool:
     return isinstance(image, ForeignImage) and image.stored is not None
 
 
-def _numbers(
-    reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
-) -> FoundEncoding | None:
-    """Find the reading of pixels that are stated to be numbers."""
-    scene = reference.scene
-    truth = StoredTruth(reference, images)
-    if stated.encoding is Encoding.TRIANGLE_ID:
-        left = _misfit(scene, images, stated, nominal)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Search:
+    """The search for another reading of images that are stated to hold something."""
+
+    scene: Scene
+    images: Sequence[HogelImage]
+    nominal: DrawnModel
+    stated: Reading
+    truth: StoredTruth
+
+    def of_triangles(self) -> FoundEncoding | None:
+        """Find the reading of pixels that are stated to be numbers of triangles."""
+        left = self._misfit(self.stated)
         if left <= MAX_HELD_MISFIT_PX:
             return None
-        found = _by_claims(scene, images, nominal, stated, left)
+        found = self._by_claims(self.stated, left)
         if found is None and left <= MIN_FAILED_MISFIT_PX:
             # Enlarged pictures claim triangles beside the right ones: their claims fail by less than a pixel.
-            repeated = repeated_pixels(truth, stated)
+            repeated = repeated_pixels(self.truth, self.stated)
             return None if repeated is None else FoundEncoding(faults=repeated[:1], restoring=repeated[1])
-        if found is not None:
-            return found
-    else:
-        agreeing = truth.agreement(stated)
-        if agreeing.share >= MIN_AGREEING_FRACTION:
+        objects = replace(self.stated, encoding=Encoding.OBJECT_ID)
+        return found or self._by_objects(objects, 0.0) or self._by_truth()
+
+    def of_objects(self) -> FoundEncoding | None:
+        """Find the reading of pixels that are stated to be numbers of objects."""
+        agreeing = self.truth.agreement(self.stated).share
+        if agreeing >= MIN_AGREEING_FRACTION:
             return None
-        found = _by_objects(scene, images, truth, stated, agreeing.share)
-        if found is None and any(_is_picture(image) for image in images):
-            triangles = replace(stated, encoding=Encoding.TRIANGLE_ID)
-            found = _by_claims(scene, images, nominal, triangles, np.inf, stated)
-        if found is not None:
-            return found
-    return _by_truth(scene, images, truth, stated)
+        found = self._by_objects(self.stated, agreeing)
+        if found is None and any(map(_is_picture, self.images)):
+            found = self._by_claims(replace(self.stated, encoding=Encoding.TRIANGLE_ID), np.inf)
+        return found or self._by_truth()
 
+    def of_colors(self) -> FoundEncoding | None:
+        """Find numbers in pictures that are stated to hold colors."""
+        triangles = replace(self.stated, encoding=Encoding.TRIANGLE_ID)
+        found = self._by_claims(triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT)
+        return found or self._by_objects(replace(self.stated, encoding=Encoding.OBJECT_ID), 0.0)
 
-def _by_truth(
-    scene: Scene, images: Sequence[HogelImage], truth: StoredTruth, stated: Reading
-) -> FoundEncoding | None:
-    """Find by comparison with the truth what pixels hold that should be numbers."""
-    if stated.encoding is Encoding.TRIANGLE_ID:
-        objects = replace(stated, encoding=Encoding.OBJECT_ID)
-        found = _by_objects(scene, images, truth, objects, 0.0, stated)
-        if found is not None:
-            return found
-    spoiled = spoiled_numbers(truth, stated)
-    if spoiled is not None:
-        fault, restoring = spoiled
-        return FoundEncoding(faults=(fault,), restoring=restoring)
-    # Pixels that name things in the scene are numbers, right or wrong, and not colors.
-    if (
-        any(_is_picture(image) for image in images)
-        and _valid_share(scene, images, stated) < MIN_VALID_FRACTION
-    ):
-        colors = truth.colors()
-        if colors is not None:
-            return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)
-    return None
-
-
-def _by_claims(
-    scene: Scene,
-    images: Sequence[HogelImage],
-    nominal: DrawnModel,
-    start: Reading,
-    left: float,
-    stated: Reading | None = None,
-) -> FoundEncoding | None:
-    """Find the reading under which pixels claim triangles that they lie in.
-
-    Parameters
-    ----------
-    scene, images, nominal
-        Scene, hogels and model, as for `find_encoding`.
-    start
-        A reading as triangle numbers, from which the others are derived.
-    left
-        Misfit of the claims under this reading, px.
-    stated
-        The stated reading where it is another one than `start`.
-    """
-    readings = [
-        reading
-        for reading in _others(scene, images, start, include=stated is not None)
-        if len(claims_of(scene, [read_again(image, reading) for image in images])) >= MIN_CLAIMS
-    ]
-    if not readings:
+    def _by_truth(self) -> FoundEncoding | None:
+        """Find by comparison with the truth what pixels hold that should be numbers."""
+        spoiled = spoiled_numbers(self.truth, self.stated)
+        if spoiled is not None:
+            return FoundEncoding(faults=spoiled[:1], restoring=spoiled[1])
+        # Pixels that name things in the scene are numbers, right or wrong, and not colors.
+        if any(map(_is_picture, self.images)) and self._valid_share(self.stated) < MIN_VALID_FRACTION:
+            colors = self.truth.colors()
+            if colors is not None:
+                return FoundEncoding(faults=_faults(self.stated, colors, ()), reading=colors)
         return None
-    ranked = [(_misfit(scene, images, reading, nominal), reading) for reading in readings]
-    least = min(misfit for misfit, _ in ranked)
-    if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
-        return None
-    best = next(reading for misfit, reading in ranked if misfit == least)
-    claims = claims_of(scene, [read_again(image, best) for image in images])
-    fit = fit_geometry(claims, scene, nominal)
-    valid = _valid_share(scene, images, start)
-    if not fit.holds:
-        return None
-    if stated is None and valid > 0.5:
-        before = claims_of(scene, [read_again(image, start) for image in images])
-        noise = fit_geometry(before, scene, nominal).noise_px
-        if max(fit.noise_px, MAX_HELD_MISFIT_PX) * MIN_IMPROVEMENT > noise and least * MIN_IMPROVEMENT > left:
+
+    def _read(self, reading: Reading) -> Claims:
+        """Return what the images claim in some reading."""
+        return claims_of(self.scene, [read_again(image, reading) for image in self.images])
+
+    def _by_claims(self, start: Reading, left: float) -> FoundEncoding | None:
+        """Find the reading under which pixels claim triangles that they lie in.
+
+        The others are derived from `start`, a reading as triangle numbers, whose claims have the misfit
+        `left`.
+        """
+        another = start.encoding is not self.stated.encoding
+        readings = [one for one in self._others(start) if len(self._read(one)) >= MIN_CLAIMS]
+        misfits = [self._misfit(reading) for reading in readings]
+        least = min(misfits, default=np.inf)
+        if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
             return None
-    same = _indistinct(images, best, readings)
-    return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
+        best = readings[misfits.index(least)]
+        fit = fit_geometry(self._read(best), self.scene, self.nominal)
+        if not fit.holds:
+            return None
+        if not another and self._valid_share(start) > 0.5:
+            noise = fit_geometry(self._read(start), self.scene, self.nominal).noise_px
+            better = max(fit.noise_px, MAX_HELD_MISFIT_PX) * MIN_IMPROVEMENT <= noise
+            if not better and least * MIN_IMPROVEMENT > left:
+                return None
+        return self._found(best, readings)
 
+    def _by_objects(self, start: Reading, agreeing: float) -> FoundEncoding | None:
+        """Find the reading under which pixels name the objects that the truth shows."""
+        another = start.encoding is not self.stated.encoding
+        readings = list(self._others(start))
+        shares = [self.truth.agreement(reading).share for reading in readings]
+        most = max(shares, default=0.0)
+        enough = MIN_AGREEING_FRACTION if another else MIN_AGREEING_OBJECTS_FRACTION
+        if most < enough or (1 - most) * MIN_IMPROVEMENT > 1 - agreeing:
+            return None
+        return self._found(readings[shares.index(most)], readings)
 
-def _by_objects(
-    scene: Scene,
-    images: Sequence[HogelImage],
-    truth: StoredTruth,
-    start: Reading,
-    agreeing: float,
-    stated: Reading | None = None,
-) -> FoundEncoding | None:
-    """Find the reading under which pixels name the objects that the truth shows."""
-    readings = list(_others(scene, images, start, include=stated is not None))
-    if not readings:
-        return None
-    shares = [truth.agreement(reading).share for reading in readings]
-    best = readings[int(np.argmax(shares))]
-    least = MIN_AGREEING_OBJECTS_FRACTION if stated is None else MIN_AGREEING_FRACTION
-    if max(shares) < least or (1 - max(shares)) * MIN_IMPROVEMENT > 1 - agreeing:
-        return None
-    same = _indistinct(images, best, readings)
-    return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
+    def _found(self, best: Reading, readings: Sequence[Reading]) -> FoundEncoding:
+        """Return a reading with its faults, and with those that give the same numbers from other channels."""
+        same = [
+            reading
+            for reading in readings
+            if reading.channels != best.channels
+            and (reading.offset, reading.background) == (best.offset, best.background)
+            and all(
+                np.array_equal(reading.packed(rgb), best.packed(rgb)) for rgb in map(stored_rgb, self.images)
+            )
+        ]
+        return FoundEncoding(faults=_faults(self.stated, best, same), reading=best)
 
+    def _others(self, start: Reading) -> Iterator[Reading]:
+        """Yield readings under which nearly all stored numbers exist, without the stated one."""
+        pictures = all(map(_is_picture, self.images))
+        for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
+            for offset in (1, 0, 2):
+                plain = replace(start, channels=channels, offset=offset)
+                for background in dict.fromkeys((0, self._common_strange(plain))):
+                    reading = replace(plain, background=background)
+                    if reading != self.stated and self._valid_share(reading) >= MIN_VALID_FRACTION:
+                        yield reading
 
-def _numbers_as_colors(
-    reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel
-) -> FoundEncoding | None:
-    """Find numbers in pictures that are stated to hold colors."""
-    scene, stated = reference.scene, Reading(encoding=Encoding.RGB)
-    triangles = replace(stated, encoding=Encoding.TRIANGLE_ID)
-    found = _by_claims(scene, images, nominal, triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT, stated)
-    if found is not None:
-        return found
-    objects = replace(stated, encoding=Encoding.OBJECT_ID)
-    if not any(True for _ in _others(scene, images, objects, include=True)):
-        return None
-    return _by_objects(scene, images, StoredTruth(reference, images), objects, 0.0, stated)
+    def _count(self, reading: Reading) -> int:
+        return len(self.scene.objects) if reading.encoding is Encoding.OBJECT_ID else len(self.scene.faces)
 
+    def _common_strange(self, reading: Reading) -> int:
+        """Return the most frequent stored integer that names nothing in the scene; 0 where all name some."""
+        packed = np.concatenate([stored_integers(image, reading).ravel() for image in self.images])
+        strange = packed[reading.numbers(packed) >= self._count(reading)]
+        values, counts = np.unique(strange, return_counts=True)
+        return int(values[np.argmax(counts)]) if len(values) else 0
 
-def _others(
-    scene: Scene, images: Sequence[HogelImage], start: Reading, *, include: bool
-) -> Iterator[Reading]:
-    """Yield readings under which nearly all stored numbers exist; `start` comes first, if `include` asks."""
-    pictures = all(_is_picture(image) for image in images)
-    for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
-        for offset in (1, 0, 2):
-            plain = replace(start, channels=channels, offset=offset)
-            for background in dict.fromkeys((0, _common_strange(scene, images, plain))):
-                reading = replace(plain, background=background)
-                if reading == start and not include:
-                    continue
-                if _valid_share(scene, images, reading) >= MIN_VALID_FRACTION:
-                    yield reading
+    def _valid_share(self, reading: Reading) -> float:
+        """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
+        parts = [reading.numbers(stored_integers(image, reading)).ravel() for image in self.images]
+        numbers = np.concatenate(parts)
+        named = int((numbers != NOTHING).sum())
+        valid = int(((numbers >= 0) & (numbers < self._count(reading))).sum())
+        return valid / named if named else 0.0
 
+    def _misfit(self, reading: Reading) -> float:
+        """Return the mean distance by which claims fail under the best conventions and near offset, px."""
+        scene, nominal, valid = self.scene, self.nominal, self._valid_share(reading)
+        claims = self._read(reading).thinned(MAX_SEARCHED_CLAIMS) if valid else None
+        if claims is None or not len(claims):
+            return MISFIT_CAP_PX
 
-def _common_strange(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> int:
-    """Return the most frequent stored integer that names nothing in the scene; 0 where all name something."""
-    strange = []
-    for image in images:
-        packed = stored_integers(image, reading)
-        strange.append(packed[reading.numbers(packed) >= _count(scene, reading)])
-    values, counts = np.unique(np.concatenate(strange), return_counts=True)
-    return int(values[np.argmax(counts)]) if len(values) else 0
+        def failing(model: DrawnModel) -> float:
+            return float(outside_px(claims, scene, model, MISFIT_CAP_PX).mean())
 
-
-def _count(scene: Scene, reading: Reading) -> int:
-    return len(scene.objects) if reading.encoding is Encoding.OBJECT_ID else len(scene.faces)
-
-
-def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> float:
-    """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
-    named, valid = 0, 0
-    for image in images:
-        numbers = reading.numbers(stored_integers(image, reading))
-        named += int((numbers != NOTHING).sum())
-        valid += int(((numbers >= 0) & (numbers < _count(scene, reading))).sum())
-    return valid / named if named else 0.0
-
-
-def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nominal: DrawnModel) -> float:
-    """Return the mean distance by which claims fail under the best conventions and near offset, px."""
-    valid = _valid_share(scene, images, reading)
-    read = [read_again(image, reading) for image in images]
-    claims = claims_of(scene, read).thinned(MAX_SEARCHED_CLAIMS) if valid else None
-    if claims is None or not len(claims):
-        return MISFIT_CAP_PX
-    held = float(outside_px(claims, scene, nominal, MISFIT_CAP_PX).mean())
-    if held > MAX_HELD_MISFIT_PX:
-        several = len(np.unique(claims.hogel, axis=0)) > 1
-        orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
-        reach = scene.frustum.longest_reach
-        nears = sorted({nominal.near, *(part * reach for part in NEAR_FRACTIONS)})
-        for orientation, order in itertools.product(orientations(claims.size), orders):
-            for near in nears:
-                model = replace(nominal, orientation=orientation, order=order, near=near)
-                held = min(held, float(outside_px(claims, scene, model, MISFIT_CAP_PX).mean()))
-    return valid * held + (1 - valid) * MISFIT_CAP_PX
-
-
-def _indistinct(
-    images: Sequence[HogelImage], best: Reading, readings: Sequence[Reading]
-) -> tuple[Reading, ...]:
-    """Return the readings that differ from the best one in channels, and give the same numbers."""
-    return tuple(
-        reading
-        for reading in readings
-        if reading.channels != best.channels
-        and (reading.offset, reading.background) == (best.offset, best.background)
-        and all(
-            np.array_equal(reading.packed(stored_rgb(image)), best.packed(stored_rgb(image)))
-            for image in images
-        )
-    )
+        held = failing(nominal)
+        if held > MAX_HELD_MISFIT_PX:
+            several = len(np.unique(claims.hogel, axis=0)) > 1
+            orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
+            reach = scene.frustum.longest_reach
+            nears = sorted({nominal.near, *(part * reach for part in NEAR_FRACTIONS)})
+            tried = itertools.product(orientations(claims.size), orders, nears)
+            models = (replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried)
+            held = min(held, *map(failing, models))
+        return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
 def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Fault, ...]:

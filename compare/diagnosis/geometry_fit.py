@@ -388,7 +388,10 @@ class _Fitting:
                         if key not in passing or rank < passing[key][0]:
                             passing[key] = rank, model, free
             if passing:
-                return [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
+                found = [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
+                # A picture that is mirrored with the other half is the same, and no explanation of its own.
+                turned = found[0][0].orientation, found[0][0].order
+                return [one for one in found if (one[0].orientation, one[0].order) == turned]
         return []
 
     def least_wrong(self, claims: Claims, start: DrawnModel) -> tuple[DrawnModel, tuple[str, ...]]:
@@ -413,7 +416,7 @@ class _Fitting:
             preference = -1
         if "shift" in free and self.scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
             preference += len(parameters.PREFERENCE)
-        return int(off.sum()), choices, preference, self.misfit(claims, model)
+        return int(off.sum()), choices, *_changes(model), preference, self.misfit(claims, model)
 
     def _variants(self, starts: Sequence[DrawnModel], free: tuple[str, ...]) -> list[DrawnModel]:
         """Return the start values of fits of some groups, taken from the starting points.

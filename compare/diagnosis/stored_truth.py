@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -73,15 +74,7 @@ bright in few, says nothing of its encoding."""
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """The share of pixels that agree with the truth under the conventions under which most do.
-
-    Attributes
-    ----------
-    share
-        Share of the pixels that show something, 0 to 1.
-    orientation, order
-        Orientation of the images and order of the apertures.
-    """
+    """The share of pixels that agree with the truth, and the conventions under which most do."""
 
     share: float
     orientation: Orientation = UPRIGHT
@@ -117,21 +110,40 @@ class _Beside:
         named = self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
         return reading.stored(named)
 
+    def same(self, reading: Reading) -> Mask:
+        """Return the pixels that store the truth's number of the same pixel or a neighbor, (h, w)."""
+        return np.asarray((reading.packed(self.rgb) == self.stored(reading)).any(axis=0))
+
+    def covers(self) -> Mask:
+        """Return the pixels that are lit where the truth around them shows a surface, and black elsewhere."""
+        lit = (self.rgb != 0).any(axis=-1)
+        return np.asarray(((self.triangle != NOTHING) == lit).any(axis=0))
+
+    def overflown(self, stated: Reading, bits: int) -> Mask:
+        """Return whether pixels hold the low bits of the truth's numbers, own and neighbors', (9, h, w).
+
+        Eight bits may be in blue alone, with red and green black, or in all three channels.
+        """
+        low, packed = self.stored(stated) & (2**bits - 1), stated.packed(self.rgb)
+        matching = packed == low
+        return np.asarray(matching | (packed == low * 0x010101) if bits == 8 else matching)
+
+    def between(self, stated: Reading, margin: int) -> Mask:
+        """Return the pixels whose bytes lie in the range of the truth's bytes around them, (h, w)."""
+        around = self.stored(stated)
+        matching = np.ones(around.shape[1:], dtype=np.bool_)
+        for channel, shift in zip(stated.channels, (16, 8, 0), strict=True):
+            parts, byte = around >> shift & 255, self.rgb[..., channel].astype(np.int32)
+            matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
+        return matching
+
 
 Matching = Callable[[_Beside], Mask]
 """A function that returns the pixels (h, w) which match the truth in some sense."""
 
 
 class StoredTruth:
-    """Some images of a renderer beside the truth, under any orientation and order.
-
-    Parameters
-    ----------
-    reference
-        Reference of the scene.
-    images
-        Hogels as found.
-    """
+    """Some images of a renderer, as found, beside the truth, under any orientation and order."""
 
     def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
         self.reference = reference
@@ -143,17 +155,14 @@ class StoredTruth:
 
     def agreement(self, reading: Reading) -> Agreement:
         """Return the agreement of pixels that store the truth's number of the same pixel or a neighbor."""
-
-        def matching(beside: _Beside) -> Mask:
-            return np.asarray((reading.packed(beside.rgb) == beside.stored(reading)).any(axis=0))
-
-        return self.best(matching, background=reading.background)
+        return self.best(lambda beside: beside.same(reading), background=reading.background)
 
     def best(self, matching: Matching, background: int = 0) -> Agreement:
         """Return the conventions under which most pixels that show something match, and their share."""
-        size = self.reference.scene.frustum.resolution
+        scene = self.reference.scene
         best = Agreement(share=0.0)
-        for order, orientation in itertools.product(self._orders(), orientations(size)):
+        orders = list(orientations(scene.plate.hogels)) if self.several else [UPRIGHT]
+        for order, orientation in itertools.product(orders, orientations(scene.frustum.resolution)):
             shown = matched = 0
             for image in self.images:
                 beside = self.beside(image, orientation, order)
@@ -165,9 +174,6 @@ class StoredTruth:
             if share > best.share + 1e-6:
                 best = Agreement(share=share, orientation=orientation, order=order)
         return best
-
-    def _orders(self) -> list[Orientation]:
-        return list(orientations(self.reference.scene.plate.hogels)) if self.several else [UPRIGHT]
 
     def truth(self, index: tuple[int, int]) -> HogelImage:
         """Return the truth of an aperture."""
@@ -188,12 +194,16 @@ class StoredTruth:
             gray=as_gray(truth)[::step, ::step],
         )
 
+    def all_beside(self, found: Agreement) -> list[_Beside]:
+        """Return all images beside the truth, under the conventions under which they agree."""
+        return [self.beside(image, found.orientation, found.order) for image in self.images]
+
     def colors(self) -> Reading | None:
         """Return how to read pixels that are colors of the scene; None where they are not."""
-        found = self.best(_covers)
+        found = self.best(_Beside.covers)
         if found.share < MIN_ACCOUNTED_FRACTION:
             return None
-        parts = [self.beside(image, found.orientation, found.order) for image in self.images]
+        parts = self.all_beside(found)
         inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
         rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
         gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
@@ -222,12 +232,6 @@ def _around(numbers: Numbers, step: int) -> Numbers:
     return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
 
 
-def _covers(beside: _Beside) -> Mask:
-    """Return the pixels that are lit where the truth or a neighbor shows a surface, and black elsewhere."""
-    lit = (beside.rgb != 0).any(axis=-1)
-    return np.asarray(((beside.triangle != NOTHING) == lit).any(axis=0))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Restoring:
     """A way to restore damaged numbers with the help of the truth.
@@ -236,10 +240,8 @@ class Restoring:
 
     Attributes
     ----------
-    kind
-        Kind of the damage.
-    reading
-        Stated reading of the images.
+    kind, reading
+        Kind of the damage, and the stated reading of the images.
     agreement
         Conventions under which images were compared with the truth.
     bits
@@ -253,30 +255,25 @@ class Restoring:
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
-        orientation = self.agreement.orientation
+        orientation, reading = self.agreement.orientation, self.reading
         truth = StoredTruth(reference, (image,))
         beside = truth.beside(image, orientation, self.agreement.order, thinned=False)
-        as_read = read_again(image, self.reading)
-        name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
+        as_read = read_again(image, reading)
+        name = "object" if reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(orientation.upright(getattr(as_read, name)))
         meant = beside.object if name == "object" else beside.triangle
-        candidates: Iterable[tuple[Mask, Numbers]]
         if self.kind == FIRST_NUMBER:
-            first = self.reading.packed(beside.rgb) == self.reading.background
-            candidates = [(first & (meant[0] == 0), meant[0])]
+            explained = (reading.packed(beside.rgb) == reading.background) & (meant[0] == 0)
         elif self.kind == OVERFLOW:
-            candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
+            explained = beside.overflown(reading, self.bits)
         else:
-            margin = MAX_LOSSY_STEPS if self.kind == LOSSY else 0
-            candidates = zip([_between(beside, self.reading, margin)], meant[:1], strict=True)
-        open_pixels = np.ones(numbers.shape, dtype=np.bool_)
-        for explained, number in candidates:
-            numbers[open_pixels & explained] = number[open_pixels & explained]
-            open_pixels &= ~explained
+            explained = beside.between(reading, MAX_LOSSY_STEPS if self.kind == LOSSY else 0)
+        explained = explained if explained.ndim > 2 else explained[None]
+        # The pixel's own number is tried last, and wins.
+        for mask, number in reversed(list(zip(explained, meant, strict=False))):
+            numbers[mask] = number[mask]
         restored = orientation.applied(numbers)
-        if name == "object":
-            return replace(as_read, object=restored)
-        return replace(as_read, triangle=restored)
+        return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
 
 
 def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
@@ -285,51 +282,33 @@ def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression.
-
-    Parameters
-    ----------
-    truth
-        Truth and images of the renderer.
-    stated
-        Stated reading of the images.
-    """
+    """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
     count = len(truth.reference.scene.faces)
-    for bits in (8, 16):
-        if stated.encoding is not Encoding.TRIANGLE_ID or count < 2**bits:
+    for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
+        if count < 2**bits:
             continue
-        kept = bits
-
-        def overflown(beside: _Beside, kept: int = kept) -> Mask:
-            return np.asarray(_overflown(beside, stated, kept).any(axis=0))
-
-        found = truth.best(overflown)
+        found = truth.best(partial(_any_overflown, stated=stated, bits=bits))
         if found.share >= MIN_ACCOUNTED_FRACTION:
-            words = (
-                f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
-            )
-            fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
+            words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
+            fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=f"{words}: others are lost")
             return fault, Restoring(kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
     return _mixed(truth, stated)
 
 
+def _any_overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
+    return np.asarray(beside.overflown(stated, bits).any(axis=0))
+
+
 def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
     """Find numbers that were averaged with their neighbors, or compressed with loss."""
-    named_lossy = any(
-        isinstance(i, ForeignImage) and i.stored is not None and i.stored.lossy for i in truth.images
-    )
+    stored_as = [image.stored for image in truth.images if isinstance(image, ForeignImage)]
+    named_lossy = any(one is not None and one.lossy for one in stored_as)
     for kind, margin in ((RESAMPLED, 0), (LOSSY, MAX_LOSSY_STEPS)):
         if kind == RESAMPLED and named_lossy:
             continue
-        space = margin
-
-        def between(beside: _Beside, space: int = space) -> Mask:
-            return _between(beside, stated, space)
-
-        found = truth.best(between)
-        parts = [truth.beside(image, found.orientation, found.order) for image in truth.images]
-        exact = [(stated.packed(part.rgb) == part.stored(stated)).any(axis=0)[part.shown()] for part in parts]
-        mixed = 1 - float(np.concatenate(exact).mean()) if parts else 0.0
+        found = truth.best(partial(_Beside.between, stated=stated, margin=margin))
+        parts = truth.all_beside(found)
+        mixed = 1 - float(np.concatenate([part.same(stated)[part.shown()] for part in parts]).mean())
         stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
         should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
         new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
@@ -346,28 +325,16 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
 
 
 def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find pictures that were drawn smaller and enlarged by repeating columns and rows.
-
-    Parameters
-    ----------
-    truth
-        Truth and images of the renderer.
-    stated
-        Stated reading of the images.
-    """
+    """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
     images = [stated.packed(stored_rgb(image)) for image in truth.images]
     expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
-    repeated = [_repeated(images, axis) for axis in (0, 1)]
-    if any(
-        mine < MIN_REPEATED_FRACTION or _repeated(expected, axis) > mine / 2
-        for axis, mine in enumerate(repeated)
-    ):
+    shares = [(_repeated(images, axis), _repeated(expected, axis)) for axis in (0, 1)]
+    if any(mine < MIN_REPEATED_FRACTION or its > mine / 2 for mine, its in shares):
         return None
-    share = float(np.mean(repeated))
+    share = float(np.mean([mine for mine, _ in shares]))
     words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
     fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
-    agreement = truth.agreement(stated)
-    return fault, Restoring(kind=RESAMPLED, reading=stated, agreement=agreement)
+    return fault, Restoring(kind=RESAMPLED, reading=stated, agreement=truth.agreement(stated))
 
 
 def _repeated(images: Sequence[Numbers], axis: int) -> float:
@@ -379,27 +346,3 @@ def _repeated(images: Sequence[Numbers], axis: int) -> float:
         telling += int(several.sum())
         repeated += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
     return repeated / telling if telling else 0.0
-
-
-def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
-    """Return whether pixels hold the low bits of the truth's numbers, their own and neighbors', (9, h, w).
-
-    Eight bits may be in blue alone, with red and green black, or in all three channels.
-    """
-    low = beside.stored(stated) & (2**bits - 1)
-    packed = stated.packed(beside.rgb)
-    matching = packed == low
-    if bits == 8:
-        matching |= packed == low * 0x010101
-    return np.asarray(matching)
-
-
-def _between(beside: _Beside, stated: Reading, margin: int) -> Mask:
-    """Return the pixels whose bytes lie in the range of the truth's bytes around them, (h, w)."""
-    around = beside.stored(stated)
-    matching = np.ones(around.shape[1:], dtype=np.bool_)
-    for channel, shift in zip(stated.channels, (16, 8, 0), strict=True):
-        parts = around >> shift & 255
-        byte = beside.rgb[..., channel].astype(np.int32)
-        matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
-    return matching
