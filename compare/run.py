@@ -614,7 +614,7 @@ def _exact_frame(cameras: _Cameras, rasterizer: Rasterizer) -> HogelImage:
     (drawn, _), exact = cameras.first.result(), with_exact_depth(cameras.settings[0])
     if exact == cameras.settings[0]:
         return drawn.image
-    return rasterizer.draw_beside(cameras.hogel.aperture, exact, drawn)
+    return rasterizer.render(cameras.hogel.aperture, exact, normals=False, color=False)
 
 
 def _one_ahead(items: Iterator[_Cameras]) -> Iterator[_Cameras]:

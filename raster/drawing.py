@@ -10,11 +10,16 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass
-from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.mesh import Mesh
-from xfrustum.raster.device.programs import assign, picture_defines, program, reflection_defines, set_camera
+from xfrustum.raster.device.programs import (
+    assign,
+    picture_defines,
+    program,
+    reflection_defines,
+    set_camera,
+    set_facing,
+)
 from xfrustum.raster.device.targets import Target
-from xfrustum.raster.device.triangles import draw_triangles
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment
 from xfrustum.scenes.model.effects import Effect
@@ -69,7 +74,6 @@ class Drawing:
         effects: frozenset[Effect],
         *,
         color: bool,
-        one_triangle: bool = False,
     ) -> None:
         """Draw an image: every camera's picture, then every camera's reflections over it.
 
@@ -85,16 +89,12 @@ class Drawing:
             Effects that are simulated: the shaders contain these alone.
         color
             Whether to shade; triangle numbers are always drawn.
-        one_triangle
-            Whether each camera draws its first triangle alone, which makes the device compile all that a
-            whole picture needs.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)
-        corners = 3 if one_triangle else None
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
-            self._picture(target, number, camera, mapping, effects if color else None, corners)
+            self._picture(target, number, camera, mapping, effects if color else None)
         if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
             for number, camera in enumerate(passes):
@@ -107,7 +107,6 @@ class Drawing:
         camera: Pass,
         mapping: DepthMapping,
         effects: frozenset[Effect] | None,
-        corners: int | None,
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
@@ -123,7 +122,7 @@ class Drawing:
         self._look(target, number, camera, shaders)
         if shading is not None:
             shading.bind(shaders)
-        draw_triangles(mesh, count=corners)
+        mesh.render()
 
     def _reflect(self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]) -> None:
         shading = self._shading(effects)
@@ -139,7 +138,7 @@ class Drawing:
         for first, count in self._environment.reflecting:
             assign(shaders, first_triangle=first)
             assert mesh is not None, "it has the triangles that reflect"
-            draw_triangles(mesh, first=3 * first, count=3 * count)
+            mesh.render(first=3 * first, vertices=3 * count)
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
         """Set what pictures and reflections alike must know of a camera."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from OpenGL import GL
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras.cameras import FilmWindow
 from xfrustum.raster.cameras.passes import Pass, drawing_order
-from xfrustum.raster.device.capacity import check_room
+from xfrustum.raster.device.capacity import POSITION_BYTES, check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.positions import DrawnBy, Positions
 from xfrustum.raster.device.targets import Target
@@ -30,9 +30,6 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-POSITION_BYTES = 24
-"""Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
-
 SINGLE_SAMPLE = Sampling()
 """The sampling with one point a pixel, seen through the middle of the aperture."""
 
@@ -48,17 +45,10 @@ class Drawn:
     times
         The time of each stage: `draw`, and `read`, which is read-back with the positions that it
         computes and the averaging of color.
-    identity
-        (H, W, 2) uint32 triangle number + 1 and number of the camera that each pixel shows, 0 where it shows
-        nothing.
-    cameras
-        The cameras, by their numbers.
     """
 
     image: HogelImage
     times: dict[str, StageTime]
-    identity: NDArray[np.uint32]
-    cameras: tuple[DrawnBy, ...]
 
 
 class Rasterizer(ContextOwner):
@@ -200,69 +190,7 @@ class Rasterizer(ContextOwner):
             color=seen,
             rendering=Rendering.of(effects, sampling) if color else None,
         )
-        return Drawn(image=image, times=times, identity=identity, cameras=_drawn_by(passes))
-
-    def warm_up(self, aperture: Aperture, settings: DoubleFrustum, *, color: bool = True) -> None:
-        """Compile the programs of `draw` without normals, and allocate its target.
-
-        After it, the first picture takes no longer than others. One triangle is drawn, and the points of
-        one row are found; where colors are averaged, a whole picture is drawn.
-        """
-        if self.scene.sampling != SINGLE_SAMPLE:
-            self.draw(aperture, settings, normals=False, color=color)
-            return
-        settings.check_against(self.scene.frustum)
-        with self._context:
-            target = self._target(self.scene.frustum.resolution, settings.depth)
-            passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
-            self._draw(target, passes, settings, color=color, one_triangle=True)
-            target.read_identity()
-            if self._positions is not None and passes:
-                self._positions.read(target, _drawn_by(passes), one_row=True)
-            if color:
-                target.read_color()
-
-    def draw_beside(self, aperture: Aperture, settings: DoubleFrustum, drawn: Drawn) -> HogelImage:
-        """Return the image that `render` returns without normals and color, in less time.
-
-        Surface points are found only where it shows another triangle than a picture that is there already.
-
-        Parameters
-        ----------
-        aperture, settings
-            Aperture and settings.
-        drawn
-            Picture of this aperture with the same cameras and another depth buffer.
-        """
-        settings.check_against(self.scene.frustum)
-        with self._context:
-            target = self._target(self.scene.frustum.resolution, settings.depth)
-            passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
-            self._draw(target, passes, settings, color=False)
-            identity = target.read_identity()
-            if not _same_cameras(_drawn_by(passes), drawn.cameras):
-                triangle, position = _triangle_of(identity), self._read_position(target, passes)
-            else:
-                pixels = np.flatnonzero(np.not_equal(*map(_whole, (identity, drawn.identity))))
-                if not pixels.size:
-                    return replace(
-                        drawn.image,
-                        camera=self._camera(aperture, settings),
-                        normal=None,
-                        color=None,
-                        rendering=None,
-                    )
-                triangle = _triangle_of(identity)
-                position = np.array(drawn.image.position)
-                # Where other pictures show something there are cameras, hence triangles to find points on.
-                assert self._positions is not None
-                position.reshape(-1, 3)[pixels] = self._positions.read_some(target, _drawn_by(passes), pixels)
-        return HogelImage(
-            camera=self._camera(aperture, settings),
-            triangle=triangle,
-            object=self._objects(triangle),
-            position=position,
-        )
+        return Drawn(image=image, times=times)
 
     def draw_only(self, aperture: Aperture, settings: DoubleFrustum) -> None:
         """Draw the picture of `render` without color, wait for the device, and read nothing back.
@@ -319,14 +247,13 @@ class Rasterizer(ContextOwner):
         settings: DoubleFrustum,
         *,
         color: bool,
-        one_triangle: bool = False,
     ) -> None:
         if self._drawing is None:
             target.begin()
         else:
             effects = self.effects_for(settings)
             drawing, mapping = self._drawing, settings.mapping
-            drawing.draw(target, passes, mapping, effects, color=color, one_triangle=one_triangle)
+            drawing.draw(target, passes, mapping, effects, color=color)
 
     def _objects(self, triangle: Numbers) -> Numbers:
         """Return the numbers of triangles' objects (H, W)."""
@@ -364,26 +291,9 @@ def _drawn_by(passes: Sequence[Pass]) -> tuple[DrawnBy, ...]:
     return tuple(DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes)
 
 
-def _same_cameras(some: Sequence[DrawnBy], others: Sequence[DrawnBy]) -> bool:
-    """Return whether surface points are the same, whichever of two lists of cameras has drawn them.
-
-    Points do not depend on the row of a matrix that makes clip depth.
-    """
-    return len(some) == len(others) and all(
-        one.heights == other.heights
-        and np.array_equal(one.clip_from_scene[[0, 1, 3]], other.clip_from_scene[[0, 1, 3]])
-        for one, other in zip(some, others, strict=True)
-    )
-
-
 def _triangle_of(identity: NDArray[np.uint32]) -> Numbers:
     """Return triangle numbers (H, W), -1 where nothing was drawn."""
     return np.asarray(identity[..., 0].view(np.int32) - 1)
-
-
-def _whole(identity: NDArray[np.uint32]) -> NDArray[np.uint64]:
-    """Return triangle and camera of each pixel as one number, (H, W)."""
-    return identity.view(np.uint64)[..., 0]
 
 
 def normals_of(scene: Scene, triangle: Numbers) -> Singles:

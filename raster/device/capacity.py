@@ -6,8 +6,12 @@ from pathlib import Path
 
 from OpenGL import GL
 
+from xfrustum.raster.device.context import describe, open_context
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+
+POSITION_BYTES = 24
+"""Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
 
 MAX_TRIANGLES = (1 << 31) // 3
 """Largest number of triangles: shaders index three values of each with signed 32-bit integers."""
@@ -99,3 +103,21 @@ def free_memory() -> int | None:
         if name == "MemAvailable":
             return 1024 * int(amount.split()[0])
     return None
+
+
+def require_room(scene: Scene) -> None:
+    """Refuse a scene whose images or triangles `Rasterizer` would refuse, without uploading any.
+
+    For commands that work for long before they draw.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL, or the device or the memory has no room for the image or the mesh.
+    """
+    context = open_context()
+    try:
+        with context:
+            check_room(scene, describe(context)["renderer"], vertex_bytes=POSITION_BYTES)
+    finally:
+        context.release()

@@ -5,28 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import moderngl
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.device.programs import Defines, defined, shader
-from xfrustum.scenes.arrays import Floats, Indices, Singles
+from xfrustum.raster.device.programs import shader
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
-
-LISTED_GROUP = 256
-"""Pixels of a work group where some pixels are listed, as in position.comp."""
-
-MAX_GROUPS = 65_535
-"""Largest number of work groups along an axis that every device runs (OpenGL 4.3)."""
-
-PIXELS_BINDING = 6
-"""Binding of the list of pixels, as in position.comp."""
 
 BYTES_PER_POINT = 12
 """Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""
@@ -66,21 +56,10 @@ class Positions:
         self._vertices = context.buffer(scene.vertices.tobytes())
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
+        self._program = context.compute_shader(shader("position.comp"))
+        self._program["nothing"] = float("nan")
 
-    @cached_property
-    def _of_rows(self) -> moderngl.ComputeShader:
-        return self._program({})
-
-    @cached_property
-    def _of_pixels(self) -> moderngl.ComputeShader:
-        return self._program({"LISTED": "1"})
-
-    def _program(self, defines: Defines) -> moderngl.ComputeShader:
-        made = self._context.compute_shader(defined(shader("position.comp"), defines))
-        made["nothing"] = float("nan")
-        return made
-
-    def read(self, target: Identified, drawn: Sequence[DrawnBy], *, one_row: bool = False) -> Singles:
+    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters
@@ -89,12 +68,8 @@ class Positions:
             Picture with the triangle and camera numbers that were drawn.
         drawn
             The cameras, in the order of their numbers.
-        one_row
-            Whether the top row alone is read, (1, W, 3).
         """
         width, height = target.size
-        if one_row:
-            height = 1
         rows = max(1, min(height, self._points_at_once(target) // width))
         found = np.empty((height, width, 3), np.float32)
         coordinates = np.moveaxis(found, -1, 0)
@@ -102,27 +77,12 @@ class Positions:
             for start in range(0, height, rows):
                 band = coordinates[:, start : start + rows]
                 high = band.shape[1]
-                program = self._of_rows
+                program = self._program
                 program["first_row"], program["last_row"] = start, start + high - 1
                 program["count"] = high * width
                 program.run(-(-width // GROUP), -(-high // GROUP), 1)
                 _read_into(band, points)
         return found
-
-    def read_some(self, target: Identified, drawn: Sequence[DrawnBy], pixels: Indices) -> Singles:
-        """Return the surface points (N, 3) of some pixels, given by row * W + column; see `read`."""
-        found = np.empty((3, len(pixels)), dtype=np.float32)
-        size = min(self._points_at_once(target), MAX_GROUPS * LISTED_GROUP)
-        with self._bound(target, drawn) as points:
-            for start in range(0, len(pixels), size):
-                some = pixels[start : start + size].astype(np.uint32)
-                listed = self._context.buffer(some.tobytes())
-                listed.bind_to_storage_buffer(PIXELS_BINDING)
-                self._of_pixels["count"] = len(some)
-                self._of_pixels.run(-(-len(some) // LISTED_GROUP), 1, 1)
-                _read_into(found[:, start : start + size], points)
-                listed.release()
-        return found.T
 
     def _points_at_once(self, target: Identified) -> int:
         width, height = target.size

@@ -97,3 +97,13 @@ def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple
     )
     if "line_of_pixel" in program:
         program["line_of_pixel"] = tuple(camera.line_of_pixel.T.ravel().tolist())
+
+
+def set_facing(context: moderngl.Context, camera: Pass) -> None:
+    """Tell OpenGL which winding faces a camera, and which faces are left out."""
+    context.front_face = camera.front_face
+    if camera.culled_face is None:
+        context.disable(moderngl.CULL_FACE)
+    else:
+        context.cull_face = camera.culled_face
+        context.enable(moderngl.CULL_FACE)

@@ -11,8 +11,7 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import Mapping
 from xfrustum.raster.cameras.passes import Pass
-from xfrustum.raster.device.facing import set_facing
-from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera
+from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera, set_facing
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment, reflecting
 from xfrustum.raster.plate.clusters import WHOLE_FILM

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import moderngl
 
 from xfrustum.raster.cameras.passes import Pass
-from xfrustum.raster.device.facing import set_facing
-from xfrustum.raster.device.programs import set_camera
+from xfrustum.raster.device.programs import set_camera, set_facing
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment
 from xfrustum.raster.plate.drawing import PlateDrawing

@@ -5,14 +5,8 @@
 // Interpolating the point as a varying would do for a picture, not for a measurement: drivers
 // interpolate from plane equations in float32, some from snapped vertices, and on triangles that
 // are slivers in the image that is wrong by hundredths of a pixel (docs/adr/0005).
-//
-// LISTED asks for some pixels, one after the other, instead of a band of rows.
 
-#ifdef LISTED
-layout(local_size_x = 256) in;
-#else
 layout(local_size_x = 16, local_size_y = 16) in;
-#endif
 
 layout(binding = 0) uniform usampler2D identities;
 
@@ -24,12 +18,8 @@ layout(std430, binding = 5) readonly buffer Cuts { dvec2 heights[]; };  // lowes
 
 uniform float nothing;  // NaN
 uniform int count;      // of points: all x, then all y, then all z are written
-#ifdef LISTED
-layout(std430, binding = 6) readonly buffer Pixels { uint pixels[]; };  // row from the top * width + column
-#else
 uniform int first_row;  // of the band, from the top
 uniform int last_row;
-#endif
 
 dvec3 corner(uint triangle, uint k) {
     uint first = 3u * faces[3u * triangle + k];
@@ -38,16 +28,10 @@ dvec3 corner(uint triangle, uint k) {
 
 void main() {
     ivec2 size = textureSize(identities, 0);
-#ifdef LISTED
-    int place = int(gl_GlobalInvocationID.x);
-    if (place >= count) return;
-    int column = int(pixels[place]) % size.x, row = int(pixels[place]) / size.x;
-#else
     int column = int(gl_GlobalInvocationID.x);
     int row = first_row + int(gl_GlobalInvocationID.y);
     if (column >= size.x || row > last_row) return;
     int place = (row - first_row) * size.x + column;
-#endif
     // OpenGL counts rows from the bottom.
     ivec2 pixel = ivec2(column, size.y - 1 - row);
 

@@ -17,9 +17,9 @@ def images(resolution: tuple[int, int]) -> tuple[HogelImage, HogelImage]:
     scene = view("crossing", resolution)
     aperture, near = scene.plate.middle, 1e-7 * scene.frustum.longest_reach
     with Rasterizer(scene) as rasterizer:
-        drawn = rasterizer.draw(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16), normals=False)
+        coarse = DoubleFrustum(near=near, depth=DepthFormat.D16)
         exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-        return drawn.image, rasterizer.draw_beside(aperture, exact, drawn)
+        return rasterizer.render(aperture, coarse), rasterizer.render(aperture, exact)
 
 
 def test_points_do_not_depend_on_the_number_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
