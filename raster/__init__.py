@@ -1,14 +1,13 @@
 """The second answer: the paper's double frustum, drawn with OpenGL.
 
 cameras/    The two cameras as matrices, their passes, and their depth formats
-device/     The OpenGL device: context, targets, programs, meshes, textures, time
-light/      Materials, lights and reflections on the GPU
+device/     The OpenGL device: context, room, targets, programs, meshes, time
 plate/      Many hogels at once: the same pictures in fewer submissions
 accumulate  Means over the pixel's box and over the aperture, drawn in tiles (paper, section 6: band
             limiting)
 drawing     A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)
+light       Materials, lights, textures and reflections on the GPU
 rasterizer  The paper's double frustum: C, then C* over it (paper, sections 3 to 6)
-capacity    Whether this machine can draw a scene, asked before any work is done
 """
 
 import os

@@ -20,8 +20,7 @@ from xfrustum.raster.device.programs import (
     set_facing,
 )
 from xfrustum.raster.device.targets import Target
-from xfrustum.raster.light.materials import Shading
-from xfrustum.raster.light.reflection import Environment
+from xfrustum.raster.light import Environment, Shading
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping

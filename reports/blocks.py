@@ -559,7 +559,7 @@ def device_index() -> int:
 def _gpus() -> tuple[int, ...]:
     """Return the GPUs of this machine, or the one of them that the environment names."""
     # OpenGL is loaded where something is drawn, and nowhere else.
-    from xfrustum.raster.device.devices import gpu_indices  # noqa: PLC0415
+    from xfrustum.raster.device.context import gpu_indices  # noqa: PLC0415
 
     gpus = gpu_indices()
     return gpus if DEVICE_VARIABLE not in os.environ else tuple(one for one in gpus if one == device_index())

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.raster.cameras.passes import Pass
-from xfrustum.raster.device.mesh import ATTRIBUTES, attribute_of
-from xfrustum.raster.device.numbered_mesh import NumberedMesh, number_triangles
+from xfrustum.raster.device.mesh import ATTRIBUTES, NumberedMesh, attribute_of, number_triangles
 from xfrustum.raster.plate.clusters import (
     DEPTHS,
     SIDES,

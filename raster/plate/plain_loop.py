@@ -15,12 +15,11 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import open_context
-from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of
-from xfrustum.raster.device.numbered_mesh import number_triangles
+from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of, number_triangles
 from xfrustum.raster.device.programs import picture_defines, set_camera, set_facing
-from xfrustum.raster.light.materials import Shading
+from xfrustum.raster.light import Shading
 from xfrustum.raster.plate.geometry import FORMATS, flat_attributes
-from xfrustum.raster.plate.program import (
+from xfrustum.raster.plate.picture import (
     HOGEL,
     HOGELS_BINDING,
     hogel_block,

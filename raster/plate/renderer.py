@@ -5,9 +5,10 @@ docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import moderngl
 import numpy as np
@@ -19,27 +20,79 @@ from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.positions import DrawnBy, Positions
 from xfrustum.raster.device.timer import GpuTimer, StageTime
-from xfrustum.raster.plate.averaging import averaged
-from xfrustum.raster.plate.parts import WHOLE, Parts, Wanted
+from xfrustum.raster.plate.clusters import WHOLE_FILM
+from xfrustum.raster.plate.one_by_one import averaged
 from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
+    Batching,
     Look,
     PlatePicture,
+    Slot,
+    groups,
+    lets_vertices_choose_layers,
+    make_rounds,
     reflective_triangles,
 )
-from xfrustum.raster.plate.program import lets_vertices_choose_layers
-from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_rounds
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
-from xfrustum.scenes.arrays import Numbers, Singles
+from xfrustum.scenes.arrays import Floats, Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
-from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, ColorType, FilmPart, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+Parts = Mapping[tuple[int, int], FilmPart]
+"""Part of the film that is wanted, by column and row of the hogel."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wanted:
+    """What is wanted of the hogels of one submission.
+
+    Attributes
+    ----------
+    windows
+        (L, 4) least and largest u and v of each part, with its pixels' borders; see `clusters.clip_planes`.
+    box
+        First column, first row from the bottom, width and height in pixels of what holds all parts; None for
+        whole films.
+    """
+
+    windows: Floats
+    box: tuple[int, int, int, int] | None
+
+    @classmethod
+    def of(cls, apertures: Sequence[Aperture], parts: Parts | None, size: tuple[int, int]) -> Self:
+        """Return what is wanted of some hogels whose films have a size W, H; all where `parts` is None."""
+        if parts is None:
+            return cls(windows=WHOLE_FILM, box=None)
+        width, height = size
+        windows = np.empty((len(apertures), 4))
+        columns: list[int] = []
+        rows: list[int] = []
+        for window, aperture in zip(windows, apertures, strict=True):
+            part = parts[aperture.index]
+            (left, right), (top, bottom) = part.columns, part.rows
+            window[:2] = 2 * left / width - 1, 2 * (right + 1) / width - 1
+            window[2:] = 1 - 2 * (bottom + 1) / height, 1 - 2 * top / height
+            columns += part.columns
+            rows += part.rows
+        box = (
+            min(columns),
+            height - 1 - max(rows),
+            max(columns) - min(columns) + 1,
+            max(rows) - min(rows) + 1,
+        )
+        return cls(windows=windows, box=box)
+
+
+WHOLE = Wanted(windows=WHOLE_FILM, box=None)
+"""Whole films."""
+
 
 Stage = Callable[[str], AbstractContextManager[None]]
 """Opens a block whose time belongs to the stage of that name."""

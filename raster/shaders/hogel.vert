@@ -1,7 +1,7 @@
 #version 450 core
 // One camera, C or C*: which one is in the matrix alone.
 //
-// NUMBERED draws a mesh whose triangles have the numbers of their last vertices, see numbered_mesh.py.
+// NUMBERED draws a mesh whose triangles have the numbers of their last vertices, see mesh.py.
 // MANY does so, too, and draws up to so many hogels in one submission, each on a layer of its own; WITH_LAYERS where the
 // device lets a vertex choose its layer. Otherwise there is one hogel at a time.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from xfrustum.raster.device.context import describe, open_context
-from xfrustum.raster.device.devices import gpu_indices
+from xfrustum.raster.device.context import describe, gpu_indices, open_context
 from xfrustum.reports.blocks import device_index
 
 

@@ -17,11 +17,11 @@ from tests.support.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import drawing_order
-from xfrustum.raster.device.numbered_mesh import number_triangles
+from xfrustum.raster.device.mesh import number_triangles
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.picture import MAX_HOGELS
 from xfrustum.raster.plate.plain_loop import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.plate.submissions import MAX_HOGELS
 from xfrustum.scenes import (
     Aperture,
     Camera,

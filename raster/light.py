@@ -1,17 +1,75 @@
-"""Materials, lights and textures on the GPU, and the material and texture of each triangle."""
+"""Materials, lights, textures and reflections on the GPU (paper, section 6)."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
+from OpenGL import GL
 
 from xfrustum.raster.device.programs import assign
-from xfrustum.raster.device.textures import Textures
 from xfrustum.scenes.appearance.material import Material
-from xfrustum.scenes.arrays import Singles
+from xfrustum.scenes.arrays import Bytes, Floats, Singles
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
+
+TEXELS, PLACES, DECODED = 9, 10, 11
+"""Bindings of storage blocks, as in texture.glsl."""
+
+BYTES_PER_TEXEL = 4
+"""Bytes of a texel: red, green, blue and alpha, of 8 bits each."""
+
+
+def linear_of_srgb() -> Floats:
+    """Return the linear light of each code of 8-bit sRGB (IEC 61966-2-1), (256,)."""
+    code = np.arange(256) / 255
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+
+class Textures:
+    """Textures on the GPU: all texels, where each texture begins, and the table that decodes them.
+
+    Parameters
+    ----------
+    context
+        The current context.
+    textures
+        (H, W, 4) uint8 sRGB each, row 0 at the top.
+
+    Raises
+    ------
+    InputError
+        All textures together are larger than the device's largest block.
+    """
+
+    def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
+        largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
+        counts = [texture.shape[0] * texture.shape[1] for texture in textures]
+        needed = BYTES_PER_TEXEL * sum(counts)
+        if needed > largest:
+            raise InputError(
+                f"the scene's {len(textures)} textures need {needed >> 20} MiB in one block, "
+                f"{context.info['GL_RENDERER']} has {largest >> 20}; use smaller textures"
+            )
+        first = np.cumsum([0, *counts[:-1]])
+        places = [(at, t.shape[1], t.shape[0], 0) for at, t in zip(first, textures, strict=False)]
+        # A block cannot be empty: without textures there is one texel, which no triangle refers to.
+        texels = np.concatenate([t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)])
+        self._buffers = {
+            TEXELS: context.buffer(np.ascontiguousarray(texels).tobytes()),
+            PLACES: context.buffer(np.array(places or [(0, 1, 1, 0)], dtype=np.uint32).tobytes()),
+            DECODED: context.buffer(linear_of_srgb().astype(np.float32).tobytes()),
+        }
+
+    def bind(self) -> None:
+        """Bind the blocks for the shaders."""
+        for binding, buffer in self._buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+
 
 SURFACES, MATERIALS, LIGHTS = 6, 7, 8
 """Bindings of storage blocks, as in surface.glsl and phong.glsl."""
@@ -116,3 +174,59 @@ def single(values: list[list[float]]) -> Singles:
     """Return values as float32, clipped to finite ones, because zero times infinity would not be zero."""
     largest = float(np.finfo(np.float32).max)
     return np.clip(values, -largest, largest).astype(np.float32)
+
+
+IDENTITIES, ENVIRONMENT = 0, 1
+"""Texture units, as in reflection.frag and environment.glsl."""
+
+
+class Identified(Protocol):
+    """A target that keeps the triangle that each pixel shows, and the camera that drew it."""
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+
+
+class Environment:
+    """The environment map on the GPU, and the triangles that reflect it.
+
+    Parameters
+    ----------
+    context
+        The current context.
+    scene
+        Scene whose environment is uploaded; one without an environment reflects black.
+
+    Raises
+    ------
+    InputError
+        The map is larger than the device's largest texture.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene) -> None:
+        environment = scene.appearance.environment
+        radiance = np.zeros((1, 1, 3), np.float32) if environment is None else environment.radiance
+        height, width = radiance.shape[:2]
+        limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
+        if max(width, height) > limit:
+            raise InputError(
+                f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x {limit}, "
+                f"not {width} x {height}; use a smaller one"
+            )
+        # The first row is the top one: the shader fetches texels by number and counts rows from the top.
+        self._map = context.texture((width, height), 3, radiance.tobytes(), dtype="f4", alignment=4)
+        self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.reflecting = reflecting(scene)
+
+    def bind(self, target: Identified) -> None:
+        """Bind the map and the target's identities for the shader."""
+        target.bind_identity(IDENTITIES)
+        self._map.use(ENVIRONMENT)
+
+
+def reflecting(scene: Scene) -> list[tuple[int, int]]:
+    """Return the first triangle and the length of each run of triangles whose material reflects."""
+    mirrors = np.array([max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_)
+    reflects = np.concatenate(([False], mirrors[scene.object_of_triangle], [False]))
+    (changes,) = np.nonzero(reflects[1:] != reflects[:-1])
+    return [(int(start), int(end - start)) for start, end in changes.reshape(-1, 2)]
