@@ -34,7 +34,6 @@ from xfrustum.compare.prediction.band_limiting import (
 )
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
@@ -44,6 +43,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Decision, Effect, Question, decide
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.slabs import SlabContent, slab_contents
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture

@@ -18,13 +18,13 @@ from plotly.colors import unlabel_rgb
 from xfrustum.compare.prediction.chain import CULLING, LINKS
 from xfrustum.reports.commands import radiance_budgeting
 from xfrustum.reports.commands.budgeting import AutoBudget, BudgetReport
-from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

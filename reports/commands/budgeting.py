@@ -20,13 +20,12 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
-from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.json_ready import INLINED
-from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.common.json_ready import INLINED, Summarized
 from xfrustum.reports.scout import ChoiceRecord, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.notebook.pictures import as_shown, marked, png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum

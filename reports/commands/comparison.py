@@ -9,9 +9,9 @@ from xfrustum.compare import Comparison, HeightError, Spread, compare_images
 from xfrustum.compare.metrics.comparison import Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.reference import Reference
-from xfrustum.reports.common.formatting import unexamined_truth
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.raster_command import unexamined_truth
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError

@@ -14,13 +14,13 @@ from PIL import Image
 
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 

@@ -22,11 +22,11 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
-from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.raster_command import plate_command, raster_command
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import MAX_WRONG

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from xfrustum.scenes.model.scene import Scene
 
-_LIBRARIES = (
+_LIBRARIES = [
     "xfrustum",
     "numpy",
     "scipy",
@@ -20,7 +20,7 @@ _LIBRARIES = (
     "PyOpenGL",
     "scikit-image",
     "flip-evaluator",
-)
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,25 +38,16 @@ class SceneName:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries that make the numbers."""
-    found = {"python": platform.python_version()}
-    for name in _LIBRARIES:
-        found[name] = metadata.version(name)
-    return found
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
 
 
 def machine() -> dict[str, str]:
     """Return processor, number of cores that this process may use, and operating system."""
     return {
         "processor": _processor(),
-        "cores": str(_cores()),
+        "cores": str(len(os.sched_getaffinity(0))),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _processor() -> str:

@@ -1,4 +1,4 @@
-"""The commands that draw an aperture or the plate with some settings, to be copied."""
+"""Words that reports share: commands to be copied, and what a truth is that nobody examined."""
 
 from __future__ import annotations
 
@@ -46,3 +46,8 @@ def _options(settings: DoubleFrustum) -> list[str]:
     if settings.cull is not Cull.NONE:
         words += ["--cull", str(settings.cull)]
     return words
+
+
+def unexamined_truth(tracer: str) -> str:
+    """Say that a truth is what one tracer shows alone; `tracer` is its name, such as `embree`."""
+    return f"truth: {tracer.capitalize()} alone, not examined"

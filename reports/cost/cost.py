@@ -18,7 +18,6 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
@@ -30,6 +29,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX

@@ -10,13 +10,13 @@ from typing import Any
 
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.cost.trade_off import Option
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 

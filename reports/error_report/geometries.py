@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import plotly.graph_objects as go
 
 from xfrustum.compare.attribution.shear import ShearNumbers
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.error_report import best, figures
 from xfrustum.reports.error_report.best import Recommendation
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.sweep import Sweep
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -17,7 +17,6 @@ from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.error_report import figures, images
@@ -26,6 +25,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

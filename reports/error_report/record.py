@@ -18,9 +18,8 @@ from xfrustum.compare.prediction.chain import links_of
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.compare.run import StageTimes
 from xfrustum.reference.plain import CERTIFIED
-from xfrustum.reports.common.formatting import unexamined_truth
 from xfrustum.reports.common.json_ready import INLINED, json_object, json_ready
-from xfrustum.reports.common.raster_command import plan_command, raster_command
+from xfrustum.reports.common.raster_command import plan_command, raster_command, unexamined_truth
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.error_report.best import (
     Recommendation,

@@ -12,7 +12,6 @@ from typing import Any
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
-from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
@@ -38,6 +37,7 @@ from xfrustum.reports.inspection.page import (
 )
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.eye.loss import Loss
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import machine, versions
@@ -28,6 +27,7 @@ from xfrustum.reports.eye.pictures import (
 from xfrustum.reports.eye.view import EyeRecord, PairRecord, SceneView
 from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.notebook.numbers import digits, percent
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
 

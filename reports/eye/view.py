@@ -32,7 +32,6 @@ from xfrustum.compare.eye.shown import (
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.pictures import shown
@@ -49,7 +48,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import counted
+from xfrustum.scenes.notebook.numbers import counted, digits, percent
 from xfrustum.scenes.notebook.pictures import png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset

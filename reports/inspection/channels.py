@@ -19,7 +19,6 @@ from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.files.exr import (
     CERTAINTY,
@@ -32,6 +31,7 @@ from xfrustum.scenes.files.exr import (
 )
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

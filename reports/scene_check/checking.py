@@ -10,13 +10,12 @@ import numpy as np
 
 from xfrustum.compare.extent import ObjectExtent, Point, Sight, extents
 from xfrustum.compare.extent_words import heights, length, plate_warnings, unseen_facts, warnings
-from xfrustum.reports.common.formatting import digits
+from xfrustum.reports.common.json_ready import Summarized
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import View
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook.numbers import counted
+from xfrustum.scenes.notebook.numbers import counted, digits
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.plate import Plate
 

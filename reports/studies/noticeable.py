@@ -30,7 +30,6 @@ from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reports.blocks import Engine, open_workers
-from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
@@ -39,6 +38,7 @@ from xfrustum.reports.studies.figures import Map, Panel, buffer_name, svg
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
-from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.common.json_ready import Summarized
 from xfrustum.reports.survey.tally import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.pictures import map_of, png
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum

@@ -10,7 +10,6 @@ import numpy as np
 import plotly.graph_objects as go
 
 from xfrustum.reports.common.figure_style import log_axis, look, style
-from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import versions
@@ -23,6 +22,7 @@ from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
 from xfrustum.reports.survey.rows import depth_ends
 from xfrustum.reports.survey.tally import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel
+from xfrustum.scenes.notebook.numbers import digits, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 

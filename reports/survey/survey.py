@@ -12,7 +12,6 @@ from typing import Any
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
 from xfrustum.reports.blocks import Engine, Workers, open_workers
-from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
 from xfrustum.reports.parts import HogelBlock, Parts, hogel_blocks, hogels_per_block, scene_description
@@ -23,6 +22,7 @@ from xfrustum.reports.survey.tally import Tally, add_rows
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX

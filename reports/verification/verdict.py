@@ -13,7 +13,7 @@ from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
-from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.common.json_ready import Summarized
 from xfrustum.reports.inspection.channels import InspectedHogel
 from xfrustum.reports.verification.figures import (
     COLORS,

@@ -16,7 +16,6 @@ import pytest
 from PIL import Image
 
 from xfrustum.compare.rounding.positions import largest_tolerance
-from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.error_report import figures, images, report, sweep
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
@@ -29,6 +28,7 @@ from xfrustum.scenes import (
     Scene,
     open_scene,
 )
+from xfrustum.scenes.notebook.numbers import percent
 
 NEARS = (1.5, 0.015, 1.5e-4)
 SHARES = ("surface", "triangle", "geometry_surface")
