@@ -11,7 +11,6 @@ import plotly.graph_objects as go
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
-from xfrustum.reports.common import formatting
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import best, causes, figures, geometries, images
@@ -22,6 +21,7 @@ from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.notebook import numbers
 from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -82,7 +82,7 @@ def render_page(sweep: Sweep, light: LightReport | None = None) -> str:
         "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, light),
     }
-    filters = {"percent": formatting.percent, "pixels": best.pixels, "digits": formatting.digits}
+    filters = {"percent": numbers.percent, "pixels": best.pixels, "digits": numbers.digits}
     return html_page("report.html.j2", filters, values)
 
 
