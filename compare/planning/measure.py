@@ -1,47 +1,93 @@
-"""Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces."""
+"""Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces.
+
+Sheets: a camera's film is tiled with cells, and each cell belongs to one pair of sheets. Each pair has cells
+all over the film, and no cell hides another, so that all pairs of a camera are seen in one picture.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import islice
 
-from xfrustum.compare.planning.hogels import hogel_results
-from xfrustum.compare.planning.sheets import misordered
-from xfrustum.compare.planning.views import Quality, Requirement, View, Views
+import numpy as np
+
+from xfrustum.compare.beyond import displacement_p99
+from xfrustum.compare.planning.views import Done, Errors, Quality, Requirement, View, Views
+from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.run import Judge
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.compare.run import NO_TRUTHS, Judge, JudgedFrame, Wanted
+from xfrustum.raster import Rasterizer
+from xfrustum.reference.lines.lines import ModelCamera, model_cameras
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-SEARCH_RATIO = 8.0
-"""The smallest separation is looked for between this many times less and more than is predicted."""
+SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
+"""The smallest separation is looked for between this many times less and more than is predicted, and that
+range is halved so often on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves, 3 %."""
 
-SEARCH_HALVINGS = 7
-"""Times that the range of the search is halved, on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves,
-3 %."""
+CELLS, CELL_PIXELS = 32, 8
+"""Cells along each side of the film of sheets, and pixels along each side of a cell."""
+
+SPREAD, SPREAD_SEPARATIONS = 0.02, 4.0
+"""Share of their height |z|, and least number of separations, over which the cells of a sheet are spread
+toward the plate, so that not all their depths round alike."""
 
 
-def measure(
-    scene: Scene, apertures: Sequence[Aperture], settings: DoubleFrustum, requirement: Requirement
-) -> Quality:
-    """Return how well any settings do, at the worst of some apertures.
+# Hogels ----------------------------------------------------------------------------------------------------
 
-    Raises
-    ------
-    InputError
-        The settings make no sense for the scene's frustum, or there is no usable OpenGL.
+
+@dataclass(frozen=True, kw_only=True)
+class HogelResult(Errors):
+    """How well a plan does at one hogel, measured."""
+
+    aperture: Aperture
+
+
+def hogel_results(
+    judge: Judge,
+    apertures: Iterable[Aperture],
+    settings: DoubleFrustum,
+    truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
+) -> Iterator[HogelResult]:
+    """Draw hogels, and yield how well the settings do at each, in order.
+
+    Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with exact depth
+    besides. `truths` are true images that are there already.
     """
-    settings.check_against(scene.frustum)
-    return measured(Views.of(scene, apertures), settings, requirement)
+    exact = with_exact_depth(settings)
+    both = tuple(dict.fromkeys((settings, exact)))
+    with closing(judge.frames(apertures, both, Wanted(), _judged, truths)) as frames:
+        while some := list(islice(frames, len(both))):
+            found = {one[1]: one for one in some}
+            aperture, _, moved, judged, wrong = found[settings]
+            control = found[exact][-1]
+            yield HogelResult(
+                aperture=aperture,
+                displacement_p99_px=moved,
+                surface_fraction=float(wrong.sum() / max(judged, 1)),
+                depth_wrong=float((wrong & ~control).sum() / max(judged, 1)),
+            )
+
+
+def _judged(frame: JudgedFrame) -> tuple[Aperture, DoubleFrustum, float, int, Mask]:
+    """Return what a result is made of: displacement, number of judged pixels, and the wrong ones."""
+    found = frame.comparison
+    wrong = found.errors.surface
+    assert wrong is not None, "the reference has the scene at hand"
+    return frame.aperture, frame.settings, displacement_p99(found), found.judged, wrong
 
 
 def measured(
     views: Views,
     settings: DoubleFrustum,
     requirement: Requirement,
-    done: Callable[[int], object] = lambda steps: None,
+    done: Done = lambda steps: None,
     *,
     smallest: bool = True,
 ) -> Quality:
@@ -50,15 +96,15 @@ def measured(
     Parameters
     ----------
     done
-        Function that is called after each aperture, with 1.
+        Called with 1 after each aperture.
     smallest
         Whether to look for the smallest separation, which no requirement limits; else it is NaN.
     """
     separation = requirement.separation_in(views.scene.frustum)
-    found = []
     with Judge(views.scene, reference=views.reference) as judge:
         apertures = [view.aperture for view in views.views]
         drawn = list(hogel_results(judge, apertures, settings, views.truths))
+    found = []
     for view, result in zip(views.views, drawn, strict=True):
         found.append(
             Quality(
@@ -73,24 +119,161 @@ def measured(
     return Quality.worst(found)
 
 
-def meets(quality: Quality, requirement: Requirement) -> bool:
-    """Return whether what was measured is what is required."""
-    return not requirement.missed_by(quality) and quality.misordered <= MAX_MISORDERED_FRACTION
-
-
 def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> float:
     """Return the smallest separation of sheets that are ordered; infinite where none so far is."""
     predicted = replace(views, views=(view,)).separation(settings)
-    if not predicted:
-        return 0.0
 
     def ordered(separation: float) -> bool:
         return misordered(views.scene, view, settings, separation) <= MAX_MISORDERED_FRACTION
 
     low, high = predicted / SEARCH_RATIO, predicted * SEARCH_RATIO
-    if not ordered(high):
-        return math.inf
+    if not predicted or not ordered(high):
+        return math.inf if predicted else 0.0
     for _ in range(SEARCH_HALVINGS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if ordered(middle) else (middle, high)
     return high
+
+
+# Sheets ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SheetPair:
+    """Two sheets, parallel to the plate, of one camera.
+
+    Attributes
+    ----------
+    heights
+        (N,) |z| of the farther sheet, for each of the pair's cells row by row.
+    separation
+        Distance of the two sheets along z, scene units.
+    loser_first
+        Whether the sheet that must not show is drawn first.
+    """
+
+    camera: ModelCamera
+    heights: Floats
+    separation: float
+    loser_first: bool
+
+    def objects(self, rows: Indices, columns: Indices, cells: int) -> list[SceneObject]:
+        """Return both sheets in drawing order, over the cells in some rows and columns of the film."""
+        farther, nearer = (
+            _sheet(self.camera, rows, columns, height, cells)
+            for height in (self.heights, self.heights - self.separation)
+        )
+        # C keeps the nearer, C* the farther.
+        loser, winner = (farther, nearer) if self.camera.orthoscopic else (nearer, farther)
+        return [loser, winner] if self.loser_first else [winner, loser]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SheetFilm:
+    """The film of an aperture's camera, tiled with cells of pairs of sheets.
+
+    Attributes
+    ----------
+    scene
+        The sheets alone.
+    pair, shown
+        (H, W) number of the pair that each pixel belongs to, and of the object that it must show.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    pair: Indices
+    shown: Indices
+
+    @classmethod
+    def of(
+        cls, scene: Scene, aperture: Aperture, pairs: Sequence[SheetPair], owner: Indices, cell_pixels: int
+    ) -> SheetFilm:
+        """Tile the film of an aperture with cells of so many pixels a side.
+
+        `owner` (cells, cells) has the number of the pair that each cell belongs to.
+        """
+        cells, objects = len(owner), []
+        for number, pair in enumerate(pairs):
+            rows, columns = np.nonzero(owner == number)
+            objects += pair.objects(rows, columns, cells)
+        frustum = replace(scene.frustum, resolution=(cells * cell_pixels, cells * cell_pixels))
+        of_pixel = np.kron(owner, np.ones((cell_pixels, cell_pixels), dtype=np.int64))
+        winners = np.array([2 * number + pair.loser_first for number, pair in enumerate(pairs)])
+        return cls(
+            scene=Scene(name="sheets", plate=scene.plate, frustum=frustum, objects=tuple(objects)),
+            aperture=aperture,
+            pair=of_pixel,
+            shown=winners[of_pixel],
+        )
+
+    def wrong_shares(self, rasterizer: Rasterizer, settings: DoubleFrustum) -> list[float]:
+        """Draw the sheets and return, for each pair, the share of its pixels that is wrong.
+
+        The rasterizer is that of `scene`, and only the pairs' camera draws.
+        """
+        drawn = rasterizer.render(self.aperture, settings, normals=False, color=False)
+        wrong = drawn.object != self.shown
+        return [float(wrong[self.pair == number].mean()) for number in range(len(self.scene.objects) // 2)]
+
+
+def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
+    """Draw sheets at the farthest visible surface of every camera and slab, and return the worst share.
+
+    Each pair comes twice, the sheet that must not show drawn first and drawn last.
+
+    Returns
+    -------
+    Share of pixels in which the wrong sheet shows, or none; 0 where no slab has room for two sheets.
+    """
+    worst = 0.0
+    for orthoscopic, side in ((True, Camera.C), (False, Camera.C_STAR)):
+        places = []
+        for camera in model_cameras(scene.frustum, view.aperture, settings):
+            low, high = sorted(abs(height) for height in camera.heights)
+            far = view.farthest(side, low, high) if camera.orthoscopic is orthoscopic else None
+            if far is not None and far - separation > low:
+                spread = max(SPREAD * far, SPREAD_SEPARATIONS * separation)
+                ends = far - min(spread, (far - separation - low) / 2), far
+                places += [(camera, ends, loser_first) for loser_first in (True, False)]
+        if places:
+            film = _dealt_film(scene, view.aperture, places, separation)
+            with Rasterizer(film.scene) as rasterizer:
+                worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
+    return worst
+
+
+_Place = tuple[ModelCamera, tuple[float, float], bool]
+"""Camera of a pair, heights |z| between which its farther sheet lies, and whether the loser is drawn "
+"first."""
+
+
+def _dealt_film(scene: Scene, aperture: Aperture, places: list[_Place], separation: float) -> SheetFilm:
+    """Deal the cells of a film out to places, and give each cell a height between the place's ends."""
+    random = np.random.default_rng(1997)
+    owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
+    pairs = [
+        SheetPair(
+            camera=camera,
+            heights=random.uniform(*ends, int((owner == number).sum())),
+            separation=separation,
+            loser_first=loser_first,
+        )
+        for number, (camera, ends, loser_first) in enumerate(places)
+    ]
+    return SheetFilm.of(scene, aperture, pairs, owner, CELL_PIXELS)
+
+
+def _sheet(camera: ModelCamera, rows: Indices, columns: Indices, heights: Floats, cells: int) -> SceneObject:
+    """Return cells of a camera's film as squares parallel to the plate, each at a height |z| of its own."""
+    pencil = camera.pencil
+    at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
+    u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
+    v = 1 - 2 * (rows[:, None] + at[:, 0]) / cells
+    z = np.broadcast_to((-heights if camera.orthoscopic else heights)[:, None], u.shape)
+    s = pencil.center[2] - z
+    slopes = [pencil.shear[0] + u * pencil.half_extent[0], pencil.shear[1] + v * pencil.half_extent[1]]
+    corners = np.stack((pencil.center[0] + s * slopes[0], pencil.center[1] + s * slopes[1], z), axis=-1)
+    vertices = np.arange(4 * len(rows)).reshape(-1, 4)
+    faces = np.concatenate((vertices[:, [0, 1, 2]], vertices[:, [0, 2, 3]]))
+    return SceneObject(name="sheet", vertices=corners.reshape(-1, 3), faces=faces)

@@ -17,8 +17,7 @@ from xfrustum.compare.eye.noticeable import (
     runs_through_plate,
     stereo_change_arcsec,
 )
-from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
-from xfrustum.compare.planning.numbers import index_below, largest_index, round_number
+from xfrustum.compare.planning.search import SMALLEST_PER_REACH, index_below, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
 from xfrustum.compare.scout import Scout
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum

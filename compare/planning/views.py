@@ -1,4 +1,12 @@
-"""The requirement that a plan must keep, and what some apertures of a scene truly show."""
+"""What a plan must keep, what some apertures truly show, and what any settings are predicted to make of it.
+
+A plan must hold when it is measured, over the pixels of the drawn picture. These do not show quite what the
+truth shows: at contours another surface, and everywhere points that belong farther out. So the closed form of
+displacement gives each of the truth's pixels the largest displacement of itself and its neighbors, since a
+picture that is displaced by less than a pixel shows nothing else there. What no pixel of the truth shows that
+form cannot know: a camera that has stepped back by n sees farther to the side than the true frustum where |z|
+is no larger than n. That is left to the reference, which traces the offset cameras themselves.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +18,12 @@ from statistics import NormalDist
 from typing import ClassVar
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.planning.displacement import displacement_bound, traced_errors
+from xfrustum.compare.beyond import PERCENTILE, displacement_p99, is_beyond
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
 from xfrustum.compare.prediction.share import Slab, Stacks, depth_wrong_share, slabs
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
@@ -21,7 +31,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
@@ -32,6 +42,12 @@ SEPARATION_PER_REACH = 1e-3
 HEIGHT_TOLERANCE_RATIO = 1e-9
 """Relative distance from a cut within which a surface counts on both sides of it. Rounding moves the surfaces
 of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
+
+NEIGHBORHOOD_PX = 3
+"""Width of a neighborhood in pixels: one to each side."""
+
+Done = Callable[[int], object]
+"""Function that is called with the number of steps that are done."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +74,29 @@ class Errors:
     def beyond(self, tolerance_px: float) -> bool:
         """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
         return is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality(Errors):
+    """How well some settings do, at the worst of some apertures: predicted, or measured.
+
+    Attributes
+    ----------
+    misordered
+        Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
+        at the farthest visible surface of each camera and slab; the worst.
+    separation
+        The smallest separation there of which no more than `MAX_MISORDERED_FRACTION` are wrong, scene
+        units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+    """
+
+    misordered: float
+    separation: float
+
+    @classmethod
+    def worst(cls, found: Sequence[Quality]) -> Quality:
+        """Return the largest of each number."""
+        return cls(**{item.name: max(getattr(one, item.name) for one in found) for item in fields(cls)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,17 +147,18 @@ class Requirement:
         """Return whether a hogel is beyond the tolerance, or has more wrong by depth than is allowed."""
         return found.beyond(self.tolerance_px) or found.depth_wrong > self.max_wrong
 
-    def excess(self, found: Errors) -> float:
-        """Return the largest ratio of a hogel's errors to what is allowed, for ranking hogels."""
-        return max(
-            found.displacement_p99_px / self.tolerance_px,
-            found.surface_fraction / MAX_WRONG,
-            found.depth_wrong / self.max_wrong,
-        )
+    def met_by(self, found: Quality) -> bool:
+        """Return whether what was measured is what is required."""
+        return not self.missed_by(found) and found.misordered <= MAX_MISORDERED_FRACTION
 
     def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
         """Return the ratio of what near does, to pixels or to what eyes see, to what is allowed."""
         return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
+
+    def excess(self, found: Errors) -> float:
+        """Return the largest ratio of a hogel's errors to what is allowed, for ranking hogels."""
+        by_near = max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
+        return max(by_near, found.depth_wrong / self.max_wrong)
 
     def allows(self, settings: DoubleFrustum) -> bool:
         """Return whether near may be so large, whatever is displaced; pixels alone decide here."""
@@ -136,38 +176,37 @@ class Requirement:
         return ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Quality(Errors):
-    """How well some settings do, at the worst of some apertures: predicted, or measured.
+def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:
+    """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
 
-    Attributes
-    ----------
-    misordered
-        Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
-        at the farthest visible surface of each camera and slab; the worst.
-    separation
-        The smallest separation there of which no more than `MAX_MISORDERED_FRACTION` are wrong, scene
-        units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+    Returns
+    -------
+    0 where the truth shows no surface. Infinite where more than one pixel in a hundred shows a surface in
+    the aperture itself, which lies in the plate or passes through it: the true line ends there, and has no
+    place for it on the film. Drawn is what lies closer than n, whose displacement no n makes small.
+
+    Notes
+    -----
+    With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 - |z| / zf)
+    where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n / zf) times that.
     """
-
-    misordered: float
-    separation: float
-
-    @classmethod
-    def worst(cls, found: Sequence[Quality]) -> Quality:
-        """Return the largest of each number."""
-        return cls(**{item.name: max(getattr(one, item.name) for one in found) for item in fields(cls)})
+    if not truth.covered.any():
+        return 0.0
+    points = TruePoints.of(truth)
+    moved = displacement_lengths(points, frustum, settings)
+    if settings.offset is Offset.PLATE:
+        fitted = settings.fitted_height(frustum)
+        per_fit = 0.0 if fitted is None else 1 / fitted
+        bent = in_first_slab(points.height, frustum, settings)
+        moved[bent] *= (1 + settings.near / np.abs(points.height[bent])) / (1 + settings.near * per_fit)
+    moved = np.where(truth.covered & (truth.height == 0), np.inf, np.nan_to_num(moved, nan=0.0))
+    largest = maximum_filter(moved, size=NEIGHBORHOOD_PX)[truth.covered]
+    return float(np.percentile(largest, PERCENTILE, method="higher"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """What one aperture truly shows.
-
-    Attributes
-    ----------
-    aperture, truth, gaps
-        See `Reference.trace` and `Reference.gaps`.
-    """
+    """What one aperture truly shows; see `Reference.trace` and `Reference.gaps`."""
 
     aperture: Aperture
     truth: HogelImage
@@ -187,7 +226,7 @@ class View:
         """What depth buffers have to tell apart."""
         return Stacks.of(self.truth, self.gaps)
 
-    def farthest(self, camera: Camera, low: float, high: float) -> float | None:
+    def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
         seen = self.seen[camera]
         count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
@@ -204,26 +243,10 @@ class Views:
     views: tuple[View, ...]
 
     @classmethod
-    def of(
-        cls, scene: Scene, apertures: Sequence[Aperture], done: Callable[[int], object] = lambda steps: None
-    ) -> Views:
-        """Trace the apertures.
-
-        Parameters
-        ----------
-        done
-            Called with 1 after each aperture is traced.
-        """
-        return cls.traced(Reference(scene), apertures, done)
-
-    @classmethod
     def traced(
-        cls,
-        reference: Reference,
-        apertures: Sequence[Aperture],
-        done: Callable[[int], object] = lambda steps: None,
+        cls, reference: Reference, apertures: Sequence[Aperture], done: Done = lambda steps: None
     ) -> Views:
-        """Trace apertures with a reference that is at hand; see `of`."""
+        """Trace apertures; `done` is called with 1 after each."""
         views = []
         for aperture in apertures:
             truth, gaps = reference.trace(aperture), reference.gaps(aperture)
@@ -247,9 +270,20 @@ class Views:
             yield displacement_bound(view.truth, self.scene.frustum, settings)
 
     def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
-        """Return displacement and wrong surfaces as `displacement.traced_errors` does; the worst of each."""
-        found = [traced_errors(self.reference, view.truth, settings) for view in self.views]
-        moved, wrong = zip(*found, strict=True) if found else ((0.0,), (0.0,))
+        """Return what two cameras that round nothing get wrong, at the worst of all apertures.
+
+        Returns
+        -------
+        The 99th percentile of displacement, px, infinite where it is undefined; and the share of judged
+        pixels that show the wrong surface.
+        """
+        moved, wrong = [0.0], [0.0]
+        for view in self.views:
+            model = self.reference.trace_model(view.aperture, settings)
+            found = compare_images(view.truth, model, self.reference, radiance=False)
+            assert found.surface is not None, "the reference has the scene at hand"
+            moved.append(displacement_p99(found))
+            wrong.append(found.surface.fraction)
         return max(moved), max(wrong)
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
@@ -274,9 +308,8 @@ class Views:
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return what closed forms predict of settings, with sheets as far apart as is asked for."""
-        smallest = self.separation(settings)
+        smallest, depth_wrong = self.separation(settings), self.depth_wrong(settings)
         certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
-        depth_wrong = self.depth_wrong(settings)
         return Quality(
             displacement_p99_px=max(self.displaced(settings), default=0.0),
             surface_fraction=depth_wrong,

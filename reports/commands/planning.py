@@ -11,10 +11,7 @@ import scipy
 
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.planning.hogels import PlateResult
-from xfrustum.compare.planning.measure import meets
-from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
-from xfrustum.compare.planning.plate import PlatePlanner
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, PlateResult, depth_buffers, plan, steps
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
@@ -212,7 +209,7 @@ def _answer(
     assert worst is not None and made.measured is not None
     if exceeded:
         answer = "The plan DOES NOT HOLD for two eyes that it was replayed to. Its hogels were measured at "
-    elif not made.within and meets(made.measured, requirement) and not requirement.missed_by(worst):
+    elif not made.within and requirement.met_by(made.measured) and not requirement.missed_by(worst):
         # What the reason began with is all that is amiss.
         answer = "Without these apertures the plan holds, measured at "
     moved = (

@@ -21,7 +21,7 @@ import numpy as np
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.wrong_by_depth import DepthControl
 from xfrustum.compare.metrics.displacement import lengths
-from xfrustum.compare.planning.sheets import SheetFilm, SheetPair
+from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.raster import Rasterizer

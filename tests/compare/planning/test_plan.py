@@ -15,14 +15,18 @@ from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.displacement import displacement
-from xfrustum.compare.planning.cuts import Cutter
-from xfrustum.compare.planning.displacement import displacement_bound
-from xfrustum.compare.planning.measure import measure, measured, meets
-from xfrustum.compare.planning.numbers import index_below, largest_index, round_number, smallest_index
+from xfrustum.compare.planning.measure import measured, misordered
 from xfrustum.compare.planning.plan import depth_buffers, plan, search
-from xfrustum.compare.planning.search import SEPARATION_MARGIN, Search
-from xfrustum.compare.planning.sheets import misordered
-from xfrustum.compare.planning.views import Requirement, Views
+from xfrustum.compare.planning.search import (
+    SEPARATION_MARGIN,
+    Cutter,
+    Search,
+    index_below,
+    largest_index,
+    round_number,
+    smallest_index,
+)
+from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -46,7 +50,9 @@ D16, D24 = (DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapp
 @cache
 def views_of(name: str, index: tuple[int, int] | None = None) -> Views:
     scene = view(name, SMALL)
-    return Views.of(scene, [scene.plate.middle if index is None else scene.plate.aperture(*index)])
+    return Views.traced(
+        Reference(scene), [scene.plate.middle if index is None else scene.plate.aperture(*index)]
+    )
 
 
 def planned(
@@ -58,7 +64,7 @@ def planned(
 
 
 def holds(views: Views, settings: DoubleFrustum, requirement: Requirement) -> bool:
-    return meets(measured(views, settings, requirement, smallest=False), requirement)
+    return requirement.met_by(measured(views, settings, requirement, smallest=False))
 
 
 # The plan holds.
@@ -112,7 +118,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(name: str
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
     truth = Reference(scene).trace(scene.plate.middle)
     assert displacement_bound(truth, scene.frustum, wide) < requirement.tolerance_px
-    found = measure(scene, [scene.plate.middle], wide, requirement)
+    found = measured(Views.traced(Reference(scene), [scene.plate.middle]), wide, requirement)
     assert found.displacement_p99_px > requirement.tolerance_px
     made = plan(scene, [scene.plate.middle], requirement, [D16])
     assert made.within, made
@@ -283,7 +289,7 @@ def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
     scene = view(name, SMALL)
     plans = []
     for levels in range(3):
-        views = Views.of(refine(scene, levels), [scene.plate.middle])
+        views = Views.traced(Reference(refine(scene, levels)), [scene.plate.middle])
         best = search(Search(views, requirement), choices).best
         assert best is not None
         plans.append(best.settings)
@@ -302,7 +308,9 @@ def test_what_is_behind_the_plate_and_what_is_before_it_count_alike() -> None:
             SceneObject(name="square", vertices=side * (size * square + [x, 3.0, z]), faces=faces)
             for size, x, z in ((8.0, -15.0, -60.0), (3.0, 4.0, -25.0), (9.0, -30.0, 70.0))
         ]
-        views = Views.of(replace(scene, frustum=frustum, objects=tuple(squares)), [scene.plate.middle])
+        views = Views.traced(
+            Reference(replace(scene, frustum=frustum, objects=tuple(squares))), [scene.plate.middle]
+        )
         plans.append(planned(views, Requirement(separation=0.004), D16))
     assert plans[0] == plans[1]
     assert len(plans[0].slabs) > 1
@@ -325,7 +333,10 @@ def test_a_plan_grows_with_the_scene(buffer: tuple[DepthFormat, DepthMapping]) -
         ),
         objects=tuple(replace(part, vertices=8 * part.vertices) for part in scene.objects),
     )
-    plans = [planned(Views.of(one, [one.plate.middle]), Requirement(), buffer) for one in (scene, larger)]
+    plans = [
+        planned(Views.traced(Reference(one), [one.plate.middle]), Requirement(), buffer)
+        for one in (scene, larger)
+    ]
     assert len(plans[0].slabs) == len(plans[1].slabs)
     for one, other in zip((plans[0].near, *plans[0].slabs), (plans[1].near, *plans[1].slabs), strict=True):
         assert other == pytest.approx(8 * one, rel=0.02)
@@ -351,8 +362,8 @@ def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str
 
 def test_more_apertures_never_ask_for_less() -> None:
     scene = view("car-recentered", SMALL)
-    one = Views.of(scene, [scene.plate.middle])
-    many = Views.of(scene, spread_apertures(scene.plate, 5))
+    one = Views.traced(Reference(scene), [scene.plate.middle])
+    many = Views.traced(Reference(scene), spread_apertures(scene.plate, 5))
     few, all_of_them = (planned(views, Requirement(), D24) for views in (one, many))
     assert len(all_of_them.slabs) > len(few.slabs) or all_of_them.near <= few.near
 

@@ -16,9 +16,9 @@ from tests.support.scene_file import film, part
 from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.planning.hogels import hogel_results
-from xfrustum.compare.planning.plan import Plan
-from xfrustum.compare.planning.plate import PlatePlanner, largest_share
+from xfrustum.compare.planning.measure import hogel_results
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, largest_share
+from xfrustum.compare.planning.reason import exceptions
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
@@ -213,8 +213,8 @@ def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball:
     aside = replace(
         none.plate, set_aside=7, set_aside_apertures=seven, hopeless=1, hopeless_apertures=(OVER,)
     )
-    assert "7 others (0,2; 1,2; 2,2; 3,2; 4,2; ..) are set aside" in aside.exceptions
-    assert "(7,1) a surface lies in the aperture" in aside.exceptions
+    assert "7 others (0,2; 1,2; 2,2; 3,2; 4,2; ..) are set aside" in exceptions(aside)
+    assert "(7,1) a surface lies in the aperture" in exceptions(aside)
     assert aside.summary()["set_aside_apertures"] == seven
 
 

@@ -211,7 +211,7 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed_and_replays_
         (["--viewer=600mm", "--tolerance-px=1"], "leave out"),
         (["--viewer=far"], "LENGTH|length such as 600"),
         (["--viewer=600parsec"], "not known"),
-        (["--viewer=-5"], "positive"),
+        (["--viewer=-5"], "positive|length such as 600"),
         (["--viewer=5mm"], "larger distance"),
     ],
 )
