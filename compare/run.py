@@ -582,7 +582,7 @@ class _Loop(Generic[Result]):
         compared = predicted = done = time.perf_counter()
         prediction = budget = None
         if start and predictor:
-            prediction, links = predictor.predict(setting), predictor.links(setting)
+            prediction, links = predictor.predict_links(setting)
             predicted = time.perf_counter()
             budget = charged(start, drawn.image, links, comparison.errors)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time

@@ -476,7 +476,7 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
     gaps = reference.gaps(start.truth.camera.aperture)
     predictor = Predictor(start.truth, gaps, reference.scene.frustum, chain.subpixel_bits)
-    return charged(start, chain.images[-1], predictor.links(chain.settings))
+    return charged(start, chain.images[-1], predictor.predict_links(chain.settings)[1])
 
 
 def charged(

@@ -114,28 +114,21 @@ class Predictor:
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
         """Return the errors to be expected with some settings."""
-        prediction, _ = self.cameras(settings)
-        return replace(
-            prediction,
-            depth=depth_wrong_share(self._stacks, self._frustum, settings),
-            separation=self.separations(settings),
-        )
+        return self.predict_links(settings)[0]
 
-    def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
-        """Return the errors to be expected of each link of the chain, in the order of `links_of`.
+    def predict_links(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+        """Return the errors to be expected, and those of each link of the chain, in the order of `links_of`.
 
         Rasterization and depth displace nothing except by the rounding of positions.
         """
-        _, links = self.cameras(settings)
-        share = depth_wrong_share(self._stacks, self._frustum, settings)
-        return (*links, LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged))
-
-    def cameras(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return all that the depth buffers of the same cameras share, found once for all of them."""
+        # The depth buffers of the same cameras share all other errors.
         exact = with_exact_depth(settings)
         if exact not in self._without_depth:
             self._without_depth[exact] = self._predicted(exact)
-        return self._without_depth[exact]
+        prediction, links = self._without_depth[exact]
+        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
+        return replace(prediction, depth=share, separation=self.separations(settings)), (*links, depth)
 
     def _predicted(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
         """Return the prediction without errors of depth, and those of all links but depth."""

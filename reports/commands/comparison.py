@@ -126,7 +126,7 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
     comparison, maps = compared.comparison, compared.comparison.maps
     with Staging(out) as staging:
         write_json(staging.folder / "comparison.json", comparison.numbers)
-        (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
+        (staging.folder / "displacement.png").write_bytes(images.displacement_map(comparison.errors.moved))
         (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
         height = images.height_map(maps.height, compared.reach, compared.heights)
         (staging.folder / "height.png").write_bytes(height)

@@ -18,7 +18,6 @@ from PIL import (
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
-from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.error_report.measurement import SettingPictures
@@ -27,7 +26,7 @@ from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 if TYPE_CHECKING:
-    from xfrustum.compare import ErrorMaps
+    from xfrustum.compare import Comparison
     from xfrustum.scenes.model.scene import Scene
 
 Image.preinit()  # the plugins that every file asks for, too
@@ -84,18 +83,17 @@ def _rounded_up(value: float) -> float:
 
 
 def setting_pictures(
-    drawn: HogelImage,
-    maps: ErrorMaps,
+    comparison: Comparison,
     charge: NDArray[np.int8] | None,
     scale: tuple[float, tuple[float, float]],
     reduction: int = 1,
 ) -> SettingPictures:
-    """Encode the raster image and its error maps.
+    """Encode a raster image and its errors.
 
     Parameters
     ----------
-    drawn, maps
-        The raster image and what the comparison found, (H, W).
+    comparison
+        The image, and how it differs from the truth.
     charge
         (H, W) number of the link that each wrong surface is charged to, negative where there is none; None
         where causes were left out.
@@ -105,15 +103,16 @@ def setting_pictures(
         Image pixels per picture pixel, along each side; errors keep the worst of a block.
     """
     reach, heights = scale
-    surface = np.zeros_like(maps.triangle) if maps.surface is None else maps.surface
+    errors, colors = comparison.errors, comparison.colors
+    surface = np.zeros_like(errors.triangle) if errors.surface is None else errors.surface
     return SettingPictures(
-        raster=picture(drawn, reduction),
-        displacement=displacement_map(maps.displacement, reduction),
+        raster=picture(errors.raster, reduction),
+        displacement=displacement_map(errors.moved, reduction),
         surface=mask(surface, SURFACE_COLOR, reduction),
-        triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
-        height=height_map(maps.height, reach, heights, reduction),
+        triangle=mask(errors.triangle, TRIANGLE_COLOR, reduction),
+        height=height_map(errors.height, reach, heights, reduction),
         causes=None if charge is None else cause_map(charge, reduction),
-        radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
+        radiance=None if colors is None else radiance_map(colors.error, reduction),
     )
 
 
@@ -142,12 +141,11 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
     return buffer.getvalue()
 
 
-def displacement_map(displacement: Floats, reduction: int = 1) -> bytes:
-    """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
+def displacement_map(length: Floats, reduction: int = 1) -> bytes:
+    """Encode (H, W) lengths of displacements as PNG, transparent where undefined.
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
     """
-    length = lengths(displacement)
     low, high = np.log10(DISPLACEMENT_RANGE_PX)
     known = np.isfinite(length)
     level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS

@@ -350,8 +350,7 @@ def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> _Finished:
     """Return the row of a frame and its pictures, encoded in the thread that has judged it."""
     begun, reach, budget = time.perf_counter(), scene.frustum.longest_reach, frame.budget
     pictures = images.setting_pictures(
-        frame.image,
-        frame.comparison.maps,
+        frame.comparison,
         None if budget is None else _charges(budget),
         (reach, images.height_range(scene, reach)),
         reduction,

@@ -94,7 +94,7 @@ def _shown(scene: Scene, frame: JudgedFrame) -> ShownHogel:
     encoded = {
         "truth": picture(truth, reduction),
         "drawing": picture(frame.image, reduction),
-        "displacement": displacement_map(maps.displacement, reduction),
+        "displacement": displacement_map(frame.comparison.errors.moved, reduction),
         "wrong surfaces": mask(maps.surface, SURFACE_COLOR, reduction),
     }
     return ShownHogel(
