@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
-from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
@@ -92,20 +85,6 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
     assert said["worst"]["aperture"] == [rows["column"][worst].as_py(), rows["row"][worst].as_py()]
     assert said["sentence"].startswith(f"{said['beyond']} of the 20 hogels (")
     assert [one["settings"]["near"] for one in said["settings"]] == [NEAR]
-
-
-@given(st.floats(0, 10), st.floats(0, 1), st.floats(0.01, 10))
-def test_a_hogel_is_beyond_by_its_displacement_or_by_its_wrong_surfaces(
-    p99_px: float, fraction: float, tolerance_px: float
-) -> None:
-    """Depth fighting and a lost object leave everything else where it belongs."""
-    moved = Spread(rms=p99_px, p50=p99_px, p95=p99_px, p99=p99_px, max=p99_px)
-
-    for displacement in (moved, None):
-        comparison: Any = SimpleNamespace(displacement_px=displacement, at_plate=0, judged=100)
-        is_displaced = displacement is not None and p99_px > tolerance_px
-        found = is_beyond(displacement_p99(comparison), fraction, tolerance_px)
-        assert found == (is_displaced or fraction > 0.01)
 
 
 def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: Scene) -> None:
@@ -232,10 +211,3 @@ def test_strange_wishes_are_refused_in_one_line_and_leave_nothing(
     line = capsys.readouterr().err
     assert status == 2 and told in line and line.count("\n") == 1
     assert not out.exists()
-
-
-@pytest.mark.slow
-def test_no_survey_of_one_process_loads_dask() -> None:
-    words = "import sys, xfrustum.cli.main, xfrustum.reports.survey.survey; print('dask' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"

@@ -6,7 +6,6 @@ import json
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -149,51 +148,3 @@ def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
     else:
         assert run.returncode == 2
         assert "was begun with another description" in errors
-
-
-@pytest.mark.slow
-def test_two_surveys_of_one_folder_at_once_share_the_work(
-    scene_path: Path, undisturbed: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "survey"
-    runs = [started(scene_path, out, "--workers", "1") for _ in range(2)]
-    for run in runs:
-        printed, errors = run.communicate(timeout=LONGEST_WAIT_S)
-        assert run.returncode == 0, errors
-        assert json.loads(printed)["judged"] == 63
-    assert parts_of(out) == parts_of(undisturbed)
-    assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_ends_a_survey_and_its_workers_and_the_next_one_goes_on(
-    stop: signal.Signals, status: int, scene_path: Path, undisturbed: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "survey"
-    run = started(scene_path, out)
-    wait_for_parts(out, 1)
-    workers = workers_of(run)
-    os.kill(run.pid, stop)
-    _, errors = run.communicate(timeout=60)
-    assert run.returncode == status
-    assert errors.splitlines()[-1] in ("xfrustum: interrupted", "xfrustum: terminated")
-    assert workers
-    gone, alive = psutil.wait_procs(workers, timeout=10)
-    assert not alive and len(gone) == len(workers)
-    again = started(scene_path, out, "--workers", "1")
-    again.communicate(timeout=LONGEST_WAIT_S)
-    assert again.returncode == 0
-    assert parts_of(out) == parts_of(undisturbed)
-
-
-@pytest.mark.slow
-def test_workers_end_when_their_command_is_killed(scene_path: Path, tmp_path: Path) -> None:
-    run = started(scene_path, tmp_path / "survey")
-    wait_for_parts(tmp_path / "survey", 1)
-    workers = workers_of(run)
-    run.kill()
-    run.communicate()
-    assert workers
-    _, alive = psutil.wait_procs(workers, timeout=30)
-    assert not alive
