@@ -44,7 +44,7 @@ _NAMES = {
     "HogelImage InputError Offset Pivot Scene open_scene",
     "reports.verification.baseline": "Baseline BaselineOptions baseline",
     "reports.commands.budgeting": "BudgetReport budget",
-    "reports.exchange.camera_files": "CameraFiles write_cameras",
+    "reports.exchange.cameras": "CameraFiles write_cameras",
     "compare": "Comparison compare_images",
     "reports.exchange.convert": "Conversion ConversionOptions convert",
     "reports.cost.cost": "CostReport cost",

@@ -173,7 +173,7 @@ def test_an_image_larger_than_the_device_draws_is_an_input_error() -> None:
 
 
 NO_OPENGL = [
-    ({"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}, "no OpenGL context"),
+    ({"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}, "no OpenGL 4.5 through EGL"),
     ({"MESA_GL_VERSION_OVERRIDE": "4.4"}, "OpenGL 4.4"),
 ]
 

@@ -199,7 +199,7 @@ def test_the_plain_loops_are_the_same_images_too() -> None:
 def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """No version of OpenGL promises that a vertex may choose its layer."""
     monkeypatch.setattr("xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False)
-    monkeypatch.setattr("xfrustum.raster.plate.program.lets_vertices_choose_layers", lambda _: False)
+    monkeypatch.setattr("xfrustum.raster.plate.picture.lets_vertices_choose_layers", lambda _: False)
     scene = view("asymmetric-recentered", (48, 36))
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
         assert plate.batching.hogels == 1

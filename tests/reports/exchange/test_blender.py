@@ -27,7 +27,7 @@ from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.exchange.blender import long_run, pixel_files, render
-from xfrustum.reports.exchange.camera_files import write_cameras
+from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
 from xfrustum.scenes.files.exr import read_image

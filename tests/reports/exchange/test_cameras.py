@@ -13,7 +13,7 @@ import pytest
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.exchange.camera_files import write_cameras
+from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.scenes import (
     Camera,
     DepthFormat,

@@ -13,7 +13,7 @@ import zarr
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene, write_plate
 from xfrustum.cli.main import main
-from xfrustum.reports.exchange.drawn import LaidOutPlate
+from xfrustum.reports.exchange.convert import LaidOutPlate
 from xfrustum.reports.plate.rows import PlateArray, read_plate
 from xfrustum.scenes.files.layouts import layouts_named
 from xfrustum.scenes.files.plate_files import find_files

@@ -43,7 +43,7 @@ def camera(
     Blender 4.5 or newer, exactly and in one pass each (docs/blender.md).
     """
     opened = options.open_scene(scene)
-    from xfrustum.reports.exchange.camera_files import write_cameras
+    from xfrustum.reports.exchange.cameras import write_cameras
 
     chosen = None if apertures is None else [opened.plate.aperture(*index) for index in apertures]
     written = write_cameras(opened, renderer, out, settings, chosen)

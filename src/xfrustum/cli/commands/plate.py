@@ -108,7 +108,7 @@ def plate(
     opened = light.applied(options.open_scene(scene))
     if truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
-    from xfrustum.reports.exchange.drawn import LaidOutPlate
+    from xfrustum.reports.exchange.convert import LaidOutPlate
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
