@@ -11,25 +11,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import (
-    Image,
-    WebPImagePlugin,  # noqa: F401 - where it is missing, the first picture imports the plugins of all formats
-)
+from PIL import Image
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.error_report.measurement import SettingPictures
-from xfrustum.scenes.appearance.display import LEVELS, encoded
-from xfrustum.scenes.arrays import Bytes, Floats, Mask
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison
     from xfrustum.scenes.model.scene import Scene
-
-Image.preinit()  # the plugins that every file asks for, too
 
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
 """Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
@@ -133,8 +128,9 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
         share = block_reduce(share, (reduction, reduction), np.mean)
         linear = block_reduce(linear, (reduction, reduction, 1), np.mean)
         linear = linear / np.maximum(share, np.finfo(np.float32).tiny)[..., None]
-    pixels = np.empty((*share.shape, 4), dtype=np.uint8)
-    pixels[..., :3] = _levels(linear) & _KEPT_BITS
+    pixels = np.zeros((*share.shape, 4), dtype=np.uint8)
+    shown = share > 0
+    pixels[shown, :3] = np.rint(LEVELS * encoding_curve(linear[shown])).astype(np.uint8) & _KEPT_BITS
     pixels[..., 3] = np.rint(LEVELS * np.clip(share, 0, 1))
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
@@ -242,33 +238,6 @@ def address(encoded: bytes) -> str:
 def media_type(encoded: bytes) -> str:
     """Return the media type of an encoded picture."""
     return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
-
-
-_BIN_BITS = 12
-"""Number of the last of a float32's 23 bits of mantissa: colors that differ only in these are nearly always
-shown alike."""
-
-
-@cache
-def _level_of_bin() -> NDArray[np.int16]:
-    """Return the level of every color from 0 to 1 by its leading bits; -1 where a bin has two."""
-    first = np.arange((np.float32(1).view(np.uint32) >> _BIN_BITS) + 1, dtype=np.uint32) << _BIN_BITS
-    last = first | ((1 << _BIN_BITS) - 1)
-    low, high = (np.rint(LEVELS * encoded(ends.view(np.float32))) for ends in (first, last))
-    return np.where(low == high, low, -1).astype(np.int16)
-
-
-def _levels(linear: NDArray[np.floating]) -> Bytes:
-    """Return the 8-bit levels of colors between 0 and 1, exactly as the curve gives them.
-
-    The curve rises everywhere but at its knee, where it falls by 1e-8, far from where two levels meet. Where
-    both ends of a bin have the same level, all colors between them have it too.
-    """
-    colors = np.ascontiguousarray(linear, dtype=np.float32)
-    levels: NDArray[np.int16] = _level_of_bin()[colors.view(np.uint32) >> _BIN_BITS]
-    doubtful = levels < 0
-    levels[doubtful] = np.rint(LEVELS * encoded(colors[doubtful]))
-    return levels.astype(np.uint8)
 
 
 def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare.attribution.budget import Steps, StepSize
-from xfrustum.compare.metrics.displacement import Spread, displacement, film_shifts
+from xfrustum.compare.metrics.displacement import displacement, film_shifts
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum
@@ -61,11 +61,3 @@ def test_one_more_link_displaces_the_pixels_that_it_changes_and_no_others() -> N
     assert list(more.sizes()) == expected
     nothing = steps.with_last(np.zeros(0, dtype=np.int64), np.zeros(0))
     assert nothing.sizes()[-1] == StepSize(rms=0.0, p99=0.0)
-
-
-@pytest.mark.parametrize("values", [[], [0.0, 0.0], [1.0], [3.0, 1.0, 2.0], np.arange(9000.0) ** 2])
-def test_the_size_of_a_step_has_the_numbers_of_a_spread(values: list[float]) -> None:
-    size, spread = StepSize.of(np.array(values)), Spread.of(np.array(values))
-    assert (size is None) == (spread is None) == (not len(values))
-    if size and spread:
-        assert (size.rms, size.p99) == (spread.rms, spread.p99)

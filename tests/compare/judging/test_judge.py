@@ -138,11 +138,6 @@ def test_hogels_are_taken_a_bounded_number_ahead(monkeypatch: pytest.MonkeyPatch
             assert taken <= given + 4
 
 
-def test_large_images_are_fewer_under_way_than_small_ones() -> None:
-    counts = [run.images_under_way(side * side) for side in (64, 256, 1024, 4096, 16384)]
-    assert counts == sorted(counts, reverse=True) and counts[-1] == 2
-
-
 def test_closing_a_stream_ends_its_threads() -> None:
     scene = view("asymmetric", (16, 16))
     with Judge(scene) as judge:

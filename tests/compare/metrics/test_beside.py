@@ -10,7 +10,6 @@ import pytest
 from tests.support.views import view
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import ChainStart, charged, make_budget
-from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     PixelErrors,
@@ -22,7 +21,6 @@ from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.arrays import Mask
 
 NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
 """Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
@@ -118,26 +116,3 @@ def test_a_wrong_surface_is_charged_to_the_link_from_which_on_it_is_wrong(drawn:
     wrong = ~right[-1] & budget.start.judged
     assert wrong.any()
     np.testing.assert_array_equal(budget.surface_charge, np.where(wrong, last_right, -1))
-
-
-def test_causes_of_a_pixel_do_not_depend_on_which_others_are_asked_about(drawn: Drawn) -> None:
-    def causes(pixels: Mask | None = None) -> dict[str, Mask]:
-        bits = drawn.chain.subpixel_bits
-        asked = None if pixels is None else np.flatnonzero(pixels)
-        return explain(drawn.scene, drawn.exact, drawn.starved, bits, asked).masks
-
-    whole = causes()
-    checkers = np.indices(drawn.truth.triangle.shape).sum(axis=0) % 2 == 0
-    for pixels in (checkers, ~checkers):
-        for name, found in causes(pixels).items():
-            np.testing.assert_array_equal(found, whole[name] & pixels)
-
-
-def test_a_model_without_light_shows_the_same_surfaces(drawn: Drawn) -> None:
-    lit, unlit = (
-        drawn.reference.trace_model(drawn.aperture, drawn.settings, shaded=shaded) for shaded in (True, False)
-    )
-    assert unlit.normal is None and unlit.color is None and lit.color is not None
-
-    for name in ("triangle", "object", "position", "certainty"):
-        np.testing.assert_array_equal(getattr(unlit, name), getattr(lit, name))

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tests.support.views import view
-from xfrustum.compare import Comparison, compare_images
-from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -118,28 +114,3 @@ def assert_plain(found: RadianceSpread, error: Floats) -> None:
     assert channels.mean == tuple(error.mean(axis=0))
     assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
     assert channels.max == tuple(size.max(axis=0))
-
-
-def test_maps_are_made_when_they_are_asked_for_and_numbers_need_none(compared: Compared) -> None:
-    again = compare_images(compared.truth, compared.drawn, None)
-    assert isinstance(again, Comparison)
-    assert again.displacement_px == compared.found.displacement_px and again.height == compared.found.height
-    assert "maps" not in vars(again) and "maps" not in vars(again.errors)
-    assert again.maps is again.maps
-
-
-def test_infinite_displacements_have_the_percentiles_of_numpy() -> None:
-    spread = Spread.of(np.array([0.0, 1.0, math.inf]))
-    assert spread is not None and spread.max == math.inf and math.isnan(spread.p99)
-
-
-@settings(deadline=None, max_examples=40)
-@given(
-    rows=st.lists(st.tuples(*[st.floats(-4, 4, width=32)] * 3), min_size=1, max_size=200),
-    repeated=st.integers(1, 40),
-)
-def test_a_spread_of_colors_is_that_of_numpy(rows: list[tuple[float, float, float]], repeated: int) -> None:
-    error = np.tile(np.array(rows, dtype=np.float64), (repeated, 1))
-    found = RadianceSpread.of(error)
-    assert found is not None
-    assert_plain(found, error)

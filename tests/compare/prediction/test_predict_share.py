@@ -139,34 +139,6 @@ def test_only_what_is_drawn_and_judged_counts() -> None:
     assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, starved) == 0
 
 
-@pytest.mark.parametrize(("depth", "mapping"), EVERY)
-@pytest.mark.parametrize("slabs_at", [(), (25.0,)])
-def test_surfaces_that_cannot_be_wrong_are_left_out_and_no_others(
-    depth: DepthFormat, mapping: DepthMapping, slabs_at: tuple[float, ...]
-) -> None:
-    """The share is the mean chance of all surfaces; those with none behind them may be lost."""
-    random = np.random.default_rng(1)
-    distance = {camera: random.uniform(5, 70, 500) for camera in (Camera.C, Camera.C_STAR)}
-    gap = {
-        camera: np.where(random.random(500) < 0.1, 10.0 ** random.uniform(-6, 1, 500), np.inf)
-        for camera in distance
-    }
-    stacks = Stacks(judged=1000, distance=distance, gap=gap)
-    some_differ = False
-    for near in np.geomspace(1e-6, 10, 15).tolist():
-        settings = DoubleFrustum(near=near, depth=depth, mapping=mapping, slabs=slabs_at)
-        control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-        expected = 0.0
-        for camera, far in distance.items():
-            own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
-            wrong, anyway = (chances(own, far, gap[camera], one, 1.0) for one in (settings, control))
-            at_once = np.flatnonzero(wrong)
-            expected += float(np.maximum(wrong[at_once] - anyway[at_once], 0.0).sum())
-        assert depth_wrong_share(stacks, FRUSTUM, settings) == expected / 1000
-        some_differ |= expected > 0
-    assert some_differ or mapping is DepthMapping.LINEAR
-
-
 @pytest.mark.parametrize(
     "settings",
     [

@@ -27,9 +27,6 @@ from xfrustum.reports.cost.trade_off import (
     rank,
 )
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
-from xfrustum.reports.error_report.images import _levels
-from xfrustum.scenes.appearance.display import LEVELS, encoded
-from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.tolerances import MAX_WRONG
@@ -183,23 +180,6 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
         found, again = (compare_images(one, drawn, reference) for one in (truth, asked))
         assert found.maps.surface is not None and again.maps.surface is not None
         np.testing.assert_array_equal(found.maps.surface, again.maps.surface & found.maps.judged)
-
-
-def test_levels_from_a_table_are_those_of_the_curve() -> None:
-    colors = np.linspace(0, 1, 1_000_003, dtype=np.float32)
-    np.testing.assert_array_equal(_levels(colors), np.rint(LEVELS * encoded(colors)))
-    # The floats on both sides of where two levels meet.
-    edges = np.interp(np.arange(255) + 0.5, LEVELS * encoded(colors), colors).astype(np.float32)
-    near = np.concatenate([np.nextafter(edges, np.float32(to)) for to in (0, 1)] + [edges])
-    np.testing.assert_array_equal(_levels(near), np.rint(LEVELS * encoded(near)))
-
-
-def test_the_device_s_time_is_part_of_the_frame() -> None:
-    scene = builtin.build("sheets")
-    with Rasterizer(scene) as rasterizer:
-        times = rasterizer.draw(scene.plate.middle, DoubleFrustum(near=1.0)).times
-        assert list(times) == ["draw", "read"]
-        assert times["draw"].gpu_s > 0
 
 
 def test_cost_prints_one_object_and_writes_a_page(

@@ -12,7 +12,6 @@ from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.error_report.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,
-    best_per_depth,
     best_setting,
     pixels,
     sentence,
@@ -92,19 +91,6 @@ def test_the_worst_aperture_counts() -> None:
     assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
     assert best.aperture == best.displaced_aperture == CORNER
     assert "at the worst of 2 apertures (0,0)" in sentence(rows, "mm", 150.0)
-
-
-def test_nothing_displaced_is_no_displacement() -> None:
-    assert best_setting([measured(1.0, 0.0, None)]).displacement_p99_px == 0.0
-
-
-def test_each_depth_buffer_has_a_best_of_its_own() -> None:
-    rows = [
-        measured(1.0, 0.3, 0.1, depth=DepthFormat.D16),
-        measured(0.1, 0.4, 0.1, depth=DepthFormat.D16),
-        measured(0.1, 0.0, 0.1, depth=DepthFormat.D24),
-    ]
-    assert [(b.settings.depth, b.settings.near) for b in best_per_depth(rows)] == [("d16", 1.0), ("d24", 0.1)]
 
 
 def test_the_sentence_names_near_format_surface_and_displacement() -> None:

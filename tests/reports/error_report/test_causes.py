@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.rows import NO_CAUSES, comparison_numbers, measured_row
-from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.measurement import Measurement
@@ -64,13 +63,6 @@ def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
     assert cause_figure([(0, row(1.0))], 10.0) is None
 
 
-def test_each_depth_buffer_has_a_panel() -> None:
-    rows = [row(1.0, near_offset=3), row(1.0, DepthFormat.D16, depth=3)]
-    figure = cause_figure(list(enumerate(rows)), 10.0)
-    assert figure is not None
-    assert [note.text for note in figure.layout.annotations] == ["D24 standard", "D16 standard"]
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     scene = open_scene("asymmetric-recentered")
@@ -123,8 +115,3 @@ def test_near_offset_moves_what_its_closed_form_says(files: ReportFiles) -> None
             moved = causes["near offset"]
             expected = moved["predicted_displacement_rms_px"]
             assert moved["displacement_rms_px"] == pytest.approx(expected, rel=0.1)
-
-
-def test_a_cause_is_its_name_and_its_numbers() -> None:
-    cause: Cause = NO_CAUSES[0]
-    assert cause.name == "near offset" and cause.numbers.surface == 0

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import plotly.graph_objects as go
 import pytest
 
-from xfrustum.reports.common.figure_style import COLORS, MARKERS, error_bars, log_axis, look
+from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.cost.figure import trade_off_figure
 from xfrustum.reports.cost.trade_off import Option
@@ -58,28 +57,3 @@ def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> N
         trace.name for trace in drawn if trace.marker.symbol and not trace.marker.symbol[0].endswith("-open")
     ]
     assert filled == ["D24"] and (drawn[-1].x, drawn[-1].y) == ((1200.0,), (0.01,))
-
-
-def test_bars_of_repetitions_reach_from_the_lowest_to_the_highest() -> None:
-    bars = error_bars([Timing.of([1.0, 2.0, 5.0])], factor=1000)
-    assert (bars["array"], bars["arrayminus"]) == ([3000.0], [1000.0])
-    (points, _) = trade_off_figure([option("D24", 1.0, 1.0)], 0.5).data
-    assert points.x == (1000,) and points.error_x.array == (2000,) and points.error_x.arrayminus == (500,)
-
-
-@pytest.mark.parametrize(
-    ("values", "written"),
-    [
-        ([2e-4, 3e-4], "~g"),
-        ([7e-6, 1.2e-5], "~e"),
-        ([2e-5, 1e-3], "~e"),
-        ([2e-5, 1.0], None),
-        ([1.0, 40.0], "~g"),
-        ([], None),
-    ],
-)
-def test_labels_far_below_one_are_written_with_an_exponent(values: list[float], written: str | None) -> None:
-    """0.000012 is wider than the margin, and lost its zero at the edge of the page."""
-    axis = go.layout.YAxis(log_axis(values))
-    assert axis.type == "log" and axis.tickformat == written
-    assert axis.exponentformat == ("power" if written is None else "none")

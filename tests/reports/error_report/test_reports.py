@@ -6,7 +6,7 @@ import io
 import json
 import re
 from dataclasses import replace
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -17,7 +17,7 @@ from PIL import Image
 
 from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.error_report import figures, images, report, sweep
+from xfrustum.reports.error_report import images, report, sweep
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
 from xfrustum.scenes import (
     DepthFormat,
@@ -28,7 +28,6 @@ from xfrustum.scenes import (
     Scene,
     open_scene,
 )
-from xfrustum.scenes.notebook.numbers import percent
 
 NEARS = (1.5, 0.015, 1.5e-4)
 SHARES = ("surface", "triangle", "geometry_surface")
@@ -75,12 +74,6 @@ def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger
     np.testing.assert_allclose([b / a for a, b in pairwise(nears)], 10 ** (-7 / 24), rtol=1e-12)
 
 
-def test_default_depths_hold_every_format_and_both_mappings() -> None:
-    assert {depth for depth, _ in sweep.DEFAULT_DEPTHS} == set(DepthFormat)
-    assert (DepthFormat.D24, DepthMapping.STANDARD) in sweep.DEFAULT_DEPTHS
-    assert (DepthFormat.D32F, DepthMapping.REVERSED) in sweep.DEFAULT_DEPTHS
-
-
 def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(files: ReportFiles) -> None:
     apertures = [(a["column"], a["row"]) for a in files.content["apertures"]]
     columns, rows = open_scene("asymmetric-recentered").plate.hogels
@@ -124,24 +117,6 @@ def test_times_of_every_stage_are_in_every_row_and_add_up(files: ReportFiles) ->
     )
 
 
-def test_a_part_is_shown_within_its_stage_on_the_page_in_json_and_in_parquet(files: ReportFiles) -> None:
-    content, flat = files.content, pq.read_table(files.parquet).to_pylist()
-    data = page_data(files.html)
-    for row, columns, shown in zip(content["rows"], flat, data["rows"], strict=True):
-        parts, stages = row["parts_s"], row["times_s"]
-        assert 0 < parts["raster"]["gpu"] <= stages["raster"]
-        assert shown["parts_s"] == parts and shown["times_s"] == stages
-        assert columns["time_raster_gpu_s"] == parts["raster"]["gpu"]
-        assert {f"time_{stage}_s" for stage in stages} <= set(columns) and "time_gpu_s" not in columns
-    part, whole = data["times"]["data"]
-    stages = content["times_s"]
-    assert list(whole["y"]) == list(stages)
-    drawn = [of_it + rest for of_it, rest in zip(part["x"], whole["x"], strict=True)]
-    assert drawn == pytest.approx(list(stages.values()))
-    gpu = sum(row["parts_s"]["raster"]["gpu"] for row in content["rows"])
-    assert part["x"][list(stages).index("raster")] == pytest.approx(gpu)
-
-
 def test_the_page_has_one_recommendation_with_the_command_to_copy(files: ReportFiles) -> None:
     best, html = files.content["best"], files.html.read_text()
     assert best["command"] == files.command
@@ -176,16 +151,6 @@ def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> Non
     assert files.sentence.startswith(f"At 3 hogels ({named}): ")
     assert files.sentence == files.content["best"]["sentence"]
     assert f"At 3 hogels ({named}): " in files.html.read_text()
-
-
-def test_the_causes_at_the_aperture_of_the_headline_are_shown_and_others_are_folded(
-    files: ReportFiles,
-) -> None:
-    html, (column, row) = files.html.read_text(), files.content["best"]["aperture"]
-    causes = html[html.index("What makes surfaces wrong") : html.index("<h2>Pictures</h2>")]
-    shown, _, folded = causes.partition("<summary>The other apertures and cameras</summary>")
-    assert f"<h3>Aperture {column},{row}, pivot {files.content['best']['pivot']}</h3>" in shown
-    assert (shown.count("<h3>"), folded.count("<h3>")) == (1, 5)
 
 
 def test_the_price_of_the_measurement_is_said(files: ReportFiles) -> None:
@@ -223,30 +188,6 @@ def test_prediction_stands_beside_measurement_with_their_ratio(files: ReportFile
         assert columns["measured_over_predicted_surface"] == ratios["surface"]
     # The middle aperture sees surfaces on both sides.
     assert min(files.content["rows"][0]["smallest_separation"].values()) > 0
-
-
-def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files: ReportFiles) -> None:
-    html = files.html.read_text()
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert found
-    for curves in chain.from_iterable(json.loads(found[1])["curves"]):
-        names = [line["name"] for line in curves["surface"]["data"]]
-        assert names == [
-            "D24 standard",
-            "D32F reversed",
-            "D24 standard, closed form",
-            "D32F reversed, closed form",
-            "closed form",
-        ]
-    assert "Predicted and measured" in html
-
-
-def test_shares_of_pixels_have_axes_in_percent_and_displacements_have_none(files: ReportFiles) -> None:
-    for of_aperture in page_data(files.html)["curves"]:
-        for curves in of_aperture:
-            formats = {name: curves[name]["layout"]["yaxis"].get("tickformat", "") for name in SHARES}
-            assert set(formats.values()) == {"~%"}
-            assert "%" not in curves["displacement_p99"]["layout"]["yaxis"].get("tickformat", "")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
@@ -297,17 +238,6 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
         "displacement_p99",
         "displacement_rms",
     }
-
-
-@pytest.mark.parametrize(
-    ("smallest", "step", "written"), [(1e-4, 1, None), (2e-3, "D2", "~g"), (0.4, None, "~g")]
-)
-def test_a_short_logarithmic_axis_writes_its_labels_out(
-    smallest: float, step: object, written: str | None
-) -> None:
-    """Powers of ten alone label next to nothing of it, and plotly's own 2 and 5 say not of what."""
-    figure = figures.pair_figure([0.1, 0.2], [smallest, 0.5], [smallest, 0.5], "title")
-    assert (figure.layout.yaxis.dtick, figure.layout.yaxis.tickformat) == (step, written)
 
 
 def test_a_report_that_fails_leaves_the_old_one_untouched(
@@ -425,8 +355,3 @@ def test_where_nothing_shows_the_sentence_does_not_praise_a_setting(tmp_path: Pa
     assert files.sentence == (
         "At hogel 40,30: there is nothing to judge: neither the truth nor any raster image shows a surface."
     )
-
-
-def test_percentages_are_written_as_people_do() -> None:
-    written = [percent(fraction) for fraction in (1.0, 0.123, 0.0123, 7.6e-6, 0.0)]
-    assert written == ["100 %", "12 %", "1.2 %", "0.00076 %", "0 %"]
