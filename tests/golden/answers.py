@@ -72,6 +72,8 @@ def arrays_of_plate(folder: Path) -> Values:
     found: Values = {}
     for name, array in group.arrays():
         values = np.asarray(array[...])
+        if values.dtype.kind not in "biuf":  # names of versions and devices
+            continue
         whole = values.astype(np.float64) if values.dtype.kind == "f" else values.astype(np.int64)
         found |= {f".{name}.shape": list(values.shape), f".{name}.sum": float(np.nansum(whole))}
         weights = np.arange(whole.size, dtype=np.float64).reshape(whole.shape)
