@@ -99,8 +99,10 @@ def make(folder: Path, parts: list[str]) -> None:
         if part in parts:
             np.savez_compressed(folder / f"{part}.npz", **arrays())  # type: ignore[arg-type]
     if "answers" in parts:
-        with tempfile.TemporaryDirectory() as out, gzip.open(folder / "answers.json.gz", "wt") as file:
-            json.dump(answers.answers(Path(out)), file)
+        with tempfile.TemporaryDirectory() as out:
+            found = answers.answers(Path(out))
+        with gzip.open(folder / "answers.json.gz", "wt") as file:
+            json.dump(found, file)
     if "wrong-renderers" in parts:
         (folder / "wrong-renderers.txt").write_text("\n".join(wrong_renderers()) + "\n")
 
