@@ -18,7 +18,7 @@ from xfrustum.reports.error_report.light import LightReport
 from xfrustum.reports.error_report.measurement import Measurement, SettingPictures
 from xfrustum.reports.error_report.record import headline, recommended_command
 from xfrustum.reports.error_report.sweep import Sweep
-from xfrustum.reports.scene_check.page_section import scene_fit
+from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.notebook import numbers

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.extent import ObjectExtent, Point, Sight, extents
+from xfrustum.compare.extent import ObjectExtent, Sight, extents
 from xfrustum.compare.extent_words import heights, length, plate_warnings, unseen_facts, warnings
-from xfrustum.reports.common.json_ready import Summarized
+from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.scene_check.drawing import draw_view
-from xfrustum.reports.scene_check.picture_frame import View
+from xfrustum.reports.scene_check.drawing import View, draw_view
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
 from xfrustum.scenes.notebook.numbers import counted, digits
 from xfrustum.scenes.notebook.shown import Figure, Shown, Table
-from xfrustum.scenes.plate.plate import Plate
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 
@@ -40,46 +39,8 @@ class ObjectCheck:
     textures: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class ObjectRecord:
-    """JSON object of an `ObjectCheck`; see `ObjectExtent` for its first fields."""
-
-    number: int
-    name: str
-    triangles: int
-    low: Point
-    high: Point
-    share_in_reach: float | None
-    sight: Sight
-    size: Point
-    normals: str
-    colors: str
-    textures: str
-
-    @classmethod
-    def of(cls, one: ObjectCheck) -> ObjectRecord:
-        """Return the JSON object of an object."""
-        extent = one.extent
-        return cls(
-            **vars(extent), size=extent.size, normals=one.normals, colors=one.colors, textures=one.textures
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckRecord:
-    """JSON object of a `SceneCheck`."""
-
-    scene: str
-    units: str
-    plate: Plate
-    reach: tuple[float, float]
-    objects: tuple[ObjectRecord, ...]
-    warnings: tuple[str, ...]
-    seen: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SceneCheck(Shown, Summarized[CheckRecord]):
+class SceneCheck(Shown):
     """A scene, as it is known before it is drawn.
 
     Attributes
@@ -126,19 +87,26 @@ class SceneCheck(Shown, Summarized[CheckRecord]):
     def _figures(self) -> Sequence[Figure]:
         return [Figure(caption=view.value, content=self.view(view).encode()) for view in View]
 
-    @property
-    def record(self) -> CheckRecord:
-        """Everything but the pictures, as it is written."""
+    def summary(self) -> dict[str, Any]:
+        """Return everything but the pictures, as `check --json` prints it."""
+        objects = [
+            vars(one.extent) | {"size": one.extent.size, **{name: getattr(one, name) for name in _WORDS}}
+            for one in self.objects
+        ]
         scene = self.scene
-        return CheckRecord(
-            scene=scene.name,
-            units=scene.units,
-            plate=scene.plate,
-            reach=scene.frustum.reach,
-            objects=tuple(ObjectRecord.of(one) for one in self.objects),
-            warnings=self.warnings,
-            seen=self.seen,
-        )
+        found = {
+            "scene": scene.name,
+            "units": scene.units,
+            "plate": scene.plate,
+            "reach": scene.frustum.reach,
+        }
+        told = {"objects": objects, "warnings": self.warnings, "seen": self.seen}
+        ready: dict[str, Any] = json_ready(found | told)
+        return ready
+
+
+_WORDS = ("normals", "colors", "textures")
+"""Fields of `ObjectCheck` in words."""
 
 
 def check(scene: Scene) -> SceneCheck:

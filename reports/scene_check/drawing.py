@@ -2,39 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from xml.etree import ElementTree as Xml
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from PIL import Image, ImageDraw
+from skimage.measure import approximate_polygon, find_contours
 
-from xfrustum.compare.extent import aside_of_frusta, box
-from xfrustum.compare.extent_words import heights, length
-from xfrustum.reports.scene_check.picture_frame import (
-    HEIGHT,
-    LEFT,
-    TOP,
-    WIDTH,
-    PictureFrame,
-    View,
-    shown_apertures,
-)
-from xfrustum.reports.scene_check.silhouettes import Outline, outlines
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.compare.extent import aside_of_frusta, box, triangles_in_chunks
+from xfrustum.compare.extent_words import heights, length, warnings
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.plate import Aperture
 
-PICTURE_WIDTH = 660
-C_COLOR, C_STAR_COLOR = "#0072b2", "#d55e00"
+LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
+"""Place and size of the part of the picture that shows space, pixels."""
+
+MARGIN = 0.04
+"""Shown around everything, as a share of it."""
+
+FARTHEST = 0.75
+"""What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
+but named: one mesh in other units must not shrink all others to a dot."""
+
+C_COLOR, C_STAR_COLOR, INK, SOFT, SCREEN = "#0072b2", "#d55e00", "#1b1f24", "#5b636d", "#00785a"
 OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
 """Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
 
-INK, SOFT, FAINT, PAPER = "#1b1f24", "#5b636d", "#c9ced4", "#ffffff"
-CHARACTER = 6.9
-"""Mean width of a character of the labels, pixels: text is laid out without a font at hand."""
-
-LINE = 18
-"""Height of a line of the legend."""
-
 SMALL_PX = 7.0
 """An object smaller than this on the picture gets a ring around it."""
+
+FINER = 2
+"""Cells of the mask of an outline per pixel of the picture, in either direction."""
+
+TOLERANCE_CELLS = 0.7
+"""How far an outline may be from the mask's own, which is a staircase of one cell."""
+
+NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
+"""Attribute of the views' first element, which a page does not need: it knows what svg is."""
+
+Outline = list[tuple[float, float]]
+
+
+class View(StrEnum):
+    """From where a scene is looked at; the viewer's side of the plate is always to the right."""
+
+    SIDE = "side"
+    TOP = "top"
+
+    @property
+    def axis(self) -> int:
+        """The coordinate that points upward in the picture: y from the side, x from above."""
+        return 1 if self is View.SIDE else 0
+
 
 _TITLES = {
     View.SIDE: ("Side view", "seen from the viewer's left, y is up"),
@@ -42,250 +66,167 @@ _TITLES = {
 }
 
 
-NAMESPACE = "http://www.w3.org/2000/svg"
+@dataclass(frozen=True, kw_only=True)
+class PictureFrame:
+    """The rectangle of space that a view shows, in one scale in both directions.
+
+    Attributes
+    ----------
+    box
+        Left, bottom, right and top, scene units: z to the right, and x or y upward.
+    scale
+        Pixels per scene unit.
+    """
+
+    box: tuple[float, float, float, float]
+    scale: float
+
+    @classmethod
+    def of(cls, scene: Scene, view: View) -> PictureFrame:
+        """Show the reach, the plate, the frusta and the objects, as far as they are not far away."""
+        toward, back = scene.frustum.reach
+        far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
+        least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
+        low, high = aside_of_frusta(scene.frustum, shown_apertures(scene), view.axis, (-back, toward))
+        corners = [np.clip([[-back, low], [toward, high]], least, most)]
+        for part in scene.objects:
+            (x0, y0, z0), (x1, y1, z1) = box(part)
+            ends = np.array([[z0, (x0, y0)[view.axis]], [z1, (x1, y1)[view.axis]]])
+            if (ends[1] >= least).all() and (ends[0] <= most).all():
+                corners.append(np.clip(ends, least, most))
+        first, last = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+        size = np.array([WIDTH, HEIGHT])
+        scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
+        # The rectangle is as wide and as high as its place on the picture.
+        (left, bottom), (right, top) = ((first + last) / 2 + side * size / scale / 2 for side in (-1, 1))
+        return cls(box=(float(left), float(bottom), float(right), float(top)), scale=scale)
+
+    def x(self, z: float) -> float:
+        """Return where a height z lies on the picture, pixels from its left."""
+        return round(LEFT + (z - self.box[0]) * self.scale, 1)
+
+    def y(self, across: float) -> float:
+        """Return where an x or y lies on the picture, pixels from its top."""
+        return round(TOP + (self.box[3] - across) * self.scale, 1)
+
+    def place(self, points: Floats) -> Floats:
+        """Return where points (N, 2) of z and x or y lie within the frame, pixels from its top left."""
+        z, across = points.T
+        return np.stack(((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1)
+
+
+def shown_apertures(scene: Scene) -> list[Aperture]:
+    """Return the middle aperture and those at the plate's top left and bottom right corner, each once."""
+    return list(dict.fromkeys((scene.plate.middle, *scene.plate.corners)))
+
+
+def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline]:
+    """Return closed outlines of an object within a frame, pixels from the frame's top left.
+
+    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is projected; what is
+    thinner than a cell of the mask is shown as thick as one.
+    """
+    size = int(FINER * WIDTH), int(FINER * HEIGHT)
+    mask = Image.new("1", size)
+    draw = ImageDraw.Draw(mask)
+    small = np.zeros((size[1], size[0]), dtype=bool)
+    for triangles in triangles_in_chunks(part):
+        corners = frame.place(triangles[..., [2, view.axis]].reshape(-1, 2)).reshape(-1, 3, 2) * FINER
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        within = ((high >= 0) & (low <= size)).all(axis=1)
+        # Triangles no larger than a cell are marked by their corners alone.
+        tiny = (high - low).max(axis=1) <= 1
+        columns, rows = corners[within & tiny].reshape(-1, 2).astype(np.int64).T
+        inside = (columns >= 0) & (columns < size[0]) & (rows >= 0) & (rows < size[1])
+        small[rows[inside], columns[inside]] = True
+        # Pillow draws what it can hold; what is far outside is outside all the same.
+        for triangle in np.clip(corners[within & ~tiny], -1e6, 1e6).reshape(-1, 6).tolist():
+            draw.polygon(triangle, fill=1, outline=1)
+    # A border, so that outlines that leave the frame are closed along it.
+    filled = np.pad(small | np.asarray(mask), 1).astype(np.float64)
+    found = []
+    for contour in find_contours(filled, 0.5):
+        rows_of, columns_of = approximate_polygon(contour, TOLERANCE_CELLS).T - 0.5
+        found.append(list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True)))
+    return found
 
 
 def draw_view(scene: Scene, view: View) -> str:
     """Return one view of a scene as an SVG document that needs nothing else.
 
     Plate, reach and frusta are drawn where they are, to one scale in both directions, and objects as the
-    outlines of all their triangles. Objects too far away for that are named at the border they lie behind.
+    outlines of all their triangles. Objects too far away for that are named.
     """
-    return _Drawing(scene, view).text()
+    from xfrustum.reports.common.templates_environment import svg_picture  # noqa: PLC0415 - loads plotly
 
-
-class _Drawing:
-    """One view while it is drawn, from the back to the front."""
-
-    def __init__(self, scene: Scene, view: View) -> None:
-        self.scene, self.view = scene, view
-        self.frame = PictureFrame.of(scene, view)
-        self.legend: list[tuple[str, str]] = []
-        self.away: list[tuple[int, str]] = []
-        title, subtitle = _TITLES[view]
-        self.root = Xml.Element(
-            "svg",
-            {
-                "xmlns": NAMESPACE,
-                "font-family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', 'DejaVu Sans', sans-serif",
-                "font-size": "12",
-                "fill": INK,
-                "role": "img",
-            },
-        )
-        Xml.SubElement(self.root, "title").text = _printable(f"{title} of {scene.name}, {subtitle}")
-        self.paper = self.add("rect", x=0, y=0, rx=8, fill=PAPER)
-        self.label(LEFT, 24, title, font_size=16, font_weight=600)
-        self.label(LEFT + 96, 24, subtitle, fill=SOFT)
-        # An SVG within the SVG, in the same coordinates, because it hides what lies outside.
-        box_of_space = f"{LEFT:g} {TOP:g} {WIDTH:g} {HEIGHT:g}"
-        self.space = self.add("svg", x=LEFT, y=TOP, width=WIDTH, height=HEIGHT, viewBox=box_of_space)
-        self._halves()
-        self._axes()
-        self._frusta()
-        self._objects()
-        self._reach_and_plate()
-        for place, (number, color) in enumerate(self.away):
-            self._point_at(number, color, place)
-        self._viewer()
-        self._legend()
-
-    def text(self) -> str:
-        """Return the document."""
-        return Xml.tostring(self.root, encoding="unicode") + "\n"
-
-    def add(self, tag: str, parent: Xml.Element | None = None, **attributes: object) -> Xml.Element:
-        """Add a shape."""
-        return Xml.SubElement(self.root if parent is None else parent, tag, _attributes(**attributes))
-
-    def label(self, x: float, y: float, words: str, **attributes: object) -> Xml.Element:
-        """Add a text; with a white rim, so that it can be read on lines."""
-        rim = {"paint_order": "stroke", "stroke": PAPER, "stroke_width": 3, "stroke_linejoin": "round"}
-        element = self.add("text", None, x=x, y=y, **(rim | attributes))
-        element.text = _printable(words)
-        return element
-
-    def _halves(self) -> None:
-        """Tint the two halves of the reach, C's and C*'s, and name them."""
-        toward, back = self.scene.frustum.reach
-        plate = self.frame.x(0.0)
-        for end, color, words in (
-            (-back, C_COLOR, "behind the plate: camera C"),
-            (toward, C_STAR_COLOR, "viewer's side: camera C*"),
-        ):
-            x = min(plate, self.frame.x(end))
-            width = abs(self.frame.x(end) - plate)
-            self.add(
-                "rect", self.space, x=x, y=TOP, width=width, height=HEIGHT, fill=color, fill_opacity=0.05
-            )
-            # The two texts meet at the plate, unless a half is wide enough to have its text in the middle.
-            room = width - CHARACTER * len(words)
-            inset = max(room / 2, 8.0)
-            anchor, place = ("end", plate - inset) if end < 0 else ("start", plate + inset)
-            self.label(place, TOP - 22, words, fill=color, text_anchor=anchor, font_weight=600)
-
-    def _axes(self) -> None:
-        left, bottom, right, top = self.frame.box
-        self.add("rect", x=LEFT, y=TOP, width=WIDTH, height=HEIGHT, fill="none", stroke=FAINT)
-        for z in _ticks(left, right):
-            self.label(self.frame.x(z), TOP + HEIGHT + 16, _signed(z), fill=SOFT, text_anchor="middle")
-            self.add("path", d=f"M{self.frame.x(z):.1f} {TOP + HEIGHT}v4", stroke=SOFT)
-        for across in _ticks(bottom, top):
-            self.label(LEFT - 8, self.frame.y(across) + 4, _signed(across), fill=SOFT, text_anchor="end")
-            self.add("path", d=f"M{LEFT} {self.frame.y(across):.1f}h-4", stroke=SOFT)
-        units, axis = self.scene.units, "xy"[self.view.axis]
-        words = f"z, {units}: height above the plate"
-        self.label(LEFT + WIDTH / 2, TOP + HEIGHT + 34, words, fill=SOFT, text_anchor="middle")
-        self.label(8, TOP - 22, f"{axis}, {units}", fill=SOFT)
-
-    def _frusta(self) -> None:
-        toward, back = self.scene.frustum.reach
-        middle, *corners = shown_apertures(self.scene)
-        for aperture in (*corners, middle):
-            for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
-                low, high = aside_of_frusta(self.scene.frustum, [aperture], self.view.axis, (end, end))
-                at = (aperture.x, aperture.y)[self.view.axis]
-                corner = [(0.0, at), (end, low), (end, high)]
-                points = " ".join(f"{self.frame.x(z):.1f},{self.frame.y(y):.1f}" for z, y in corner)
-                look: dict[str, object] = {"fill": color, "fill_opacity": 0.16, "stroke": color}
-                if aperture is not middle:
-                    look = {"fill": "none", "stroke": color, "stroke_dasharray": "5 4", "stroke_opacity": 0.7}
-                self.add("polygon", self.space, points=points, **look)
-        if self.scene.frustum.screen is not None:
-            screen, axis = self.scene.frustum.screen, self.view.axis
-            ends = [screen.center[axis] + side * screen.size[axis] / 2 for side in (-1, 1)]
-            self._upright(screen.height, ends[0], ends[1], stroke="#00785a", stroke_width=3)
-            self.legend.append(("screen", "projection screen"))
-
-    def _objects(self) -> None:
-        """Draw the outlines of the objects; remember those that lie outside the picture."""
-        for number, part in enumerate(self.scene.objects):
-            color = OBJECT_COLORS[min(number, len(OBJECT_COLORS) - 1)]
-            shapes = outlines(part, self.frame, self.view)
-            if not shapes:
-                self.away.append((number, color))
-                continue
-            path = "".join(_path(outline) for outline in shapes)
-            self.add(
-                "path",
-                self.space,
-                d=path,
-                transform=f"translate({LEFT:g} {TOP:g})",
-                fill=color,
-                fill_opacity=0.45,
-                fill_rule="evenodd",
-                stroke=color,
-                stroke_width=1,
-            )
-            points = np.concatenate([np.array(outline) for outline in shapes])
-            low, high = points.min(axis=0), points.max(axis=0)
-            x, y = (low + high) / 2 + (LEFT, TOP)
-            if max(high - low) < SMALL_PX:
-                self.add("circle", cx=x, cy=y, r=9, fill="none", stroke=color, stroke_width=1.5)
-
-    def _point_at(self, number: int, color: str, place: int) -> None:
-        """Name an object outside the picture, with an arrow at the border that it lies behind."""
-        part = self.scene.objects[number]
-        low, high = box(part)
-        left, bottom, right, top = self.frame.box
-        axis = self.view.axis
-        middle = [(low[2] + high[2]) / 2, (low[axis] + high[axis]) / 2]
-        # Where the line from the picture's middle to the object leaves the picture.
-        center, half = ((left + right) / 2, (bottom + top) / 2), ((right - left) / 2, (top - bottom) / 2)
-        way = middle[0] - center[0], middle[1] - center[1]
-        out = max(abs(way[0]) / half[0], abs(way[1]) / half[1], 1e-30)
-        x = self.frame.x(center[0] + way[0] / out)
-        y = self.frame.y(center[1] + way[1] / out)
-        angle = float(np.degrees(np.arctan2(-way[1], way[0])))
-        self.add(
-            "path", d="M0 0l-22 0m22 0l-9 -6m9 6l-9 6", fill="none", stroke=color, stroke_width=2.5,
-            transform=f"translate({x:.1f} {y:.1f}) rotate({angle:.1f})",
-        )  # fmt: skip
-        words = [
-            f"{number} {Path(part.name).name}",
-            heights(low[2], high[2], self.scene.units),
-            f"{'xy'[axis]} {_signed_range(low[axis], high[axis])} {self.scene.units}",
-        ]
-        text_x = min(max(x, LEFT + 30), LEFT + WIDTH - 30)
-        anchor = "start" if x < LEFT + WIDTH / 3 else "end" if x > LEFT + 2 * WIDTH / 3 else "middle"
-        text_y = min(max(y + 22 + 48 * place, TOP + 40), TOP + HEIGHT - 40)
-        for line, word in enumerate(words):
-            self.label(text_x, text_y + 14 * line, word, fill=color, text_anchor=anchor)
-
-    def _reach_and_plate(self) -> None:
-        toward, back = self.scene.frustum.reach
-        plate = self.scene.plate.size[self.view.axis] / 2
-        top = self.frame.box[3]
-        for end in (-back, toward):
-            self._upright(end, self.frame.box[1], top, stroke=SOFT, stroke_dasharray="2 3", stroke_width=1.5)
-        self._upright(0.0, -plate, plate, stroke=INK, stroke_width=4)
-        labels = [(-back, f"reach {length(back)}"), (0.0, "plate"), (toward, f"reach {length(toward)}")]
-        places = _spread([(self.frame.x(z), CHARACTER * len(words)) for z, words in labels])
-        for (_, words), x in zip(labels, places, strict=True):
-            weight = 600 if words == "plate" else 400
-            self.label(x, TOP - 6, words, text_anchor="middle", font_weight=weight)
-
-    def _upright(self, z: float, low: float, high: float, **look: object) -> None:
-        x = f"{self.frame.x(z):.1f}"
-        path = f"M{x} {self.frame.y(low):.1f}L{x} {self.frame.y(high):.1f}"
-        self.add("path", self.space, d=path, **look)
-
-    def _viewer(self) -> None:
-        """Draw an eye beside the picture, where the viewer is, and the way the viewer looks."""
-        x, y = LEFT + WIDTH + 44, TOP + HEIGHT / 2
-        self.add(
-            "path", d=f"M{x - 16} {y}q16 -15 32 0q-16 15 -32 0z", fill=PAPER, stroke=INK, stroke_width=1.6
-        )
-        self.add("circle", cx=x - 3, cy=y, r=5, fill=INK)
-        self.add("path", d=f"M{x - 20} {y}h-16m0 0l7 -5m-7 5l7 5", fill="none", stroke=INK, stroke_width=1.6)
-        self.label(x, y + 28, "viewer", text_anchor="middle", font_weight=600)
-
-    def _legend(self) -> None:
-        entries = [("middle", "frustum of the middle aperture"), ("corner", "frusta of two corner apertures")]
-        if len(shown_apertures(self.scene)) == 1:
-            entries.pop()
-        entries += [*self.legend, ("reach", f"reach, {self.scene.units}")]
-        for number, part in enumerate(self.scene.objects[: len(OBJECT_COLORS)]):
-            entries.append((OBJECT_COLORS[number], f"{number} {_short(Path(part.name).name)}"))
-        more = len(self.scene.objects) - len(OBJECT_COLORS)
-        if more > 0:
-            entries[-1] = (OBJECT_COLORS[-1], f"{len(OBJECT_COLORS) - 1} and {more} more objects")
-        x, y = LEFT, TOP + HEIGHT + 62
-        for key, words in entries:
-            width = 34 + CHARACTER * len(words) + 18
-            if x + width > PICTURE_WIDTH and x > LEFT:
-                x, y = LEFT, y + LINE
-            self._key(key, x, y)
-            self.label(x + 32, y, words)
-            x += width
-        height = y + 16
-        self.root.set("viewBox", f"0 0 {PICTURE_WIDTH} {height:g}")
-        self.root.set("width", str(PICTURE_WIDTH))
-        self.root.set("height", f"{height:g}")
-        self.paper.set("width", str(PICTURE_WIDTH))
-        self.paper.set("height", f"{height:g}")
-
-    def _key(self, key: str, x: float, y: float) -> None:
-        """Draw what an entry of the legend explains."""
-        if key in ("middle", "corner"):
-            filled, dash = (0.16, "none") if key == "middle" else (0.0, "2 2")
-            for color, way in ((C_COLOR, -12), (C_STAR_COLOR, 12)):
-                path = f"M{x + 12} {y - 4}l{way} -6v12z"
-                self.add("path", d=path, fill=color, fill_opacity=filled, stroke=color, stroke_dasharray=dash)
-        elif key == "screen":
-            self.add("path", d=f"M{x} {y - 4}h24", stroke="#00785a", stroke_width=3)
-        elif key == "reach":
-            self.add("path", d=f"M{x} {y - 4}h24", stroke=SOFT, stroke_dasharray="2 3", stroke_width=1.5)
-        else:
-            self.add("rect", x=x, y=y - 10, width=24, height=12, fill=key, fill_opacity=0.45, stroke=key)
-
-
-def _attributes(**given: object) -> dict[str, str]:
-    """Return attributes as SVG spells them."""
-    return {
-        name.replace("_", "-"): f"{value:.6g}" if isinstance(value, float) else str(value)
-        for name, value in given.items()
+    frame, (toward, back) = PictureFrame.of(scene, view), scene.frustum.reach
+    objects = list(_objects(scene, frame, view))
+    title, subtitle = _TITLES[view]
+    marks = [(-back, f"reach {length(back)}"), (0.0, "plate"), (toward, f"reach {length(toward)}")]
+    plate, ends = frame.x(0.0), (frame.x(-back), frame.x(toward))
+    values = {
+        "scene": scene,
+        "title": title,
+        "subtitle": subtitle,
+        "axis": "xy"[view.axis],
+        "halves": [
+            {"x": ends[0], "width": plate - ends[0], "color": C_COLOR, "text": plate - 8},
+            {"x": plate, "width": ends[1] - plate, "color": C_STAR_COLOR, "text": plate + 8},
+        ],
+        "frusta": list(_frusta(scene, frame, view)),
+        "objects": objects,
+        "uprights": list(_uprights(scene, frame, view)),
+        "ticks": [
+            [(frame.x(z), _signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
+            [(frame.y(across), _signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
+        ],
+        "marks": _spread([(frame.x(z), words) for z, words in marks]),
+        "screen": scene.frustum.screen is not None,
+        "more": max(0, len(scene.objects) - len(objects)),
+        "height": 540 + 18 * len(objects),
     }
+    return svg_picture("scene-view.svg.j2", {"printable": _printable}, values) + "\n"
+
+
+def _frusta(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
+    """Yield the two halves of the frusta that are shown, the middle one last."""
+    toward, back = scene.frustum.reach
+    middle, *corners = shown_apertures(scene)
+    for aperture in (*corners, middle):
+        for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
+            low, high = aside_of_frusta(scene.frustum, [aperture], view.axis, (end, end))
+            places = [(0.0, (aperture.x, aperture.y)[view.axis]), (end, low), (end, high)]
+            points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
+            yield {"points": points, "color": color, "middle": aperture == middle}
+
+
+def _uprights(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
+    """Yield the ends of the reach, the projection screen and the plate."""
+    toward, back = scene.frustum.reach
+    plate, screen = scene.plate.size[view.axis] / 2, scene.frustum.screen
+    lines = [(end, frame.box[1], frame.box[3], SOFT, 1.5) for end in (-back, toward)]
+    if screen is not None:
+        middle, half = screen.center[view.axis], screen.size[view.axis] / 2
+        lines.append((screen.height, middle - half, middle + half, SCREEN, 3))
+    for z, low, high, color, width in (*lines, (0.0, -plate, plate, INK, 4)):
+        ends = {"low": frame.y(low), "high": frame.y(high)}
+        yield {"x": frame.x(z), **ends, "color": color, "width": width, "dashed": color == SOFT}
+
+
+def _objects(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
+    """Yield the outlines of the first objects, or where those lie that are outside the picture."""
+    for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
+        shapes = outlines(part, frame, view)
+        low, high = box(part)
+        found = {"name": f"{number} {Path(part.name).name}", "color": color, "ring": None, "away": ""}
+        if not shapes:
+            found["away"] = heights(low[2], high[2], scene.units)
+        else:
+            points = np.concatenate([np.array(outline) for outline in shapes])
+            least, most = points.min(axis=0), points.max(axis=0)
+            if max(most - least) < SMALL_PX:
+                found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
+        yield {**found, "path": "".join(map(_path, shapes))}
 
 
 def _path(outline: Outline) -> str:
@@ -300,15 +241,10 @@ def _ticks(low: float, high: float) -> list[float]:
     return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
-def _spread(labels: list[tuple[float, float]]) -> list[float]:
-    """Move labels, (middle, width) in ascending order, apart until none overlaps the next."""
-    places = [x for x, _ in labels]
-    half = len(labels) // 2
-    for k in range(half + 1, len(labels)):
-        places[k] = max(places[k], places[k - 1] + (labels[k - 1][1] + labels[k][1]) / 2 + 8)
-    for k in range(half - 1, -1, -1):
-        places[k] = min(places[k], places[k + 1] - (labels[k + 1][1] + labels[k][1]) / 2 - 8)
-    return places
+def _spread(labels: list[tuple[float, str]]) -> list[tuple[float, str]]:
+    """Move the outer of three labels away from the middle one, as far as their texts need."""
+    (left, back), (middle, plate), (right, toward) = labels
+    return [(min(left, middle - 60), back), (middle, plate), (max(right, middle + 60), toward)]
 
 
 def _signed(value: float) -> str:
@@ -316,14 +252,12 @@ def _signed(value: float) -> str:
     return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
 
-def _signed_range(low: float, high: float) -> str:
-    return _signed(low) if _signed(low) == _signed(high) else f"{_signed(low)} to {_signed(high)}"
-
-
-def _short(name: str, most: int = 32) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}\N{HORIZONTAL ELLIPSIS}"
-
-
 def _printable(words: str) -> str:
     """Replace what XML cannot hold: file names may contain control characters."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
+
+
+def scene_fit(scene: Scene) -> dict[str, Any]:
+    """Return the views and warnings that the section about the scene of a page shows (`_scene.html.j2`)."""
+    views = tuple(Markup(draw_view(scene, view).replace(NAMESPACE, "", 1)) for view in View)
+    return {"views": views, "warnings": warnings(scene)}

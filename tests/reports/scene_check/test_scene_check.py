@@ -20,9 +20,7 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
 from xfrustum.reports.error_report.report import make_report
-from xfrustum.reports.scene_check.drawing import draw_view
-from xfrustum.reports.scene_check.picture_frame import PictureFrame, View
-from xfrustum.reports.scene_check.silhouettes import outlines
+from xfrustum.reports.scene_check.drawing import PictureFrame, View, draw_view, outlines
 from xfrustum.scenes import InputError, Scene, open_scene
 
 FILE = (
