@@ -28,8 +28,7 @@ from pydantic import TypeAdapter, ValidationError
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.outputs import check_writable_folder, write_output
 from xfrustum.reports.common.provenance import machine
-from xfrustum.reports.verification.figures import DISPLACEMENT
-from xfrustum.reports.verification.verdict import Hogel, Verification
+from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.notebook.numbers import digits
 

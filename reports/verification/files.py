@@ -13,8 +13,7 @@ from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
 from xfrustum.reports.inspection.page import PlateMap
-from xfrustum.reports.verification.figures import PlateNumbers, figures_words, percent, totals
-from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verdict import PlateNumbers, Verification, figures_words, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 
@@ -63,16 +62,15 @@ def _limited_share(numbers: HogelNumbers) -> float:
 
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
-    record = found.record
     values = {
         "found": found,
-        "summary": record,
+        "summary": found.summary(),
         "sentence": sentence(found),
         "explained": explained(found),
         "unexplained": unexplained(found),
         "guesses": found.diagnosis.guesses,
-        "as_found": _worded(record.as_found),
-        "corrected": _worded(record.corrected),
+        "as_found": _worded(found.as_found),
+        "corrected": _worded(found.corrected),
         "versions": {**versions(), **machine()},
     }
     return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
@@ -153,8 +151,8 @@ def table(found: Verification) -> str:
         judged = any(hogel.as_found for hogel in found.hogels)
         lines.append("  nothing found" if judged else "  no hogel could be judged")
     for name, figures in (
-        ("as found", totals([hogel.as_found for hogel in found.hogels])),
-        ("corrected", totals([hogel.corrected for hogel in found.hogels])),
+        ("as found", found.as_found),
+        ("corrected", found.corrected),
     ):
         if figures is not None:
             lines.append(f"{name}: {figures_words(figures)}")

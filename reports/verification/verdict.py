@@ -1,4 +1,4 @@
-"""The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together."""
+"""The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together, also in words."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
-from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
-from xfrustum.reports.common.json_ready import Summarized
-from xfrustum.reports.inspection.channels import InspectedHogel
-from xfrustum.reports.verification.figures import (
-    COLORS,
-    DISPLACEMENT,
-    NOT_MEASURED,
-    PlateNumbers,
-    percent,
-    totals,
+from xfrustum.compare.judging.judged import (
+    SURFACES,
+    WRONG_WORDS,
+    ColorFigures,
+    Figures,
+    HogelNumbers,
+    Judging,
+    SurfaceFigures,
 )
+from xfrustum.reports.common.json_ready import json_object, json_ready
+from xfrustum.reports.inspection.channels import InspectedHogel
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
@@ -32,12 +32,26 @@ from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
+DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID = "claims of what does not exist"
-"""Name of a figure that is compared with `MAX_INVALID_SHARE`."""
+"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
+names."""
 
 MAX_INVALID_SHARE = 0.5
 """Share of the pixels in which an image shows something that may claim what does not exist, whatever the
 limits."""
+
+NOT_MEASURED = "not measured, as there are no outlines"
+"""Words for the displacement of an image whose truth has nothing that could be seen to move."""
+
+JUDGED_WORDS = {
+    "triangle": "surfaces, by the triangles that pixels name",
+    "object": "surfaces, by the objects that pixels name",
+    "coverage": "surfaces, by where something is shown",
+    "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
+}
+"""What is judged, in words, by `Figures.by`; plain pictures are judged by colors unless geometry was asked
+for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,14 +60,12 @@ class Check:
 
     Attributes
     ----------
-    figure
-        What is limited, in words.
+    figure, unit
+        What is limited, in words; and `share` of pixels, or `px` of displacement.
     value
-        A share of pixels, or pixels of displacement; None where it cannot be known, or need not be.
+        None where it cannot be known, or need not be.
     limit
         Largest value that is still right; None where nothing is limited.
-    unit
-        `share` or `px`.
     held
         Whether the limit is kept. What cannot be known keeps none, but the displacement of a truth without
         outlines need not be known.
@@ -68,15 +80,20 @@ class Check:
     @property
     def words(self) -> str:
         """The figure and its limit, as text, page and JUnit print them."""
-        limit = "no limit" if self.limit is None else f"limit {_sized(self.limit, self.unit)}"
+        limit = "no limit" if self.limit is None else f"limit {self._sized(self.limit)}"
         if self.value is not None:
-            return f"{self.figure} {_sized(self.value, self.unit)} ({limit})"
+            return f"{self.figure} {self._sized(self.value)} ({limit})"
         excused = self.held and self.limit is not None
         return f"{self.figure} {NOT_MEASURED if excused else 'unknown'} ({limit})"
 
+    def _sized(self, value: float) -> str:
+        return percent(value) if self.unit == "share" else f"{value:.3g} px"
 
-def _sized(value: float, unit: str) -> str:
-    return percent(value) if unit == "share" else f"{value:.3g} px"
+    @property
+    def badness(self) -> tuple[bool, float]:
+        """Sort key of checks of one figure, the worst last."""
+        unknown = -1.0 if self.held else math.inf
+        return not self.held, unknown if self.value is None else self.value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,68 +127,25 @@ class Limits:
         """Compare an image's figures with the limits (`compare.beyond`).
 
         Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
-        pixel is no share, unless none may be wrong.
+        pixel is no share, unless none may be wrong. An image that shows nothing has no displacement, and none is asked for. Nor is one asked for where the
+        truth has no outline that a picture could show elsewhere: wrong pixels judge it alone.
         """
-        shown = max(figures.shown, 1)
-
-        def share(name: str, count: int) -> Check:
-            single = count == 1 and self.wrong > 0
-            held = single or not is_beyond(0.0, count / shown, math.inf, self.wrong)
-            return Check(figure=name, value=count / shown, limit=self.wrong, unit="share", held=held)
-
-        found = [share(figures.limited_words, figures.limited)]
+        counts = {figures.limited_words: figures.limited}
         if figures.radiance is not None:
-            found.append(share(COLORS, figures.radiance))
+            counts[COLORS] = figures.radiance
+        found = []
+        for name, count in counts.items():
+            share, single = count / max(figures.shown, 1), count == 1 and self.wrong > 0
+            held = single or not is_beyond(0.0, share, math.inf, self.wrong)
+            found.append(Check(figure=name, value=share, limit=self.wrong, unit="share", held=held))
         if figures.invalid:
-            found.append(
-                Check(
-                    figure=INVALID,
-                    value=figures.invalid / figures.claimed,
-                    limit=MAX_INVALID_SHARE,
-                    unit="share",
-                    held=not figures.mostly_invalid,
-                )
-            )
-        return (*found, self._displacement(figures))
-
-    def _displacement(self, figures: Figures) -> Check:
-        """Compare a displacement; an image that shows nothing has none, and none is asked for.
-
-        Nor is one asked for where the truth has no outline that a picture could show elsewhere: wrong pixels
-        judge it alone.
-        """
+            share, held = figures.invalid / figures.claimed, not figures.mostly_invalid
+            found.append(Check(figure=INVALID, value=share, limit=MAX_INVALID_SHARE, unit="share", held=held))
         spread, limit = figures.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
         excused = value is None and figures.measured_by is MeasuredBy.NO_OUTLINES
         held = limit is None or excused or not is_beyond(value, 0.0, limit)
-        return Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held)
-
-
-def worst_checks(hogels: Sequence[tuple[Check, ...]]) -> tuple[Check, ...]:
-    """Return the worst hogel's check of each figure: limits are for every hogel, not for their mean."""
-    worst: dict[str, Check] = {}
-    for check in (check for checks in hogels for check in checks):
-        known = worst.get(check.figure)
-        if known is None or _badness(check) > _badness(known):
-            worst[check.figure] = check
-    return tuple(worst.values())
-
-
-def _badness(check: Check) -> tuple[bool, float]:
-    unknown = -1.0 if check.held else math.inf
-    return not check.held, unknown if check.value is None else check.value
-
-
-@dataclass(frozen=True, kw_only=True)
-class HogelRecord:
-    """JSON object of a `Hogel`."""
-
-    aperture: tuple[int, int]
-    verdict: str
-    problem: str | None
-    checks: tuple[Check, ...]
-    as_found: HogelNumbers | None
-    corrected: HogelNumbers | None
+        return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,60 +172,106 @@ class Hogel:
         """One word: pass, fail, or missing."""
         return "missing" if self.problem else "pass" if self.passed else "fail"
 
-    @property
-    def record(self) -> HogelRecord:
-        """The hogel, as it is written."""
-        return HogelRecord(
-            aperture=self.aperture.index,
-            verdict=self.verdict,
-            problem=self.problem,
-            checks=self.checks,
-            as_found=self.as_found,
-            corrected=self.corrected,
-        )
-
-
-JUDGED_WORDS = {
-    "triangle": "surfaces, by the triangles that pixels name",
-    "object": "surfaces, by the objects that pixels name",
-    "coverage": "surfaces, by where something is shown",
-    "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
-}
-"""What is judged, in words, by `Figures.by`; plain pictures are judged by colors unless geometry was asked
-for."""
+    def summary(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        fields = {**json_object(self), "aperture": list(self.aperture.index), "verdict": self.verdict}
+        names = ("aperture", "verdict", "problem", "checks", "as_found", "corrected")
+        return {name: fields[name] for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitsRecord:
-    """JSON object of `Limits`."""
+class WorstDisplacement:
+    """The 99th percentile of displacement of the hogel in which it is largest, pixels."""
 
-    wrong: float
-    displacement_px: float | None
-    color: float
+    worst_p99: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerificationRecord:
-    """JSON object of a `Verification`."""
+class PlateNumbers:
+    """The numbers of all judged hogels together, as they are written; see `HogelNumbers`."""
 
-    verdict: str
-    scene: str
-    source: str
-    limits: LimitsRecord
-    compared: Compared
-    judged: str
-    checks: tuple[Check, ...]
-    diagnosis: tuple[Fault, ...]
-    does_not_explain: tuple[Fault, ...]
-    explained: bool | None
-    found_by: str
-    as_found: PlateNumbers | None
-    corrected: PlateNumbers | None
-    hogels: tuple[HogelRecord, ...]
+    hogels: int
+    by: str
+    shown: int
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: WorstDisplacement | None
+    displacement_by: str
+    radiance: ColorFigures | None
+    causes: dict[str, int] | None
+
+
+def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
+    """Return the figures of all hogels together, None where there are none."""
+    known = [one for one in figures if one is not None]
+    if not known:
+        return None
+    shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
+    surfaces = [one.surface for one in known if one.surface is not None]
+    spreads = [one.displacement_px.p99 for one in known if one.displacement_px is not None]
+    colored = [one.radiance.wrong for one in known if one.radiance is not None]
+    causes = [one.causes for one in known if one.causes is not None]
+    surface = None
+    if surfaces:
+        of_surface, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
+        surface = SurfaceFigures(wrong=of_surface, fraction=of_surface / max(shown, 1), outside=outside)
+    return PlateNumbers(
+        hogels=len(known),
+        by=" or ".join(sorted({one.by for one in known})),
+        shown=shown,
+        wrong=wrong,
+        fraction=wrong / shown if shown else 0.0,
+        surface=surface,
+        invalid=sum(one.invalid for one in known),
+        displacement_px=WorstDisplacement(worst_p99=max(spreads)) if spreads else None,
+        displacement_by=" or ".join(sorted({one.displacement_by for one in known})),
+        radiance=ColorFigures(wrong=sum(colored)) if colored else None,
+        causes={name: sum(one[name] for one in causes) for name in causes[0]} if causes else None,
+    )
+
+
+def percent(fraction: float) -> str:
+    """Return a share in percent, with three digits."""
+    return f"{100 * fraction:.3g} %"
+
+
+def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
+    """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
+    parts = [f"{figures.shown:,} pixels show something"]
+    if figures.surface is not None:
+        outside = f", {figures.surface.outside:,} from outside the film" if figures.surface.outside else ""
+        share = percent(figures.surface.fraction)
+        parts.append(f"{SURFACES} {figures.surface.wrong:,} ({share}{outside})")
+    counted = " or ".join(WRONG_WORDS[name] for name in figures.by.split(" or "))
+    parts.append(f"{counted} {figures.wrong:,} ({percent(figures.fraction)})")
+    if figures.invalid:
+        parts.append(f"{figures.invalid:,} claim what does not exist")
+    if figures.radiance is not None:
+        parts.append(f"{COLORS} on right surfaces {figures.radiance.wrong:,}")
+    text = ", ".join([*parts, _displacement_words(figures)])
+    if figures.causes is not None and figures.wrong:
+        causes = ", ".join(f"{name} {count:,}" for name, count in figures.causes.items())
+        text += f"; causes of {counted}: {causes}"
+    return text
+
+
+def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
+    """Return the displacement in words, with what it was measured by."""
+    whole, spread = isinstance(figures, PlateNumbers), figures.displacement_px
+    name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
+    if spread is None:
+        return f"{name} {NOT_MEASURED if figures.displacement_by == MeasuredBy.NO_OUTLINES else 'unknown'}"
+    p99 = spread.worst_p99 if isinstance(spread, WorstDisplacement) else spread.p99
+    means = figures.displacement_by.split(" or ")
+    by = " or ".join(one for one in means if one not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES))
+    some_unknown = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means else ""
+    return f"{name} {p99:.3g} px by {by}{some_unknown}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Verification(Shown, Summarized[VerificationRecord]):
+class Verification(Shown):
     """The answer to `xfrustum verify`.
 
     Attributes
@@ -283,18 +303,31 @@ class Verification(Shown, Summarized[VerificationRecord]):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """The worst hogel's check of each figure that is compared with a limit."""
-        return worst_checks([hogel.checks for hogel in self.hogels])
+        """The worst hogel's check of each figure: limits are for every hogel, not for their mean."""
+        worst: dict[str, Check] = {}
+        for check in (check for hogel in self.hogels for check in hogel.checks):
+            worst[check.figure] = max(worst.get(check.figure, check), check, key=lambda one: one.badness)
+        return tuple(worst.values())
+
+    @property
+    def as_found(self) -> PlateNumbers | None:
+        """Figures of all hogels as they were delivered."""
+        return totals([hogel.as_found for hogel in self.hogels])
+
+    @property
+    def corrected(self) -> PlateNumbers | None:
+        """Figures of all hogels after correction for the diagnosis."""
+        return totals([hogel.corrected for hogel in self.hogels])
 
     @property
     def judged(self) -> str:
         """What was judged, in words."""
-        judging = self.limits.judging
         known = [hogel.as_found for hogel in self.hogels if hogel.as_found is not None]
         by = {one.by for one in known}
         words = [JUDGED_WORDS[name] for name in JUDGED_WORDS if name in by]
         if "color" in by or any(one.radiance is not None for one in known):
-            words.append(f"colors to within {judging.color_tolerance:.3g} of linear radiance")
+            tolerance = self.limits.judging.color_tolerance
+            words.append(f"colors to within {tolerance:.3g} of linear radiance")
         return ", and ".join(words) or "nothing"
 
     @property
@@ -323,29 +356,29 @@ class Verification(Shown, Summarized[VerificationRecord]):
             for name, url in one.pictures.items()
         ]
 
-    @property
-    def record(self) -> VerificationRecord:
-        """The answer, as it is written."""
-        return VerificationRecord(
-            verdict="pass" if self.passed else "fail",
-            scene=self.scene.name,
-            source=self.source,
-            limits=LimitsRecord(
-                wrong=self.limits.wrong,
-                displacement_px=self.limits.displacement_px,
-                color=self.limits.judging.color_tolerance,
-            ),
-            compared=self.limits.judging.compared,
-            judged=self.judged,
-            checks=self.checks,
-            diagnosis=tuple(self.diagnosis.faults),
-            does_not_explain=tuple(self.diagnosis.does_not_explain),
-            explained=self.explained,
-            found_by=self.diagnosis.means,
-            as_found=totals([hogel.as_found for hogel in self.hogels]),
-            corrected=totals([hogel.corrected for hogel in self.hogels]),
-            hogels=tuple(hogel.record for hogel in self.hogels),
-        )
+    def summary(self) -> dict[str, Any]:
+        """Return the answer as one JSON object, as the command prints it with `--json`."""
+        limits, judging = self.limits, self.limits.judging
+        return {
+            "verdict": "pass" if self.passed else "fail",
+            "scene": self.scene.name,
+            "source": self.source,
+            "limits": {
+                "wrong": limits.wrong,
+                "displacement_px": limits.displacement_px,
+                "color": judging.color_tolerance,
+            },
+            "compared": str(judging.compared),
+            "judged": self.judged,
+            "checks": json_ready(self.checks),
+            "diagnosis": json_ready(self.diagnosis.faults),
+            "does_not_explain": json_ready(self.diagnosis.does_not_explain),
+            "explained": self.explained,
+            "found_by": self.diagnosis.means,
+            "as_found": json_ready(self.as_found),
+            "corrected": json_ready(self.corrected),
+            "hogels": [hogel.summary() for hogel in self.hogels],
+        }
 
 
 def with_correction_tested(found: Verification) -> Verification:
@@ -358,16 +391,14 @@ def with_correction_tested(found: Verification) -> Verification:
     pairs = [(one.as_found, one.corrected) for one in found.hogels if one.as_found and one.corrected]
     if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
         return found
-    before, after = (sum(map(_wrong, numbers)) for numbers in (list(zip(*pairs, strict=True)) or ((), ())))
-    left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
-    share = max(0.0, 1.0 - left / before) if before else 0.0
+    before, after = sum(_wrong(one) for one, _ in pairs), sum(_wrong(one) for _, one in pairs)
     if after < before or not before:
         return found
+    left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
+    share = max(0.0, 1.0 - left / before)
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
-    refuted = tuple(
-        replace(doubtful(doubted), words=f"{doubtful(doubted).words}; {told}")
-        for doubted in (replace(fault, explains=share) for fault in found.diagnosis.faults)
-    )
+    doubted = [doubtful(replace(fault, explains=share)) for fault in found.diagnosis.faults]
+    refuted = [replace(fault, words=f"{fault.words}; {told}") for fault in doubted]
     guesses = (*refuted, *found.diagnosis.does_not_explain)
     diagnosis = replace(found.diagnosis, faults=(), does_not_explain=guesses, refuted=True)
     return replace(found, diagnosis=diagnosis)

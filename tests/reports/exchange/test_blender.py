@@ -159,7 +159,7 @@ def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
     )
     assert found.passed
     assert found.diagnosis.faults == ()
-    whole = found.record.as_found
+    whole = found.as_found
     assert whole is not None
     # Blender has vertices and rays in 32 bits: a pixel's center within a millionth of an edge may differ.
     assert whole.wrong <= 2

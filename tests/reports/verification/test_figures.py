@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.reports.verification.figures import PlateNumbers, WorstDisplacement, figures_words
+from xfrustum.reports.verification.verdict import PlateNumbers, WorstDisplacement, figures_words
 
 
 def plate(by: str) -> PlateNumbers:

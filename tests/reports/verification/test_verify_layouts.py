@@ -315,8 +315,8 @@ def test_openexr_files_keep_their_numbers_points_and_turns(
     write_image(tmp_path / ("hogel_2x0.exr" if layout == "hogels" else "Hogel_0x2.exr"), turned)
     found = verify(scene, str(tmp_path), layout=layout, apertures=[(2, 0)])
     assert found.passed
-    assert found.record.as_found is not None
-    assert found.record.as_found.wrong == 0
+    assert found.as_found is not None
+    assert found.as_found.wrong == 0
 
 
 def test_a_missing_view_is_missing_in_every_hogel(full: tuple[Scene, Plates], tmp_path: Path) -> None:
