@@ -18,9 +18,13 @@ from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map
 from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import HogelBlock, RowsJob
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
-from xfrustum.reports.verification.file_state import require_same_images, state_of_files
 from xfrustum.reports.verification.laid_out import is_place
-from xfrustum.reports.verification.sources import absolute_pattern, folder_named_from
+from xfrustum.reports.verification.sources import (
+    absolute_pattern,
+    folder_named_from,
+    require_same_images,
+    state_of_files,
+)
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding

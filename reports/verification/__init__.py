@@ -1,15 +1,13 @@
 """The verification of foreign renderers: sources, verdict, files.
 
 baseline      `verify --baseline`: a verification is held to the measures that were accepted before
-commands      A foreign renderer as a program that is run once for each aperture
-figures       Figures of all hogels together, and figures of one hogel or of all in words
-file_state    Digests of the files that a verification depends on: they change when any of these files is
-              written
 files         What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal
 laid_out      Hogel images from files in a layout, and other layouts in which the same files may be
               meant
-sources       Where a foreign renderer's hogel images come from: files, or a function
-verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together
+sources       Where a foreign renderer's hogel images come from: files, a program, or a function; and
+              digests of these
+verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together, also
+              in words
 verification  `xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong
               with it?
 workers       `verify --workers`, `--scheduler` and `--part`: blocks of hogels that any process judges as

@@ -1,18 +1,22 @@
-"""Where a foreign renderer's hogel images come from: files, or a function.
-
-The third kind, a command, is `xfrustum.reports.verification.commands`.
-"""
+"""Where a foreign renderer's hogel images come from: files, a program, a function; and digests of these."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
+import shlex
+import shutil
+import signal
 import string
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from glob import escape, iglob
 from pathlib import Path
 from typing import Protocol
 
+from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
@@ -117,14 +121,7 @@ def _check_formats(template: str, what: str) -> None:
 class Files:
     """Files whose names come from a pattern with {i} and {j}.
 
-    Attributes
-    ----------
-    pattern
-        {i} is the column, {j} the row.
-    reference
-        Truth of the scene, which knows the cameras that images answer for.
-    encoding
-        What pictures mean; OpenEXR files say it themselves.
+    `reference` knows the cameras that images answer for; `encoding` is what pictures mean.
     """
 
     pattern: str
@@ -175,15 +172,7 @@ class Files:
 
 @dataclass(kw_only=True)
 class Function:
-    """A renderer in Python.
-
-    Attributes
-    ----------
-    function
-        Takes the scene and an aperture, returns a hogel image.
-    reference
-        Truth of the scene.
-    """
+    """A renderer in Python: a function that takes the scene and an aperture, and returns a hogel image."""
 
     function: Renderer
     reference: Reference
@@ -209,25 +198,187 @@ class Function:
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
         # The function is taken at its word about which aperture its image answers for. It may draw all hogels
         # into the same arrays, and the next one while this one is judged.
-        return _answering(_copied(image), self.reference, aperture)
+        return HogelImage(
+            camera=self.reference.camera(aperture),
+            triangle=image.triangle.copy(),
+            object=image.object.copy(),
+            position=image.position.copy(),
+            color=None if image.color is None else image.color.copy(),
+        )
 
 
-def _copied(image: HogelImage) -> HogelImage:
-    """Return an image with surfaces and colors of its own."""
-    return replace(
-        image,
-        triangle=image.triangle.copy(),
-        object=image.object.copy(),
-        position=image.position.copy(),
-        color=None if image.color is None else image.color.copy(),
-    )
+MAX_TOLD_LINES = 5
+"""Last lines of a failed command's standard error that are passed on."""
+
+MAX_TOLD_BYTES = 1 << 16
+"""Last bytes of its standard error that are looked at."""
 
 
-def _answering(image: HogelImage, reference: Reference, aperture: Aperture) -> HogelImage:
-    return HogelImage(
-        camera=reference.camera(aperture),
-        triangle=image.triangle,
-        object=image.object,
-        position=image.position,
-        color=image.color,
-    )
+@dataclass(kw_only=True)
+class Command:
+    """A program that is run once for each aperture, without a shell.
+
+    Attributes
+    ----------
+    template
+        Split as a shell would; {x} and {y} are the aperture's center in scene units, {i} and {j} its column
+        and row, {out} the file to be written.
+    folder, working
+        Folder that {out} lies in, which is emptied file by file; and folder in which the program runs, None
+        for that of this process.
+    timeout_s
+        A run that takes longer is ended, with all processes that it started.
+    """
+
+    template: str
+    reference: Reference
+    encoding: Encoding
+    folder: Path
+    timeout_s: float
+    suffix: str = ".png"
+    working: Path | None = None
+    _arguments: list[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.name = self.template
+        named = fields_of(self.template, ("x", "y", "i", "j", "out"), "--command")
+        if "out" not in named:
+            raise InputError(
+                f"--command {self.template!r} has no {{out}}: tell the renderer which file to write"
+            )
+        try:
+            self._arguments = shlex.split(self.template)
+        except ValueError as error:
+            raise InputError(f"--command {self.template!r}: {error}; mind the quotes") from error
+
+    def check(self, apertures: Sequence[Aperture]) -> None:
+        """Nothing is known before the first run."""
+
+    def image(self, aperture: Aperture) -> HogelImage:
+        """Run the program and read what it wrote."""
+        out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
+        values = {"x": float(aperture.x), "y": float(aperture.y), "i": aperture.column, "j": aperture.row}
+        self._run([argument.format(**values, out=out) for argument in self._arguments])
+        if not out.is_file():
+            raise Problem("the command ended well, but wrote no file where {out} told it to")
+        try:
+            return read_foreign(out, self.reference.camera(aperture), self.encoding)
+        except InputError as error:
+            # The name of a file that nobody will find is no help.
+            raise Problem(str(error).replace(str(out), "what the command wrote")) from error
+        finally:
+            out.unlink(missing_ok=True)
+
+    def _run(self, arguments: list[str]) -> None:
+        log = self.folder / "stderr"
+        started: list[subprocess.Popen[bytes]] = []
+        try:
+            with delayed():  # a process that was started is noted before a signal is obeyed
+                _start(arguments, self.working, log, started)
+            status = started[0].wait(self.timeout_s)
+        except subprocess.TimeoutExpired as error:
+            raise Problem(
+                f"the command ran longer than {self.timeout_s:g} s and was ended{_told(log)}"
+            ) from error
+        finally:
+            with delayed():
+                _end(started)
+        if status:
+            how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
+            raise Problem(f"the command {how}{_told(log)}")
+
+
+def _start(
+    arguments: list[str], working: Path | None, log: Path, started: list[subprocess.Popen[bytes]]
+) -> None:
+    """Start a process and note it."""
+    try:
+        with log.open("wb") as told:
+            # A session of its own, so that children of a hanging command end with it.
+            process = subprocess.Popen(
+                arguments,
+                cwd=working,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=told,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
+    started.append(process)
+
+
+def _end(started: list[subprocess.Popen[bytes]]) -> None:
+    """End processes and all that they started, if anything of it is left."""
+    for process in started:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        finally:
+            process.wait()
+
+
+def _told(log: Path) -> str:
+    """Return the last lines of a command's standard error, ready to be appended."""
+    with log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
+        lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
+    return ": " + " | ".join(line.strip() for line in lines) if lines else ""
+
+
+def state_of_files(paths: Iterable[str]) -> str:
+    """Return a digest of the names, sizes and times of some files; those that do not exist are left out."""
+    digest = hashlib.sha256()
+    for path in paths:
+        try:
+            found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
+        except (OSError, ValueError):
+            continue
+        digest.update(f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n".encode(errors="surrogateescape"))
+    return digest.hexdigest()
+
+
+def state_of_images(pattern: str, apertures: Iterable[Aperture]) -> str:
+    """Return a digest of the image files of some hogels, named by a pattern with {i} and {j}."""
+    return state_of_files(pattern.format(i=one.column, j=one.row) for one in apertures)
+
+
+def state_of_command(template: str, folder: Path) -> str:
+    """Return a digest of the program of a command, and of every file that its words name.
+
+    Parameters
+    ----------
+    template
+        The command.
+    folder
+        Folder in which it runs, where files with relative names lie.
+
+    Raises
+    ------
+    ValueError
+        The command's quotes do not match.
+    """
+    words = shlex.split(template)
+    # A word may be a whole script, longer than any name of a file: `isfile` takes it for none.
+    named = [str(path) for word in words if os.path.isfile(path := folder / word)]  # noqa: PTH113
+    program = shutil.which(words[0]) if words and os.sep not in words[0] else None
+    return state_of_files(dict.fromkeys(([program] if program else []) + named))
+
+
+def require_same_command(template: str, found: str, state: str) -> None:
+    """Raise InputError where a process finds another program than the command did: by digests of both."""
+    if found != state:
+        raise InputError(
+            f"--command {template!r}: a worker finds another program, or other files that its words name; "
+            "give all the same files by the same paths, and leave them as they are while hogels are judged"
+        )
+
+
+def require_same_images(pattern: str, found: str, state: str) -> None:
+    """Raise InputError where a process finds other images than the command did: by digests of both."""
+    if found != state:
+        raise InputError(
+            f"{pattern}: a worker finds other image files than the command; give both the same files, and "
+            "leave them as they are while they are judged"
+        )

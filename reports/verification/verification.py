@@ -23,9 +23,8 @@ from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
-from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
+from xfrustum.reports.verification.sources import Command, Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification, with_correction_tested
 from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
 from xfrustum.scenes import open_scene

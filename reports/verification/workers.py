@@ -33,15 +33,17 @@ from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.json_ready import json_object, json_ready
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.parts import Parts
-from xfrustum.reports.verification.commands import Command
-from xfrustum.reports.verification.file_state import (
+from xfrustum.reports.verification.laid_out import LaidOut
+from xfrustum.reports.verification.sources import (
+    Command,
+    Source,
+    absolute_pattern,
+    folder_named_from,
     require_same_command,
     require_same_images,
     state_of_command,
     state_of_images,
 )
-from xfrustum.reports.verification.laid_out import LaidOut
-from xfrustum.reports.verification.sources import Source, absolute_pattern, folder_named_from
 from xfrustum.reports.verification.verdict import (
     Check,
     Hogel,
@@ -199,19 +201,8 @@ def _plain(value: Any) -> object:
 class VerifyJob(Job):
     """A verification, as it travels to workers.
 
-    Attributes
-    ----------
-    scene, renderer, limits
-        As for `verify`.
-    state
-        Digest of the image files, or of the program and the files that a command names; every process
-        compares it.
-    indices
-        Column and row of each hogel that is judged; none for the whole plate.
-    hogels_per_block
-        Number of hogels of each block; the last one may have fewer.
-    parts
-        Folder of the parts.
+    `state` is the digest of the image files, or of the program and the files that a command names; `indices`
+    are those of the hogels that are judged, none for the whole plate.
     """
 
     scene: Scene

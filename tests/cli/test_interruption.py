@@ -183,7 +183,7 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         import os, signal, subprocess
         from pathlib import Path
         from types import SimpleNamespace
-        from xfrustum.reports.verification.commands import Command
+        from xfrustum.reports.verification.sources import Command
         def started(*arguments, start=subprocess.Popen, **options):
             process = start(*arguments, **options)
             print(process.pid, flush=True)

@@ -19,7 +19,7 @@ from xfrustum.reports import blocks
 from xfrustum.reports.blocks import Engine, Workers
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification import workers
-from xfrustum.reports.verification.file_state import require_same_images, state_of_command, state_of_images
+from xfrustum.reports.verification.sources import require_same_images, state_of_command, state_of_images
 from xfrustum.reports.verification.verdict import Hogel, Limits
 from xfrustum.reports.verification.workers import QUESTION, ForeignRenderer, VerifyJob
 from xfrustum.scenes import InputError, Plate
