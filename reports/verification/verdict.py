@@ -127,8 +127,9 @@ class Limits:
         """Compare an image's figures with the limits (`compare.beyond`).
 
         Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
-        pixel is no share, unless none may be wrong. An image that shows nothing has no displacement, and none is asked for. Nor is one asked for where the
-        truth has no outline that a picture could show elsewhere: wrong pixels judge it alone.
+        pixel is no share, unless none may be wrong. An image that shows nothing has no displacement, and none
+        is asked for. Nor is one asked for where the truth has no outline that a picture could show elsewhere:
+        wrong pixels judge it alone.
         """
         counts = {figures.limited_words: figures.limited}
         if figures.radiance is not None:
