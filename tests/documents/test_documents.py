@@ -65,6 +65,20 @@ def test_links_of_a_page_lead_to_files(page: Path) -> None:
     assert missing == []
 
 
+def test_files_that_documents_name_exist() -> None:
+    """The history aside: what a decision or a release said of the code of its time stays."""
+    folders = "scenes|reference|raster|compare|reports|src|scripts|docs"
+    named = re.compile(rf"(?<![\w/.-])(?:{folders})/[\w./-]*\w")
+    missing = [
+        f"{page.relative_to(CHECKOUT)}: {path}"
+        for page in PAGES
+        if page.name != "CHANGELOG.md" and page.parent.name != "adr"
+        for path in named.findall(page.read_text(encoding="utf-8"))
+        if not list(CHECKOUT.glob(f"{path}*"))
+    ]
+    assert missing == []
+
+
 def test_the_list_of_the_api_has_every_public_name_once() -> None:
     listed = re.findall(r"^   ((?:scenes\.|reference\.|raster\.|compare\.)?\w+)$", INDEX, re.MULTILINE)
     assert sorted(name for name in listed if name != "examples") == sorted(public_names())
