@@ -11,7 +11,7 @@ import numpy as np
 
 from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
 from xfrustum.reports.common.json_ready import Summarized
-from xfrustum.reports.survey.tally import P99, Tally, WorstHogel
+from xfrustum.reports.survey.rows import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.pictures import map_of, png

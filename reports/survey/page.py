@@ -20,8 +20,7 @@ from xfrustum.reports.inspection.page import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
-from xfrustum.reports.survey.rows import depth_ends
-from xfrustum.reports.survey.tally import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel
+from xfrustum.reports.survey.rows import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel, depth_ends
 from xfrustum.scenes.notebook.numbers import digits, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
@@ -131,23 +130,21 @@ def words_of(column: str) -> str:
 def distribution_figure(found: Survey) -> go.Figure:
     """Draw the share of hogels that are displaced by more than each tolerance, a curve for each setting."""
     figure = go.Figure()
-    ends: list[float] = []
+    shown = [found.tolerance_px]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         tolerances, shares = tally.share_beyond()
-        # The curve is level where no hogel is: what is shown begins and ends with hogels.
-        ends += [tolerances[place] for place in np.flatnonzero(tally.displaced)]
+        shown += [*tolerances[:1], *tolerances[-1:]]
         color, _ = look(number)
         figure.add_scatter(
-            x=tolerances,
-            y=shares,
+            x=tolerances.tolist(),
+            y=shares.tolist(),
             mode="lines",
             line={"color": color, "shape": "hv"},
             name="image" if settings is None else f"near {digits(settings.near)}",
         )
     figure.add_vline(x=found.tolerance_px, line={"color": MARK, "dash": "dot"})
     style(figure)
-    low = min((*ends, found.tolerance_px)) / DISTRIBUTION_MARGIN
-    high = max((*ends, found.tolerance_px)) * DISTRIBUTION_MARGIN
+    low, high = min(shown) / DISTRIBUTION_MARGIN, max(shown) * DISTRIBUTION_MARGIN
     figure.update_xaxes(
         **log_axis([low, high]), range=[np.log10(low), np.log10(high)], title_text="displacement (p99), px"
     )

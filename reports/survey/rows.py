@@ -1,11 +1,17 @@
-"""Rows of a survey, one for each hogel and setting, and bins of depth."""
+"""Rows of a survey, one for each hogel and setting, and all rows of a setting in bounded memory.
+
+Rows are read part by part. Of maps and distributions as much is kept of a large plate as of a small one: a
+map has at most `MAX_MAP_CELLS` cells along a side, in which the worst hogel counts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import pyarrow as pa
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
@@ -15,8 +21,9 @@ from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
+from xfrustum.reports.scout import MAX_MAP_CELLS
 from xfrustum.reports.verification.verdict import Hogel
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -24,6 +31,26 @@ from xfrustum.scenes.plate.plate import Aperture
 DEPTH_DECADES, BINS_PER_DECADE = 4, 2
 """Decades of |z| below the reach that bins of depth tell apart, and bins of each: displacement goes as n/|z|,
 so that from bin to bin it changes by a factor of about three."""
+
+WORST_HOGELS = 6
+"""Number of the worst hogels of each setting that are named, and shown on the page."""
+
+P99, SURFACE, FRACTION = "displacement_px_p99", "surface_fraction", "fraction"
+"""Columns that decide which hogels are worst; images that name no surfaces have the last one alone."""
+
+MIN_SHOWN_PX, SHOWN_QUANTILES = 1e-6, 500
+"""Smallest displacement of the distribution, far below what 32-bit positions can show; and largest number of
+its points."""
+
+MAP_COLUMNS = {
+    P99: "displacement (p99), px",
+    SURFACE: "share of wrong surfaces",
+    FRACTION: "share of wrong pixels",
+    "height_rms": "error of height (rms)",
+    "radiance_rms": "error of radiance (rms)",
+    "unexplained": "unexplained pixels",
+}
+"""Columns that are mapped where they have values, in words; columns of causes are found by their names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,3 +212,132 @@ class ForeignRow:
             as_found=found,
             corrected=corrected,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstHogel:
+    """A hogel by how bad it is: first whether it is beyond, then by displacement, then by its wrong surfaces.
+
+    `badness` is the 99th percentile of displacement: infinite where that is unknown of a hogel beyond, 0
+    where nothing is displaced. Of images that name no surfaces, `surface_fraction` is the share of wrong
+    pixels; it is None for a hogel that is missing.
+    """
+
+    beyond: bool
+    badness: float
+    surface_fraction: float | None
+    aperture: tuple[int, int]
+    displacement_p99_px: float | None
+
+
+class Tally:
+    """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many columns and rows.
+
+    Attributes
+    ----------
+    worst
+        The worst hogels, the worst first.
+    maps
+        By column: (rows, columns) of cells, the largest value in each; NaN where there is none.
+    depth_pixels, depth_squares_px2, depth_max_px
+        Sums and maxima of `DepthBins` over all hogels.
+    """
+
+    def __init__(self, hogels: tuple[int, int]) -> None:
+        self._hogels = hogels
+        self._cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
+        self.judged = self.beyond = 0
+        self.worst: list[WorstHogel] = []
+        self.maps: dict[str, Floats] = {}
+        self._moved_px: list[Floats] = []
+        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros((3, len(depth_ends()) - 1))
+
+    def add(self, rows: pa.Table) -> None:
+        """Count some rows, of this setting alone."""
+        columns, lines = (_numbers(rows, name).astype(np.int64) for name in ("column", "row"))
+        beyond = _numbers(rows, "beyond") > 0
+        self.judged += len(columns)
+        self.beyond += int(beyond.sum())
+        self._rank(rows, columns, lines, beyond)
+        place = tuple(
+            index * cells // count
+            for index, cells, count in zip((columns, lines), self._cells, self._hogels, strict=True)
+        )
+        for name in rows.column_names:
+            if _is_mapped(name):
+                self._map(name, place[::-1], _numbers(rows, name))
+        moved = _numbers(rows, P99)
+        self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
+        if "depth_pixels" in rows.column_names:
+            pixels, squares, largest = (
+                np.array(rows.column(f"depth_{name}").to_pylist())
+                for name in ("pixels", "squares_px2", "max_px")
+            )
+            self.depth_pixels += pixels.sum(axis=0)
+            self.depth_squares_px2 += squares.sum(axis=0)
+            self.depth_max_px = np.maximum(self.depth_max_px, largest.max(axis=0))
+
+    @property
+    def depth_rms_px(self) -> Floats:
+        """Root mean square displacement in each bin of depth; NaN where nothing is shown."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.sqrt(self.depth_squares_px2 / self.depth_pixels))
+
+    def share_beyond(self) -> tuple[Floats, Floats]:
+        """Return displacements in px, ascending, and the share of hogels displaced by more than each."""
+        moved = np.sort(np.concatenate([np.zeros(0), *self._moved_px]))
+        places = np.linspace(0, len(moved) - 1, min(len(moved), SHOWN_QUANTILES)).astype(int)
+        return moved[places], (len(moved) - 1 - places) / max(self.judged, 1)
+
+    def _rank(self, rows: pa.Table, columns: Indices, lines: Indices, beyond: Mask) -> None:
+        p99, surface = _numbers(rows, P99), _numbers(rows, SURFACE)
+        if FRACTION in rows.column_names:
+            surface = np.where(np.isfinite(surface), surface, _numbers(rows, FRACTION))
+        found = [
+            WorstHogel(
+                beyond=bool(is_beyond),
+                badness=px if math.isfinite(px) else math.inf if is_beyond else 0.0,
+                surface_fraction=share if math.isfinite(share) else None,
+                aperture=(column, row),
+                displacement_p99_px=px if math.isfinite(px) else None,
+            )
+            for column, row, is_beyond, px, share in zip(
+                columns.tolist(), lines.tolist(), beyond.tolist(), p99.tolist(), surface.tolist(), strict=True
+            )
+        ]
+        # Of equals the first on the plate is named, in whatever order parts are read.
+        self.worst = sorted(
+            (*self.worst, *found),
+            key=lambda one: (
+                not one.beyond,
+                -one.badness,
+                -(one.surface_fraction or 0.0),
+                one.aperture[::-1],
+            ),
+        )[:WORST_HOGELS]
+
+    def _map(self, name: str, place: tuple[Indices, ...], values: Floats) -> None:
+        if name not in self.maps:
+            self.maps[name] = np.full(self._cells[::-1], np.nan)
+        np.fmax.at(self.maps[name], place, values)
+
+
+def add_rows(found: Sequence[Tally], tables: Iterable[pa.Table]) -> None:
+    """Count the rows of some parts, those of each setting in its tally."""
+    for table in tables:
+        numbers = _numbers(table, "setting")
+        for setting, tally in enumerate(found):
+            tally.add(table.filter(pa.array(numbers == setting)))
+
+
+def _is_mapped(name: str) -> bool:
+    cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
+    return cause or name in MAP_COLUMNS
+
+
+def _numbers(rows: pa.Table, name: str) -> Floats:
+    """Return a column as doubles, NaN where it is null, or where there is no such column."""
+    if name not in rows.column_names:
+        return np.full(len(rows), np.nan)
+    column = rows.column(name).cast(pa.float64())
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -18,7 +18,7 @@ from xfrustum.reports.parts import HogelBlock, Parts, hogel_blocks, hogels_per_b
 from xfrustum.reports.survey.answer import Extent, Survey
 from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, ForeignPlate, shown_hogel
 from xfrustum.reports.survey.page import FILES, write_survey
-from xfrustum.reports.survey.tally import Tally, add_rows
+from xfrustum.reports.survey.rows import Tally, add_rows
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene

@@ -143,7 +143,7 @@ def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
     _, errors = run.communicate(timeout=LONGEST_WAIT_S)
     if name.startswith("part"):
         assert run.returncode == 0
-        assert "note: 1 of 20 blocks in" in errors and "are damaged, and are made again" in errors
+        assert "note: 1 of 16 blocks in" in errors and "are damaged, and are made again" in errors
         assert parts_of(out) == parts_of(undisturbed)
     else:
         assert run.returncode == 2

@@ -20,8 +20,8 @@ import pytest
 
 from xfrustum.compare.sampling import GrowingSample, aperture_at, risk_of_claim, share_beyond
 from xfrustum.reports.survey.answer import Extent
+from xfrustum.reports.survey.rows import Tally, add_rows
 from xfrustum.reports.survey.survey import Chosen, Hogels
-from xfrustum.reports.survey.tally import Tally, add_rows
 from xfrustum.scenes import Scene, open_scene
 
 RECORDED = Path(__file__).parent / "car-81x61.parquet"
