@@ -27,7 +27,7 @@ RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
 DECODER_BYTES_PER_PIXEL = 64
 """Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel."""
 
-PADDING_PX = 64
+PADDING_PX = 512
 """Pixels by which decoders may enlarge a frame's sides for themselves."""
 
 

@@ -3,7 +3,7 @@
 inputs      an input: some files and a command line, and the valid ones that mutation starts from
 mutations   seeded damage: to bytes, to numbers and names in texts, to structure
 child       one input in a forked process, with limits on time and bytes, and what came of it
-entries     commands that read what `verify` and `plate` read, in less time
+entries     commands that read what `verify`, `check` and `survey` read, in less time
 findings    what no outcome may be: tracebacks, crashes, hangs, memory, leftovers
 __main__    `make fuzz`: many inputs of each kind, counted by exit status; findings go to `corpus`
 replay      every input of `corpus` again

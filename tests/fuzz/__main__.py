@@ -19,10 +19,10 @@ from pathlib import Path
 
 from PIL import Image
 
+from tests.fuzz import mutations
 from tests.fuzz.child import outcome_of
 from tests.fuzz.findings import findings
-from tests.fuzz.inputs import KINDS, Seed
-from tests.fuzz.mutations import mutated, mutated_arguments
+from tests.fuzz.inputs import KINDS, Seed, with_payload
 from xfrustum.reference.llvm import THREADS_VARIABLE
 
 BATCH = 50
@@ -51,10 +51,10 @@ def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes]
     chance = random.Random(f"{seed.name} {number}")
     files = dict(seed.files)
     if not seed.mutated:
-        command = mutated_arguments(seed.command, chance)
+        command = mutations.mutated_arguments(seed.command, chance)
         return command, files, json.dumps(command).encode("utf-8", "surrogatepass")
-    files[seed.mutated] = mutated(files[seed.mutated], chance)
-    return seed.command, files, files[seed.mutated]
+    payload = getattr(mutations, seed.how)(files[seed.mutated], chance)
+    return seed.command, with_payload(seed, payload), payload
 
 
 def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[str]]:
@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
         chosen.keep.mkdir(parents=True, exist_ok=True)
     seeds = {kind: KINDS[kind]() for kind in chosen.kind or KINDS}
     import_everything()
-    found = False
+    found = not all(_is_valid(seed) for of_kind in seeds.values() for seed in of_kind)
     with multiprocessing.get_context("fork").Pool(chosen.jobs) as workers:
         for kind, of_kind in seeds.items():
             start = time.monotonic()
@@ -108,6 +108,15 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{kind}: {ran:,} inputs in {time.monotonic() - start:.0f} s: {told}", flush=True)
             found |= any(not name.isdigit() or int(name) > 2 for name in counts)
     return int(found)
+
+
+def _is_valid(seed: Seed) -> bool:
+    """Return whether a seed itself is read; damage to one that is not would find nothing."""
+    files = with_payload(seed, seed.files[seed.mutated]) if seed.mutated else dict(seed.files)
+    outcome = outcome_of(seed.command, files)
+    if outcome.status not in (0, 1):
+        print(f"{seed.name}: not valid itself: {outcome.errors!r:.300}", file=sys.stderr, flush=True)
+    return outcome.status in (0, 1)
 
 
 def _shares(seeds: list[Seed], count: int) -> list[tuple[Seed, int]]:

@@ -98,8 +98,8 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         from xfrustum.cli.app import cli
         from xfrustum.cli.main import run
 
-        for entry in ENTRIES:
-            cli.add_command(entry)
+        of_program, own = cli.get_command, {entry.name: entry for entry in ENTRIES}
+        cli.get_command = lambda ctx, cmd_name: own.get(cmd_name) or of_program(ctx, cmd_name)  # type: ignore[method-assign]
         status = CRASHED
         status = run()
     except SystemExit as ended:

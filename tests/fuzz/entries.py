@@ -42,38 +42,23 @@ def read_picture(scene: str, picture: Path) -> None:
     click.echo(str(int((image.triangle >= 0).sum())))
 
 
-@click.command("go-on-with-plate")
-@click.argument("scene")
-@click.argument("description", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path))
-def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
-    """Open a plate with a known description, look at all hogels, and write black ones where some are missing.
+@click.command("read-parts")
+@click.argument("out", type=click.Path(path_type=Path))
+def read_parts(out: Path) -> None:
+    """Read the parts of a survey that are whole, as a survey that goes on does."""
+    from xfrustum.reports.parts import DESCRIPTION, Parts
+    from xfrustum.scenes.disk.input_files import read_small
 
-    This is `plate --check` without OpenGL.
-    """
-    import numpy as np
-
-    from xfrustum.reports.plate.layout import Layout
-    from xfrustum.reports.plate.store import open_store
-    from xfrustum.scenes import open_scene
-    from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
-
-    opened = open_scene(scene)
-    content = PlateContent(ids=True)
-    width, height = opened.frustum.resolution
-    black = np.zeros((height, width, 3), dtype=content.color.dtype)
-    nothing = np.full((height, width), -1, dtype=np.int32)
-    layout = Layout(
-        plate=opened.plate, frustum=opened.frustum, units=opened.units, content=content, side=(1, 1)
-    )
-    store = open_store(out, layout, json.loads(description.read_text(encoding="utf-8")))
-    for block in store.layout.blocks(opened.plate.apertures()):
-        missing, _ = store.missing(block, check=True)
-        hogels = [PlateHogel(aperture=one, color=black, triangle=nothing) for one in missing]
-        if hogels:
-            store.write(block, {hogel.aperture: hogel for hogel in hogels})
-        if store.missing(block, check=True)[0]:
-            raise AssertionError(f"block {block.number} is not whole after it was written")
+    parts = Parts(out=out, name="survey.parquet")
+    described = read_small(parts.folder / DESCRIPTION, "description", 1 << 20)
+    try:
+        description = json.loads(described)
+    except ValueError:
+        description = {}
+    if isinstance(description, dict):
+        parts.open(description)
+    whole = [number for number in range(6) if parts.finished(number)]
+    click.echo(str(sum(parts.read(number).num_rows for number in whole)))
 
 
-ENTRIES = (read_scene, read_picture, go_on_with_plate)
+ENTRIES = (read_scene, read_picture, read_parts)

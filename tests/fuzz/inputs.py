@@ -6,8 +6,10 @@ so many goes all the way:
 scene, mesh, patches, environment   `read-scene`; one in ten `check`, one in ten `trace`
 exr                                 `compare`
 picture                             `read-picture`, which reads as `verify` does; one in a hundred `verify`
-zarr                                `go-on-with-plate`, `plate --check` without OpenGL; one in twenty `plate`
-command                             the command itself
+exr-attributes                      `read-picture`; one in ten `compare`
+zarr, names, video                  `convert`; of zarr one in twenty `plate --check`
+parts                               `read-parts`, which reads the parts of a survey
+pattern, command                    the command itself
 
 The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 """
@@ -23,6 +25,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -42,6 +45,9 @@ resolution = [16, 12]
 fov_deg    = [60.0, 50.0]
 reach      = [20.0, 20.0]
 """
+
+NAMES_FILE = "names.json"
+"""Name of the file that lists the pictures of a folder `in`; it is written as these pictures."""
 
 SHEARED = SCENE.replace(
     "fov_deg    = [60.0, 50.0]", "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }"
@@ -106,6 +112,8 @@ class Seed:
         Files and folders that the command may leave when it ends with 0 or 1.
     share
         Number of inputs of this seed for each input of a seed of share 1.
+    how
+        Name of the function of `mutations` that damages the file.
     """
 
     name: str
@@ -114,6 +122,15 @@ class Seed:
     command: tuple[str, ...]
     outputs: frozenset[str] = field(default_factory=frozenset)
     share: int = 1
+    how: str = "mutated"
+
+
+def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
+    """Return the files of a seed whose mutated file has some content."""
+    if seed.mutated != NAMES_FILE:
+        return {**seed.files, seed.mutated: payload}
+    picture = _picture((4, 4))
+    return {f"in/{name}": picture for name in json.loads(payload)}
 
 
 def _mostly(share: int, word: str, command: tuple[str, ...], seeds: list[Seed]) -> list[Seed]:
@@ -265,14 +282,122 @@ def pictures() -> list[Seed]:
     return found
 
 
+def attributes() -> list[Seed]:
+    """Return hogel images whose attributes are damaged one by one."""
+    files = {"scene.toml": (SCENE + SHAPE).encode(), "truth.exr": _hogel("trace")}
+    files["1x1.exr"] = _hogel("raster", "--near", "0.1")
+    return [
+        Seed(
+            name="exr-attributes-read",
+            files=files,
+            mutated="1x1.exr",
+            command=("read-picture", "scene.toml", "1x1.exr"),
+            share=9,
+            how="mutated_header",
+        ),
+        Seed(
+            name="exr-attributes-compare",
+            files=files,
+            mutated="1x1.exr",
+            command=("compare", "truth.exr", "1x1.exr", "--json"),
+            how="mutated_header",
+        ),
+    ]
+
+
+_CONVERT = ("convert", "in", "out", "--to", "hogels", "--quiet", "--json")
+
+_NAMES = {
+    "hogels": [f"hogel_{i}x{j}.png" for i in range(3) for j in range(2)],
+    "hocking": [f"hogel_{i:04}_0003_{j:04}_0002.png" for i in range(3) for j in range(2)],
+    "columns": [f"Hogel_Column_{i}.png" for i in range(3)],
+    "views": [f"{r}_{c}.png" for r in range(2) for c in range(3)],
+    "stanford": [f"out_0{r}_0{c}_0.{r}_-0.{c}.png" for r in range(2) for c in range(3)],
+    "hci": [f"input_Cam00{k}.png" for k in range(4)],
+    "quilt": ["a_qs4x2a1.5.png"],
+}
+
+
+def names() -> list[Seed]:
+    """Return folders of pictures in several layouts, whose names are damaged."""
+    return [
+        Seed(
+            name=f"names-{layout}",
+            files={NAMES_FILE: json.dumps(listed).encode()},
+            mutated=NAMES_FILE,
+            command=_CONVERT,
+            outputs=frozenset({"out"}),
+            how="mutated_names",
+        )
+        for layout, listed in _NAMES.items()
+    ]
+
+
+def videos() -> list[Seed]:
+    """Return rows of hogels as videos by two codecs."""
+    import av
+
+    found = []
+    for codec, pixels in (("ffv1", "bgr0"), ("mpeg4", "yuv420p")):
+        held = io.BytesIO()
+        with av.open(held, "w", format="avi") as video:
+            stream: Any = video.add_stream(codec, rate=25)
+            stream.width, stream.height, stream.pix_fmt = 32, 16, pixels
+            for number in range(3):
+                picture = np.full((16, 32, 3), 40 * number, dtype=np.uint8)
+                frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+                video.mux(stream.encode(frame.reformat(format=pixels)))
+            video.mux(stream.encode(None))
+        found.append(
+            Seed(
+                name=f"video-{codec}",
+                files={"in/HogelRow_0.avi": held.getvalue()},
+                mutated="in/HogelRow_0.avi",
+                command=_CONVERT,
+                outputs=frozenset({"out"}),
+            )
+        )
+    return found
+
+
+def parts() -> list[Seed]:
+    """Return the parts of a survey, of which one, or the description, is mutated."""
+    line = ("survey", "scene.toml", "--near", "0.1", "--all", "--workers", "1", "--out", "s", "--quiet")
+    files = _made(line, {"scene.toml": (SCENE + SHAPE).encode()})
+    inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))
+    return [
+        Seed(name=f"parts-{number}", files=files, mutated=name, command=("read-parts", "s"))
+        for number, name in enumerate(inside[:3])
+    ]
+
+
+def patterns() -> list[Seed]:
+    """Return command lines with patterns of names of files and commands."""
+    files = {f"{i}x{j}.png": _picture((16, 12)) for i in range(3) for j in range(2)}
+    files["scene.toml"] = (SCENE + SHAPE).encode()
+    lines = [
+        "verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet",
+        "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png --encoding triangle-id --quiet",
+        "verify scene.toml --command true{i}{j}{x:.3f}{out} --encoding triangle-id --apertures 1,1 --quiet",
+    ]
+    return [
+        Seed(
+            name=f"pattern-{number}",
+            files=files,
+            mutated="",
+            command=tuple(line.split()),
+            outputs=frozenset({"out"}),
+        )
+        for number, line in enumerate(lines)
+    ]
+
+
 def stores() -> list[Seed]:
     """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
     files = {"scene.toml": (SCENE + SHAPE).encode(), **_store()}
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
-    description = json.loads(files["p.zarr/zarr.json"])["attributes"]["xfrustum"]
-    files["description.json"] = json.dumps(description).encode()
     found = [
         Seed(
             name=f"zarr-{number}",
@@ -283,9 +408,17 @@ def stores() -> list[Seed]:
         )
         for number, name in enumerate((*documents, *chunks))
     ]
-    return _mostly(
-        19, "open", ("go-on-with-plate", "scene.toml", "description.json", "--out", "p.zarr"), found
-    )
+    converted = [
+        replace(
+            seed,
+            name=f"{seed.name}-convert",
+            command=("convert", "p.zarr", *_CONVERT[2:]),
+            outputs=frozenset({"out"}),
+            share=19,
+        )
+        for seed in found
+    ]
+    return [*found, *converted]
 
 
 _PLATE = ("plate", "scene.toml", "--near", "0.1", "--ids", "--out", "p.zarr", "--quiet", "--json")
@@ -293,7 +426,8 @@ _PLATE = ("plate", "scene.toml", "--near", "0.1", "--ids", "--out", "p.zarr", "-
 
 def commands() -> list[Seed]:
     """Return command lines of every cheap command."""
-    files = {"scene.toml": (SCENE + SHAPE).encode(), "truth.exr": _hogel("trace")}
+    files = {"scene.toml": (SCENE + SHAPE).encode()}
+    files |= {name: _hogel("trace") for name in ("truth.exr", "1x1.exr", "0x0.exr")}
     lines = [
         "trace scene.toml --aperture 1,1 --out out.exr --quiet",
         "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 --out out.exr",
@@ -321,6 +455,11 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
     "mesh": meshes,
     "patches": patches,
     "exr": images,
+    "exr-attributes": attributes,
+    "names": names,
+    "video": videos,
+    "parts": parts,
+    "pattern": patterns,
     "environment": environments,
     "picture": pictures,
     "zarr": stores,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
 import struct
@@ -44,11 +45,15 @@ WORDS = (
     "}",
     "'",
     '"',
+    *("{i!r}", "{i:999999999d}", "{x:.6f}", "{0}", "{i.real}", "{i[0]}", "{nobody}", "*", "run:1", "s3://x"),
 )
 """Texts that have broken readers of texts, and pages that show them."""
 
 WHOLE = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 """Whole numbers at the ends of their types."""
+
+COUNTS = (0, 1, 2, 3, 5, 16, 99, 4000, 9999, 65_536, 99_999_999, 10**12, 10**30)
+"""Numbers that stand in names of files."""
 
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w.-]*|\"[^\"\n]*\"")
@@ -90,6 +95,45 @@ def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tupl
             damaged[at] = raw.decode("utf-8", "surrogateescape")
     # No system passes on an argument with a zero byte.
     return tuple(argument.replace("\0", "0") for argument in damaged)
+
+
+def mutated_names(data: bytes, chance: random.Random) -> bytes:
+    """Return a JSON list of names of files of which one to four are damaged, two may be the same."""
+    names = json.loads(data)
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        at = chance.randrange(len(names))
+        raw = _NUMBER.sub(
+            lambda _: str(chance.choice(COUNTS)).encode(), names[at].encode(), count=chance.randrange(5)
+        )
+        if chance.random() < 0.4:
+            raw = mutated(raw, chance)
+        text = raw[:120].decode("utf-8", "replace").replace("/", "_").replace("\0", "0")
+        names.append(text if text.strip(". ") else "0x0.png")
+    return json.dumps(names).encode()
+
+
+def mutated_header(data: bytes, chance: random.Random) -> bytes:
+    """Return an OpenEXR file whose attributes are damaged: values, sizes, types, order, repetition."""
+    attributes, at = [], 8
+    while data[at : at + 1] not in (b"\0", b""):
+        name, kind, rest = data[at:].split(b"\0", 2)
+        size = struct.unpack("<i", rest[:4])[0]
+        attributes.append([name, kind, rest[4 : 4 + size], size])
+        at += len(name) + len(kind) + 2 + 4 + size
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        one = attributes[chance.randrange(len(attributes))]
+        action = chance.randrange(6)
+        if action < 3:
+            one[2] = chance.choice((_whole_number, _flip, _random_byte, mutated))(one[2], chance)[: 1 << 16]
+            one[3] = len(one[2]) if chance.random() < 0.9 else chance.choice(WHOLE) & 0x7FFFFFFF
+        elif action == 3:
+            one[1] = attributes[chance.randrange(len(attributes))][1]
+        elif action == 4:
+            attributes.insert(chance.randrange(len(attributes) + 1), list(one))
+        elif len(attributes) > 1:
+            attributes.remove(one)
+    header = b"".join(b"%b\0%b\0%b%b" % (n, k, struct.pack("<i", size), v) for n, k, v, size in attributes)
+    return data[:8] + header + data[at:]
 
 
 def _flip(data: bytes, chance: random.Random) -> bytes:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.fuzz.__main__ import import_everything
 from tests.fuzz.child import outcome_of
 from tests.fuzz.findings import findings
-from tests.fuzz.inputs import KINDS, Seed
+from tests.fuzz.inputs import KINDS, Seed, with_payload
 
 CORPUS = Path(__file__).parent / "corpus"
 
@@ -22,7 +22,7 @@ def found_of(seed: Seed, payload: bytes) -> list[str]:
     """Return the findings of one input."""
     command, files = seed.command, dict(seed.files)
     if seed.mutated:
-        files[seed.mutated] = payload
+        files = with_payload(seed, payload)
     else:
         command = tuple(json.loads(payload.decode("utf-8", "surrogatepass")))
     return list(findings(outcome_of(command, files), seed.outputs, named=bool(seed.mutated)))
@@ -30,8 +30,9 @@ def found_of(seed: Seed, payload: bytes) -> list[str]:
 
 def main() -> None:
     """Replay every input of the corpus."""
-    kinds = {path.name.split("-")[0] for path in entries()}
-    seeds = {seed.name: seed for kind in sorted(kinds) for seed in KINDS[kind]()}
+    wanted = {path.name.split(".")[0] for path in entries()}
+    kinds = [kind for kind in KINDS if any(name.startswith(kind.rstrip("s")) for name in wanted)]
+    seeds = {seed.name: seed for kind in kinds for seed in KINDS[kind]()}
     import_everything()
     print(json.dumps({p.name: found_of(seeds[p.name.split(".")[0]], p.read_bytes()) for p in entries()}))
 
