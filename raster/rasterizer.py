@@ -36,15 +36,9 @@ SINGLE_SAMPLE = Sampling()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """An image, and the time that drawing it took.
+    """An image, and the time of each stage of drawing it.
 
-    Attributes
-    ----------
-    image
-        The hogel image of one aperture.
-    times
-        The time of each stage: `draw`, and `read`, which is read-back with the positions that it
-        computes and the averaging of color.
+    The stages are `draw`, and `read`: read-back with the positions that it computes, and means of color.
     """
 
     image: HogelImage

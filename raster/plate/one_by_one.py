@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.raster.device.context import ContextOwner
 from xfrustum.raster.rasterizer import Rasterizer
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
@@ -30,18 +30,8 @@ def averaged(
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
     Triangle numbers, heights and normals are those seen through the aperture itself, which is drawn besides
-    for them.
-
-    Parameters
-    ----------
-    apertures
-        Apertures in the order in which they are wanted.
-    points
-        Function that returns the points of an aperture's area.
-    draw
-        Function that yields the image of each point, in order, with colors in float32.
-    content
-        Type of color, and the images that come along.
+    for them. `points` returns the points of an aperture's area, `draw` yields the image of each point, in
+    order, with colors in float32.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
     surfaces = content.channels != (Channel.COLOR,)
@@ -75,7 +65,7 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
     return rounded
 
 
-class OneByOne:
+class OneByOne(ContextOwner):
     """The stream of `PlateRenderer` with the sampling of `Rasterizer`: any number of samples a pixel.
 
     A context manager: leaving it frees the rasterizer.
@@ -103,14 +93,6 @@ class OneByOne:
             raise
         self.effects = self._rasterizer.effects_for(settings)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
-
     def release(self) -> None:
         """Free the rasterizer."""
         self._rasterizer.release()
@@ -123,15 +105,7 @@ class OneByOne:
 
 
 def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
-    """Return the images of a hogel that a plate stores, in the types in which it stores them.
-
-    Parameters
-    ----------
-    image
-        Image of the hogel, with color.
-    content
-        The images that are wanted; the hogel's image has them.
-    """
+    """Return the images of a hogel in color that a plate stores, in the types in which it stores them."""
     assert image.color is not None
     wanted = content.channels
     normal = image.normal if Channel.NORMAL in wanted else None

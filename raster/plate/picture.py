@@ -6,10 +6,8 @@ owns its target and buffers until it is read back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import islice
-from typing import TypeVar
 
 import moderngl
 import numpy as np
@@ -43,31 +41,28 @@ LAYER_EXTENSIONS = frozenset({"GL_ARB_shader_viewport_layer_array"})
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
 """Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers."""
 
+SUBMISSION_BYTES = 1 << 20
+"""Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
+ROUND_BYTES = 1 << 25
+"""Largest size of the attachments of one round of submissions, which bounds the memory."""
+MAX_HOGELS = 4
+"""Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
+ROUNDS = 2
+"""Number of rounds: one is drawn while the one before it is read back."""
 
-def picture_program(context: moderngl.Context, defines: Defines, hogels: int | None) -> moderngl.Program:
-    """Return the program of hogel.vert and hogel.frag.
-
-    Parameters
-    ----------
-    context
-        The current context.
-    defines
-        Names that the shaders ask for, see `programs.picture_defines` and `Shading.defines`.
-    hogels
-        Largest number of hogels in one submission; None for the program that draws one.
-    """
-    many = {} if hogels is None else _many(context, hogels)
-    return program(context, "hogel.frag", {**many, **defines})
-
-
-def reflection_program(context: moderngl.Context, defines: Defines, hogels: int) -> moderngl.Program:
-    """Return the program of hogel.vert and reflection.frag; parameters as for `picture_program`."""
-    return program(context, "reflection.frag", {**_many(context, hogels), **defines})
+PICTURE, REFLECTION = 0, 1
+"""Places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`."""
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
     """Return whether one draw may reach many layers, which no version of OpenGL requires."""
     return bool(LAYER_EXTENSIONS & set(context.extensions))
+
+
+def many_defines(context: moderngl.Context, hogels: int) -> dict[str, str]:
+    """Return the names that shaders ask for where one submission draws up to so many hogels."""
+    layers = {"WITH_LAYERS": "1"} if lets_vertices_choose_layers(context) else {}
+    return {"MANY": str(hogels), **layers}
 
 
 def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
@@ -79,109 +74,15 @@ def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
     return block
 
 
-def _many(context: moderngl.Context, hogels: int) -> dict[str, str]:
-    layers = {"WITH_LAYERS": "1"} if lets_vertices_choose_layers(context) else {}
-    return {"MANY": str(hogels), **layers}
-
-
-class PlateDrawing:
-    """The triangles of a scene that one program draws.
-
-    Parameters
-    ----------
-    context
-        The current context.
-    program
-        Program made by `plate.program` for this number of hogels.
-    geometry
-        The scene on the GPU.
-    cameras
-        The triangles that each camera draws: all surfaces, or the reflective ones.
-    hogels
-        Largest number of hogels in one submission.
-    """
-
-    def __init__(
-        self,
-        context: moderngl.Context,
-        program: moderngl.Program,
-        geometry: PlateGeometry,
-        cameras: Sequence[PassGeometry],
-        hogels: int,
-    ) -> None:
-        self.program = program
-        self._geometry, self._cameras = geometry, cameras
-        numbers = np.arange(hogels, dtype=np.uint32)
-        content = [
-            (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
-        ]
-        # This attribute advances with the instance; every draw names its first instance.
-        content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
-        self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
-
-    def triangles(self, number: int, matrices: Singles) -> int:
-        """Return the number of triangles that a camera draws for some hogels."""
-        return int(self._geometry.commands(self._cameras[number], matrices)["count"].sum()) // 3
-
-    def upload(
-        self, number: int, matrices: Singles, commands: moderngl.Buffer, windows: Floats = WHOLE_FILM
-    ) -> int:
-        """Write the draws of a camera for some hogels, and return their number.
-
-        Parameters
-        ----------
-        number
-            Number of the camera.
-        matrices
-            (L, 4, 4) clip-from-scene matrix of each hogel.
-        commands
-            Buffer that the draws are written to; it grows as needed.
-        windows
-            (L, 4) the part of each film that is wanted; see `clusters.clip_planes`.
-        """
-        draws = self._geometry.commands(self._cameras[number], matrices, windows)
-        if len(draws):
-            commands.orphan(max(commands.size, draws.nbytes))
-            commands.write(draws.tobytes())
-        return len(draws)
-
-    def draw(self, hogels: moderngl.Buffer, commands: moderngl.Buffer, draws: int) -> None:
-        """Draw what was uploaded.
-
-        Parameters
-        ----------
-        hogels
-            Buffer with the matrices of each hogel, see `program.hogel_block`.
-        commands, draws
-            The draws that `upload` wrote, and their number, which it returned.
-        """
-        if draws:
-            hogels.bind_to_uniform_block(HOGELS_BINDING)
-            self._mesh.render_indirect(commands, count=draws)
-
-
-_Item = TypeVar("_Item")
-
-SUBMISSION_BYTES = 1 << 20
-"""Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
-ROUND_BYTES = 1 << 25
-"""Largest size of the attachments of one round of submissions, which bounds the memory."""
-MAX_HOGELS = 4
-"""Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
-ROUNDS = 2
-"""Number of rounds: one is drawn while the one before it is read back."""
+# Submissions and rounds
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
     """The division of a stream of hogels into submissions and rounds.
 
-    Attributes
-    ----------
-    hogels
-        Hogels of one submission, which share clears and draws and have a layer each.
-    submissions
-        Submissions of one round, which are drawn one after the other, then read back together.
+    The hogels of a submission share clears and draws and have a layer each; the submissions of a round are
+    drawn one after the other, then read back together.
     """
 
     hogels: int
@@ -189,39 +90,22 @@ class Batching:
 
     @classmethod
     def of(cls, size: tuple[int, int], form: TargetFormat, *, layered: bool) -> Batching:
-        """Return the batching of images of some size.
-
-        Parameters
-        ----------
-        size
-            W, H in pixels.
-        form
-            The buffers of each pixel.
-        layered
-            Whether the device can draw on several layers at once.
-        """
+        """Return the batching of images of W, H pixels; `layered` devices draw on several layers at once."""
         hogel_bytes = form.bytes_per_pixel * size[0] * size[1]
-        hogels = _within(MAX_HOGELS, SUBMISSION_BYTES // hogel_bytes) if layered else 1
-        return cls(hogels=hogels, submissions=_within(MAX_HOGELS, ROUND_BYTES // (hogels * hogel_bytes)))
 
-    @property
-    def hogels_in_memory(self) -> int:
-        """Largest number of hogels that are being drawn or read back at any time."""
-        return ROUNDS * self.submissions * self.hogels
+        def within(wanted: int) -> int:
+            return max(1, min(MAX_HOGELS, wanted))
+
+        hogels = within(SUBMISSION_BYTES // hogel_bytes) if layered else 1
+        return cls(hogels=hogels, submissions=within(ROUND_BYTES // (hogels * hogel_bytes)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
     """The target and buffers that one submission owns until it has been read.
 
-    Attributes
-    ----------
-    target
-        Target with a layer for each hogel.
-    hogels
-        Buffers with the matrices of the hogels, one for each camera; see `program.hogel_block`.
-    commands
-        Buffers with the draws, by drawing and camera.
+    The target has a layer for each hogel; `hogels` are buffers with the matrices of the hogels, one for each
+    camera (`hogel_block`), `commands` buffers with the draws, by drawing and camera.
     """
 
     target: LayeredTarget
@@ -235,19 +119,7 @@ def make_rounds(
     make_target: Callable[[], LayeredTarget],
     counts: tuple[int, int],
 ) -> list[list[Slot]]:
-    """Return the slots of every round.
-
-    Parameters
-    ----------
-    context
-        The current context.
-    batching
-        Number of hogels and submissions.
-    make_target
-        Makes the target of one slot.
-    counts
-        Number of drawings and of cameras.
-    """
+    """Return the slots of every round, for so many drawings and cameras."""
     drawings, cameras = counts
 
     def buffers(reserve: int) -> list[moderngl.Buffer]:
@@ -261,82 +133,48 @@ def make_rounds(
     return [[slot() for _ in range(batching.submissions)] for _ in range(ROUNDS)]
 
 
-def groups(items: Iterable[_Item], size: int) -> Iterator[list[_Item]]:
-    """Yield consecutive items, `size` at a time."""
-    rest = iter(items)
-    while group := list(islice(rest, size)):
-        yield group
-
-
-def _within(most: int, wanted: int) -> int:
-    return max(1, min(most, wanted))
-
-
-class Reflections:
-    """The reflections of several hogels, drawn over their pictures.
-
-    Parameters
-    ----------
-    context
-        The current context.
-    drawing
-        Drawing of the reflective triangles.
-    environment
-        The environment that they reflect.
-    """
-
-    def __init__(self, context: moderngl.Context, drawing: PlateDrawing, environment: Environment) -> None:
-        self._context, self.drawing, self._environment = context, drawing, environment
-
-    def draw(
-        self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], drawing: int, shading: Shading
-    ) -> None:
-        """Add every camera's reflections, wherever its picture has stayed visible.
-
-        Parameters
-        ----------
-        slot
-            Slot whose target holds the pictures.
-        cameras
-            The cameras in drawing order, as any one of the hogels has them.
-        draws
-            Number of draws of each camera, which `upload` returned.
-        drawing
-            Place of the reflections in `Slot.commands`.
-        shading
-            The scene's materials.
-        """
-        self._context.blend_func = (moderngl.ONE, moderngl.ONE)
-        slot.target.begin_reflection()
-        self._environment.bind(slot.target)
-        shading.bind(self.drawing.program)
-        for number, camera in enumerate(cameras):
-            set_facing(self._context, camera)
-            set_camera(self.drawing.program, number, camera, slot.target.size)
-            self.drawing.draw(slot.hogels[number], slot.commands[drawing][number], draws[number])
-
-
-PICTURE, REFLECTION = 0, 1
-"""Places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`."""
+# Drawing
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """The way in which a plate is drawn.
-
-    Attributes
-    ----------
-    mapping
-        Depth mapping.
-    effects
-        Effects that are simulated.
-    hogels
-        Largest number of hogels in one submission.
-    """
+    """The way in which a plate is drawn, with up to so many hogels in one submission."""
 
     mapping: Mapping
     effects: frozenset[Effect]
     hogels: int
+
+
+class PlateDrawing:
+    """The triangles that one program draws for each camera: all surfaces, or the reflective ones."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        program: moderngl.Program,
+        geometry: PlateGeometry,
+        cameras: Sequence[PassGeometry],
+        hogels: int,
+    ) -> None:
+        self.program = program
+        self._geometry, self._cameras = geometry, cameras
+        content = [
+            (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
+        ]
+        # This attribute advances with the instance; every draw names its first instance.
+        numbers = np.arange(hogels, dtype=np.uint32)
+        content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
+        self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
+
+    def commands(self, number: int, matrices: Singles, windows: Floats = WHOLE_FILM) -> NDArray[np.void]:
+        """Return the draws of a camera for hogels with some matrices; see `PlateGeometry.commands`."""
+        return self._geometry.commands(self._cameras[number], matrices, windows)
+
+    def draw(self, hogels: moderngl.Buffer, commands: moderngl.Buffer, draws: int) -> None:
+        """Draw so many commands for the hogels whose matrices are in a buffer."""
+        if draws:
+            hogels.bind_to_uniform_block(HOGELS_BINDING)
+            self._mesh.render_indirect(commands, count=draws)
 
 
 class PlatePicture:
@@ -359,44 +197,30 @@ class PlatePicture:
 
     def __init__(self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: Look) -> None:
         self._context, self._mapping = context, look.mapping
-        effects, hogels = look.effects, look.hogels
-        mirrors = reflective_triangles(scene, effects)
-        self._shading = Shading(context, scene, effects)
-        self._geometry = PlateGeometry(
+        mirrors = reflective_triangles(scene, look.effects)
+        self._shading = Shading(context, scene, look.effects)
+        geometry = PlateGeometry(
             context, scene, passes, look.mapping.clip_control, (self._shading.surfaces, mirrors)
         )
-        defines = {**picture_defines(look.mapping, effects), **self._shading.defines}
-        program = picture_program(context, defines, hogels)
-        picture = PlateDrawing(context, program, self._geometry, self._geometry.surfaces, hogels)
-        self.drawings, self._reflections = [picture], None
+
+        def drawing(fragment: str, defines: Defines, cameras: Sequence[PassGeometry]) -> PlateDrawing:
+            many = many_defines(context, look.hogels)
+            made = program(context, fragment, {**many, **defines, **self._shading.defines})
+            return PlateDrawing(context, made, geometry, cameras, look.hogels)
+
+        self.drawings = [
+            drawing("hogel.frag", picture_defines(look.mapping, look.effects), geometry.surfaces)
+        ]
+        self.environment: Environment | None = None
         if mirrors.any():
-            defines = {**reflection_defines(effects), **self._shading.defines}
-            program = reflection_program(context, defines, hogels)
-            drawing = PlateDrawing(context, program, self._geometry, self._geometry.reflections, hogels)
-            self._reflections = Reflections(context, drawing, Environment(context, scene))
-            self.drawings.append(self._reflections.drawing)
-
-    @property
-    def triangles_of_cameras(self) -> list[int]:
-        """Largest number of triangles that each camera draws."""
-        return [part.count for part in self._geometry.surfaces]
-
-    @property
-    def reflects(self) -> bool:
-        """Whether any triangle is drawn once more for its reflection."""
-        return self._reflections is not None
+            self.environment = Environment(context, scene)
+            defines = reflection_defines(look.effects)
+            self.drawings.append(drawing("reflection.frag", defines, geometry.reflections))
 
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
         """Clear a slot's target and draw into it from now on.
 
-        Parameters
-        ----------
-        slot
-            Slot that is drawn into.
-        enabled
-            moderngl's flags of what is enabled while pictures are drawn.
-        box
-            Part of the films that is drawn; see `LayeredTarget.begin`.
+        `enabled` are moderngl's flags of what is enabled while pictures are drawn; see `LayeredTarget.begin`.
         """
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
@@ -407,51 +231,51 @@ class PlatePicture:
     ) -> list[int]:
         """Upload what a camera draws for the hogels, and return the number of draws of each drawing.
 
-        Parameters
-        ----------
-        slot
-            Slot that is drawn into.
-        number, hogels
-            The camera, and what it is for each hogel.
-        windows
-            (L, 4) the part of each hogel's film that is wanted; see `clusters.clip_planes`.
+        `hogels` is the camera as it is for each hogel, `windows` (L, 4) the part of each hogel's film that is
+        wanted; see `clusters.clip_planes`.
         """
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
-        return [
-            drawing.upload(number, matrices, commands[number], windows)
-            for drawing, commands in zip(self.drawings, slot.commands, strict=True)
-        ]
+        counts = []
+        for drawing, buffers in zip(self.drawings, slot.commands, strict=True):
+            draws, buffer = drawing.commands(number, matrices, windows), buffers[number]
+            if len(draws):
+                buffer.orphan(max(buffer.size, draws.nbytes))
+                buffer.write(draws.tobytes())
+            counts.append(len(draws))
+        return counts
 
     def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
         """Draw one camera's picture for the hogels, over those of the cameras before it.
 
-        Parameters
-        ----------
-        slot
-            Slot that is drawn into.
-        number, camera
-            The camera, as any one of the hogels has it.
-        draws
-            Number of draws, which `upload` returned.
+        The camera is as any one of the hogels has it; `upload` returned the number of draws.
         """
-        drawing = self.drawings[PICTURE]
         slot.target.clear_depth(camera.test.clear)
         self._context.depth_func = camera.test.function
-        set_facing(self._context, camera)
-        set_camera(drawing.program, number, camera, slot.target.size)
-        self._shading.bind(drawing.program)
-        drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)
+        self._shading.bind(self.drawings[PICTURE].program)
+        self._draw(PICTURE, slot, number, camera, draws)
 
     def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
-        """Draw every camera's reflections over the picture, if anything reflects; see `Reflections.draw`.
+        """Add every camera's reflections, if anything reflects, wherever its picture has stayed visible.
 
         `enabled` holds the flags of the context with which the pictures were drawn.
         """
-        if self._reflections is not None:
-            self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
-            self._reflections.draw(slot, cameras, draws, REFLECTION, self._shading)
+        if self.environment is None:
+            return
+        self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
+        self._context.blend_func = (moderngl.ONE, moderngl.ONE)
+        slot.target.begin_reflection()
+        self.environment.bind(slot.target)
+        self._shading.bind(self.drawings[REFLECTION].program)
+        for number, camera in enumerate(cameras):
+            self._draw(REFLECTION, slot, number, camera, draws[number])
+
+    def _draw(self, kind: int, slot: Slot, number: int, camera: Pass, draws: int) -> None:
+        drawing = self.drawings[kind]
+        set_facing(self._context, camera)
+        set_camera(drawing.program, number, camera, slot.target.size)
+        drawing.draw(slot.hogels[number], slot.commands[kind][number], draws)
 
 
 def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> Mask:

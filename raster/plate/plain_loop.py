@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from types import TracebackType
 from typing import Any
 
 import moderngl
@@ -14,16 +13,16 @@ from OpenGL import GL
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
-from xfrustum.raster.device.context import open_context
+from xfrustum.raster.device.context import ContextOwner, open_context
 from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of, number_triangles
-from xfrustum.raster.device.programs import picture_defines, set_camera, set_facing
+from xfrustum.raster.device.programs import picture_defines, program, set_camera, set_facing
 from xfrustum.raster.light import Shading
 from xfrustum.raster.plate.geometry import FORMATS, flat_attributes
 from xfrustum.raster.plate.picture import (
     HOGEL,
     HOGELS_BINDING,
     hogel_block,
-    picture_program,
+    many_defines,
 )
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.model.effects import Effect, Question, needed
@@ -33,7 +32,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
-class PlainLoop:
+class PlainLoop(ContextOwner):
     """The loop that anybody would write first: every camera draws the whole scene, then pixels are read.
 
     It shades, but draws no reflections.
@@ -71,7 +70,9 @@ class PlainLoop:
             self._shading = Shading(context, scene, effects)
             faces = scene.faces.astype(np.uint32)
             defines = {**picture_defines(self._mapping, effects), **self._shading.defines}
-            self._program = picture_program(context, defines, 1 if numbered else None)
+            self._program = program(
+                context, "hogel.frag", {**(many_defines(context, 1) if numbered else {}), **defines}
+            )
             attributes: dict[str, NDArray[Any]] = {name: attribute_of(scene, name) for name in ATTRIBUTES}
             self._hogel: moderngl.Buffer | None = None
             content_of_vertices = []
@@ -89,14 +90,6 @@ class PlainLoop:
             self._mesh = context.vertex_array(
                 self._program, content_of_vertices, index_buffer=context.buffer(faces.tobytes())
             )
-
-    def __enter__(self) -> PlainLoop:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
 
     def release(self) -> None:
         """Free the context and everything in it."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from typing import Self
+from itertools import islice
+from typing import Self, TypeVar
 
 import moderngl
 import numpy as np
@@ -29,7 +30,6 @@ from xfrustum.raster.plate.picture import (
     Look,
     PlatePicture,
     Slot,
-    groups,
     lets_vertices_choose_layers,
     make_rounds,
     reflective_triangles,
@@ -92,6 +92,16 @@ class Wanted:
 
 WHOLE = Wanted(windows=WHOLE_FILM, box=None)
 """Whole films."""
+
+
+Item = TypeVar("Item")
+
+
+def groups(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
+    """Yield consecutive items, `size` at a time."""
+    rest = iter(items)
+    while group := list(islice(rest, size)):
+        yield group
 
 
 Stage = Callable[[str], AbstractContextManager[None]]
@@ -186,25 +196,14 @@ class PlateRenderer(ContextOwner):
                 slot.target.release()
         self._context.release()
 
-    @property
-    def triangles_of_cameras(self) -> list[int]:
-        """Largest number of triangles that each camera draws: those on its side of the plate or across it."""
-        return [] if self._picture is None else self._picture.triangles_of_cameras
-
     def hogels(self, apertures: Iterable[Aperture], parts: Parts | None = None) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order.
 
-        While one round of submissions is drawn, the round before it is read back: at most
-        `batching.hogels_in_memory` hogels are in memory beside those that the caller keeps. Where the scene
-        asks for sub-apertures, each is drawn as a hogel of its own, and color is their mean.
-
-        Parameters
-        ----------
-        apertures
-            Apertures that are drawn.
-        parts
-            Part of the film that is wanted, by column and row of the hogel; None for whole films. Pixels in
-            it are those of the whole film, bit for bit, and take less time; those outside mean nothing.
+        While one round of submissions is drawn, the round before it is read back: no more hogels are in
+        memory beside those that the caller keeps. Where the scene asks for sub-apertures, each is drawn as a
+        hogel of its own, and color is their mean. `parts` are the parts of the films that are wanted, by
+        column and row of the hogel: their pixels are those of whole films, bit for bit, and take less time;
+        those outside mean nothing.
         """
         count = self.scene.sampling.aperture
         if count == 1:
@@ -244,12 +243,7 @@ class PlateRenderer(ContextOwner):
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
 
-        Parameters
-        ----------
-        apertures
-            Apertures that are drawn.
-        rasterize
-            Whether triangles become pixels; without, OpenGL discards them first, and ignores clears.
+        Without `rasterize` OpenGL discards triangles before they become pixels, and ignores clears.
         """
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:
@@ -273,7 +267,8 @@ class PlateRenderer(ContextOwner):
             for number, camera in enumerate(self._passes(aperture)):
                 matrices = camera.clip_from_scene.astype(np.float32)[None]
                 drawings = [] if self._picture is None else self._picture.drawings
-                total += sum(drawing.triangles(number, matrices) for drawing in drawings)
+                draws = (drawing.commands(number, matrices)["count"] for drawing in drawings)
+                total += sum(int(count.sum()) // 3 for count in draws)
         return total
 
     def _passes(self, aperture: Aperture) -> list[Pass]:
@@ -300,7 +295,7 @@ class PlateRenderer(ContextOwner):
                 draws.append(picture.upload(slot, number, hogels, wanted.windows))
             with stage("C" if self._cameras[number].orthoscopic else "C*"):
                 picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
-        if picture.reflects:
+        if picture.environment is not None:
             with stage("reflection"):
                 drawn = [counts[REFLECTION] for counts in draws]
                 picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)

@@ -171,7 +171,6 @@ def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:
     scene = view("asymmetric", (16, 12))
     row = [scene.plate.aperture(column, 30) for column in range(81)]
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
-        assert plate.batching.hogels_in_memory < len(row)
         hogels = list(plate.hogels(iter(row)))
     assert [hogel.aperture for hogel in hogels] == row
     with PlainLoop(scene, DoubleFrustum(near=0.1), EVERYTHING) as loop:
@@ -302,16 +301,6 @@ def test_culling_loses_no_pixel_of_triangles_of_any_size(
     apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
     # Small triangles may cover no pixel of an image; that both are alike is what is asserted.
     assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
-
-
-def test_what_one_camera_cannot_see_is_not_drawn() -> None:
-    """Each triangle of the car goes to one camera, except the few across the plate."""
-    scene = view("car", (16, 12))
-    with PlateRenderer(scene, DoubleFrustum(near=0.1)) as plate:
-        lowest, highest = scene.height_ranges
-        drawn = plate.triangles_of_cameras
-        assert drawn[0] == np.count_nonzero(lowest <= 0)
-        assert drawn[1] == np.count_nonzero(highest >= 0)
 
 
 @given(st.integers(0, 1 << 20), st.sampled_from([CENTERED, RECENTERED]))
