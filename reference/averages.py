@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.certify.cone import Triangles
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.memory import BAND_PIXELS, bands
-from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -54,26 +53,10 @@ def mean_color(
         certifier = Certifier(triangles, fine)
         for some in bands(width, rows, BAND_PIXELS // side**2):
             lines = range(some.start * side, some.stop * side)
-            color = _color(scene, shader, certifier.decide(lines), fine, lines)
+            decided, directions = certifier.decide(lines), fine.directions(slice(lines.start, lines.stop))
+            position = np.asarray(fine.center) + decided.s[..., None] * directions
+            color = shader.picture(decided.triangle, position, directions)
             # The sums are taken row by row, so that they do not depend on how the bands were cut.
-            for row, line in zip(lines, color.reshape(len(lines), width, side, -1).sum(axis=2), strict=True):
+            for row, line in zip(lines, color.reshape(len(lines), width, side, 3).sum(axis=2), strict=True):
                 total[row // side - rows.start] += line
     return total / (len(apertures) * side * side)
-
-
-def _color(scene: Scene, shader: Shader, decided: FirstSurfaces, pencil: Pencil, rows: range) -> Floats:
-    """Return the linear RGB, or gray, of the first surfaces along some rows; black where there is none."""
-    directions = pencil.directions(slice(rows.start, rows.stop)).reshape(-1, 3)
-    covered = np.flatnonzero(decided.triangle != NOTHING)
-    triangle, direction = decided.triangle.ravel()[covered], directions[covered]
-    s = decided.s.ravel()[covered]
-    hits = Hits(
-        triangle=triangle,
-        normal=scene.normals[triangle],
-        position=np.asarray(pencil.center) + s[:, None] * direction,
-        direction=direction,
-    )
-    found = shader.radiance(hits)
-    color = np.zeros((len(directions), found.shape[1]))
-    color[covered] = found
-    return color

@@ -6,7 +6,7 @@ There is one lane of Dr.Jit for each pixel.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,8 @@ from xfrustum.reference.backend import (
     table,
 )
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.layers import NumberedLayer
+from xfrustum.reference.layers import overlaid_certainty
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
-from xfrustum.reference.shading.light import Seen
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -106,10 +105,7 @@ class Pictures:
             Whether the image has normals, and whether it has color.
         """
         found = [decided for _, decided in layers]
-        certainty, companions = found[0].certainty, found[0].companions
-        if len(found) > 1:
-            top = reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in found))
-            certainty, companions = top.certainty, top.companions
+        certainty, companions = overlaid_certainty(found, rows.start)
         triangle, objects, position, normal, color = self._shown(
             layers, rows, normals=normals, colored=colored
         )
@@ -157,12 +153,11 @@ class Pictures:
             covered, known = number != NOTHING, dr.maximum(number, 0)
             (of_triangle,) = self._objects(known)
             objects = dr.select(covered, of_triangle, NOTHING)
-            flat = self._normals(known)
-            normal = [dr.select(covered, part, np.nan) for part in flat] if normals else []
+            normal = [dr.select(covered, part, np.nan) for part in self._normals(known)] if normals else []
             light: list[Any] = []
             if colored:
-                seen = Seen(triangle=known, normal=flat, position=position, direction=direction)
-                light = [Float32(dr.select(covered, part, 0.0)) for part in self._shader.model.radiance(seen)]
+                found = self._shader.model.radiance(known, position, direction)
+                light = [Float32(dr.select(covered, part, 0.0)) for part in found]
             # All in one kernel: they share the places of the points.
             dr.eval(number, objects, position, normal, light)
             return (

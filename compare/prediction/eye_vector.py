@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reference.shading.interpolation import smooth_normals
-from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.shading.light import smooth_normals
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.shading.surroundings import radiance_toward
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
@@ -86,8 +86,7 @@ def radiance_along(
     lines
         (N, 3) direction d of a line through each point, from the viewer to the back.
     """
-    hits = Hits(triangle=triangle, normal=scene.normals[triangle], position=position, direction=lines)
-    return np.broadcast_to(shader.radiance(hits), position.shape)
+    return np.broadcast_to(shader.radiance(triangle, position, lines), position.shape)
 
 
 def shading_normals(scene: Scene, triangle: Numbers, position: Floats, lines: Floats) -> Floats:

@@ -13,7 +13,7 @@ from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.facing import facing
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -80,7 +80,7 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
         decided = replace(decided, s=-decided.s)
     else:
         decided = first_surfaces(triangles, film)
-    shown = Layer.of(film, decided.renumbered(drawn), range(pencil.resolution[1]))
+    shown = Layer.of(film, decided.renumbered(drawn))
     return _mirrored(shown, pencil)
 
 
@@ -141,22 +141,13 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
 
 
 def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImage) -> Singles:
-    color = np.zeros((*answer.triangle.shape, 3), dtype=np.float32)
-    covered = answer.triangle != NOTHING
-    number = answer.triangle[covered]
     directions, of_c_star = (
         model.pencil(scene, answer.camera.aperture, side).directions() for side in (1, -1)
     )
     front = answer.height > model.plate_height
     directions[front] = of_c_star[front]
-    hits = Hits(
-        triangle=number,
-        normal=scene.normals[number],
-        position=answer.position[covered].astype(np.float64),
-        direction=directions[covered],
-    )
-    color[covered] = shader.radiance(hits)
-    return color
+    position = answer.position.astype(np.float64)
+    return shader.picture(answer.triangle, position, directions).astype(np.float32)
 
 
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:

@@ -1,12 +1,20 @@
-"""The first surface along each line of a grid: proven, or decided in integers.
+"""The first surface along lines that have no common point: proven, or decided in integers.
 
-The argument is that of `certify.certify`, for each pair of a line and a triangle by itself. It is the same
-arithmetic on the same numbers: what is decided of a pixel is what its whole hogel says, bit for bit.
+A hogel replays to an eye's pixel what it shows along a line of its own. The argument is that of `certify`,
+for each pair of a line and a triangle by itself, with the same arithmetic on the same numbers: what is
+decided of a pixel is what its whole hogel says, bit for bit.
+
+Which triangles a line may cross is found from where the eye sees these. The line runs beside the ray of its
+pixel: at the depth s below the plate they are at most D0 + |s| D1 apart, with D0 half a hogel and D1 half a
+pixel of its film. A triangle is therefore made wider by this much; wherever a line crosses the triangle, the
+pixel's ray meets the wider one. D0 + |s| D1 is convex over s, so that the wider triangle lies within the hull
+of its wider corners, and what an eye sees of that hull lies between what it sees of these.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,11 +23,168 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.pairs import NO_PAIRS, Pairs
-from xfrustum.reference.eye.crossing import Axis, Crossings, crossings
-from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+
+PAIRS_AT_ONCE = 1 << 19
+"""Pairs of a line and a triangle that are found at once; each takes about 1 kB where it is decided."""
+
+TRIANGLES_AT_ONCE = 1 << 13
+"""Triangles whose columns and rows are found at once."""
+
+MARGIN = 1e-11
+"""Margin of every comparison, relative to the sum of absolute values in it: more than ten thousand roundings
+of 1e-16, for a few dozen operations."""
+
+BESIDE_THE_EYE = 1e-6
+"""Smallest distance of a triangle's corner below the eye at which the triangle is projected, as a part of the
+eye's height. Others, which reach beside the eye or behind it, may cross any line."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineGrid:
+    """Lines in columns and rows, each through a point of the plate of its own.
+
+    The line of column c, row r is P(s) = (x[c], y[r], 0) + s (dx[c], dy[r], -1), so that z = -s.
+
+    Attributes
+    ----------
+    x, dx
+        (W,) where the columns' lines meet the plate, and their slopes.
+    y, dy
+        (H,) the same of the rows.
+    s_range
+        Only surfaces with s in this closed interval are imaged; the smallest s is seen first.
+    """
+
+    x: Floats
+    dx: Floats
+    y: Floats
+    dy: Floats
+    s_range: tuple[float, float]
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """W, H: number of columns and rows."""
+        return len(self.dx), len(self.dy)
+
+    def points(self) -> Floats:
+        """Return where the lines meet the plate, (H, W, 3)."""
+        return _spread(self.x, self.y, 0.0)
+
+    def directions(self) -> Floats:
+        """Return d of every line, (H, W, 3)."""
+        return _spread(self.dx, self.dy, -1.0)
+
+
+def _spread(across: Floats, down: Floats, height: float) -> Floats:
+    values = np.empty((len(down), len(across), 3))
+    values[..., 0], values[..., 1], values[..., 2] = across, down[:, None], height
+    return values
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Axis:
+    """The lines of a grid along one axis, beside the rays of the eye.
+
+    There are (N,) places where lines meet the plate, their slopes, and the slopes of the eye's rays (`seen`),
+    ascending or descending; `eye` is the eye's coordinate on this axis, and `height` its height before the
+    plate.
+    """
+
+    place: Floats
+    slope: Floats
+    seen: Floats
+    eye: float
+    height: float
+
+    def candidates(self, x: Floats, s: Floats) -> tuple[Indices, Indices]:
+        """Return first and end of the lines that may cross triangles, (T,) each.
+
+        Parameters
+        ----------
+        x, s
+            (3, T) coordinate and depth below the plate of the corners.
+        """
+        if not len(self.seen):
+            none = np.zeros(x.shape[1], dtype=np.int64)
+            return none, none
+        apart = np.abs(self.place - self.eye - self.height * self.seen).max()
+        spread = np.abs(self.slope - self.seen).max()
+        size = np.abs(x) + abs(self.eye) + (self.height + np.abs(s)) * (1 + np.abs(self.seen).max())
+        wider = apart + np.abs(s) * spread + MARGIN * size
+        below = self.height + s
+        beside = (below <= BESIDE_THE_EYE * self.height).any(axis=0)
+        below = np.where(below > 0, below, 1.0)
+        low = np.where(beside, -np.inf, ((x - wider - self.eye) / below).min(axis=0))
+        high = np.where(beside, np.inf, ((x + wider - self.eye) / below).max(axis=0))
+        if self.seen[0] <= self.seen[-1]:
+            return np.searchsorted(self.seen, low, "left"), np.searchsorted(self.seen, high, "right")
+        down = -self.seen
+        return np.searchsorted(down, -high, "left"), np.searchsorted(down, -low, "right")
+
+    def crossed(self, x: Floats, s: Floats) -> tuple[Indices, Indices]:
+        """Return triangle and line of all that may cross, seen along the other axis: sorted by triangle."""
+        first, end = self.candidates(x, s)
+        counts = np.maximum(end - first, 0)
+        triangle = np.repeat(np.arange(len(counts)), counts)
+        line = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts - first, counts)
+        aside = [x[k, triangle] - self.place[line] - s[k, triangle] * self.slope[line] for k in range(3)]
+        size = np.abs(self.place[line]) + sum(
+            np.abs(x[k, triangle]) + np.abs(s[k, triangle] * self.slope[line]) for k in range(3)
+        )
+        doubt = MARGIN * size
+        misses = np.logical_and.reduce([a > doubt for a in aside])
+        misses |= np.logical_and.reduce([a < -doubt for a in aside])
+        return triangle[~misses], line[~misses]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crossings:
+    """Pairs of a line and a triangle that it may cross: (N,) column, row and number of the triangle."""
+
+    column: Indices
+    row: Indices
+    triangle: Indices
+
+
+def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> Iterator[Crossings]:
+    """Yield all pairs of a line and a triangle that may cross within the range, in bounded parts.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corners, scene units.
+    grid
+        The lines.
+    columns, rows
+        The same lines beside the rays of the eye.
+    """
+    z = triangles[..., 2]
+    reached = (-z.min(axis=1) >= grid.s_range[0]) & (-z.max(axis=1) <= grid.s_range[1])
+    numbers = np.flatnonzero(reached)
+    for start in range(0, len(numbers), TRIANGLES_AT_ONCE):
+        some = numbers[start : start + TRIANGLES_AT_ONCE]
+        x, y, heights = np.ascontiguousarray(triangles[some].transpose(2, 1, 0))
+        on_column, column = columns.crossed(x, -heights)
+        on_row, row = rows.crossed(y, -heights)
+        down = np.bincount(on_row, minlength=len(some))
+        # Every column of a triangle with every row of it.
+        repeats = down[on_column]
+        first_row = np.cumsum(down) - down
+        ends = np.cumsum(repeats)
+        begin = 0
+        while begin < len(on_column):
+            before = ends[begin - 1] if begin else 0
+            stop = max(begin + 1, int(np.searchsorted(ends, before + PAIRS_AT_ONCE)))
+            part = np.repeat(np.arange(begin, stop), repeats[begin:stop])
+            step = np.arange(len(part)) - np.repeat(
+                ends[begin:stop] - repeats[begin:stop] - before, repeats[begin:stop]
+            )
+            own = on_column[part]
+            yield Crossings(column=column[part], row=row[first_row[own] + step], triangle=some[own])
+            begin = stop
 
 
 def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis) -> FirstSurfaces:
@@ -38,24 +203,22 @@ def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: 
     limit = np.full(width * height, np.inf)
     kept = NO_PAIRS
     for part in crossings(triangles.corners, grid, columns, rows):
-        found = _evaluated(triangles, grid, part)
-        np.minimum.at(limit, found.pixel[found.sure], found.farthest[found.sure])
-        kept = Pairs.joined([kept, found])
+        pairs = _evaluated(triangles, grid, part)
+        np.minimum.at(limit, pairs.pixel[pairs.sure], pairs.farthest[pairs.sure])
+        kept = Pairs.joined([kept, pairs])
         kept = kept[kept.nearest <= limit[kept.pixel]]
     rivals = np.bincount(kept.pixel, minlength=len(limit))
     proven = (rivals[kept.pixel] == 1) & kept.sure
-    triangle = np.full(len(limit), NOTHING, dtype=np.int32)
-    s = np.full(len(limit), np.nan)
-    certainty = np.full(len(limit), Certainty.PROVEN, dtype=np.uint8)
-    triangle[kept.pixel[proven]], s[kept.pixel[proven]] = kept.triangle[proven], kept.s[proven]
-    companions = _settle(triangles.corners, grid, kept[~proven], (triangle, s, certainty))
     shape = (height, width)
-    return FirstSurfaces(
-        triangle=triangle.reshape(shape),
-        s=s.reshape(shape),
-        certainty=certainty.reshape(shape),
-        companions=companions,
+    found = FirstSurfaces(
+        triangle=np.full(shape, NOTHING, dtype=np.int32),
+        s=np.full(shape, np.nan),
+        certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
+        companions=np.zeros((0, 3), dtype=np.int64),
     )
+    found.triangle.flat[kept.pixel[proven]] = kept.triangle[proven]
+    found.s.flat[kept.pixel[proven]] = kept.s[proven]
+    return replace(found, companions=_settle(triangles.corners, grid, kept[~proven], found))
 
 
 def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
@@ -82,29 +245,19 @@ def _evaluated(triangles: Triangles, grid: LineGrid, part: Crossings) -> Pairs:
         may_cover, covers = cones.covering(dx, dy)
         possible, sure = possible & may_cover, sure & covers
         dr.eval(s, error, possible, sure)
-        found = Pairs(
+        pairs = Pairs(
             pixel=part.row * grid.resolution[0] + part.column,
             triangle=part.triangle,
             s=s.numpy(),
             error=error.numpy(),
             sure=sure.numpy(),
         )
-        return found[np.flatnonzero(possible.numpy())]
+        return pairs[np.flatnonzero(possible.numpy())]
 
 
-def _settle(triangles: Floats, grid: LineGrid, contested: Pairs, answer: tuple[Any, Any, Any]) -> Indices:
-    """Decide lines for which several triangles may be first in integers; return the companions of ties.
-
-    Parameters
-    ----------
-    triangles, grid
-        The scene's triangles and the lines.
-    contested
-        All pairs of these lines.
-    answer
-        Triangle, s and certainty of all lines, which are filled in.
-    """
-    triangle, s, certainty = answer
+def _settle(triangles: Floats, grid: LineGrid, contested: Pairs, found: FirstSurfaces) -> Indices:
+    """Decide the lines of contested pairs in integers, fill them in, and return the companions of ties."""
+    triangle, s, certainty = (one.reshape(-1) for one in (found.triangle, found.s, found.certainty))
     order = np.argsort(contested.pixel, kind="stable")
     lines, starts = np.unique(contested.pixel[order], return_index=True)
     rivals = np.split(contested.triangle[order], starts)[1:]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.reference.lines.grid import LineGrid
+from xfrustum.reference.eye.first import LineGrid
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, film_window
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.eye import Beam, Eye, HogelPixels, Replay

@@ -9,15 +9,12 @@ import numpy as np
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.eye.crossing import Axis
-from xfrustum.reference.eye.first import first_along_grid
+from xfrustum.reference.eye.first import Axis, LineGrid, first_along_grid
 from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
-from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.memory import bands
-from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
@@ -74,7 +71,7 @@ class EyeReference:
                 rays = eye_pencil(self.scene, eye, point)
                 seen = found if len(points) == 1 else self._decided(rays)
                 places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
-                color += self._radiance(seen.triangle, places, rays.directions()) / len(points)
+                color += self._shader.picture(seen.triangle, places, rays.directions()) / len(points)
         return self._image(eye, (found.triangle, position, found.certainty), color)
 
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
@@ -127,55 +124,23 @@ class EyeReference:
 
     def _part_color(
         self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
-    ) -> Singles:
+    ) -> Floats:
         """Return the color of some hogels' pixels; `known` are their lines and surfaces, if at hand."""
         grid, found = known or self._traced(eye, pixels, point)
         places = grid.points() + found.s[..., None] * grid.directions()
-        return self._radiance(found.triangle, places, grid.directions())
+        return self._shader.picture(found.triangle, places, grid.directions())
 
     def _traced(self, eye: Eye, pixels: HogelPixels, point: Floats | None) -> tuple[LineGrid, FirstSurfaces]:
         """Return the lines of some hogels' pixels, and the surfaces that are first along them."""
         rays = eye_pencil(self.scene, eye, point)
         grid = hogel_lines(self.scene, pixels)
-        columns = Axis(
-            place=grid.x,
-            slope=grid.dx,
-            seen=rays.dx[pixels.columns],
-            eye=rays.center[0],
-            height=rays.center[2],
-        )
-        rows = Axis(
-            place=grid.y,
-            slope=grid.dy,
-            seen=rays.dy[pixels.rows],
-            eye=rays.center[1],
-            height=rays.center[2],
-        )
+        x, y, height = rays.center
+        columns = Axis(place=grid.x, slope=grid.dx, seen=rays.dx[pixels.columns], eye=x, height=height)
+        rows = Axis(place=grid.y, slope=grid.dy, seen=rays.dy[pixels.rows], eye=y, height=height)
         return grid, first_along_grid(self._triangles, grid, columns, rows)
 
     def _decided(self, pencil: Pencil) -> FirstSurfaces:
-        certifier, (width, height) = Certifier(self._triangles, pencil), pencil.resolution
-        found = [certifier.decide(rows) for rows in bands(width, range(height))]
-        return FirstSurfaces(
-            triangle=np.concatenate([band.triangle for band in found]),
-            s=np.concatenate([band.s for band in found]),
-            certainty=np.concatenate([band.certainty for band in found]),
-            companions=np.concatenate([band.companions for band in found]),
-        )
-
-    def _radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Singles:
-        """Return the color (H, W, 3) of surface points, black where there are none."""
-        color = np.zeros(position.shape, dtype=np.float32)
-        covered = np.flatnonzero(triangle != NOTHING)
-        number = triangle.ravel()[covered]
-        hits = Hits(
-            triangle=number,
-            normal=self.scene.normals[number],
-            position=position.reshape(-1, 3)[covered],
-            direction=direction.reshape(-1, 3)[covered],
-        )
-        color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
-        return color
+        return Certifier(self._triangles, pencil).decide(range(pencil.resolution[1]))
 
     def _image(self, eye: Eye, shown: tuple[Numbers, Floats, Bytes], color: Floats | None) -> EyeImage:
         triangle, position, certainty = shown

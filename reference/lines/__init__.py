@@ -1,7 +1,6 @@
 """The lines through an aperture.
 
 lines   Pixel to line: the definition of truth (CONVENTIONS.md, "Frames"; paper, sections 3 and 5)
-grid    Lines that have no common point: those of pixels that are taken from many hogels
 facing  Which side of a triangle the viewer sees, decided exactly: what culling leaves out (paper, section 3)
 planes  Planes of triangles and distances from them, in doubles and without bounds of their rounding
 """

@@ -1,77 +1,50 @@
 """Phong on true hits, in double precision, with the true eye vector and no flips at all.
 
 CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye vector
-is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
+is -d of the pixel's own line on both sides of the plate, and the normal is turned to it. Between vertices,
+normals, colors and texture coordinates are interpolated linearly in space.
+
+There is one lane of Dr.Jit for each point.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Float64, Table, UInt32, Vector, constants, dot, dr, table
-from xfrustum.reference.shading.interpolation import Corners, Places, smoothed
+from xfrustum.reference.backend import (
+    Float64,
+    Table,
+    UInt32,
+    Vector,
+    constants,
+    cross,
+    difference,
+    dot,
+    dr,
+    on_device,
+    recording,
+    table,
+    vectors_on_device,
+)
 from xfrustum.reference.shading.surroundings import Surroundings, Textures
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")
 """Names of a material's coefficients."""
 
+MIN_LOG2 = -1000.0
+"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
+for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
-    """Surface points as they are seen, in the arrays of NumPy or Dr.Jit.
-
-    Attributes
-    ----------
-    triangle
-        Triangle numbers.
-    normal
-        Unit normals of the triangles, by the winding.
-    position
-        Points, scene units.
-    direction
-        Direction d of each point's line, of any length, from the viewer to the back.
-    """
-
-    triangle: Any
-    normal: Vector
-    position: Vector
-    direction: Vector
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Lit:
-    """Points as the lights meet them.
-
-    Attributes
-    ----------
-    normal
-        Unit normals for shading, by the winding.
-    turn
-        Factors 1 or -1 that turn the normals to the viewer.
-    eye
-        Unit eye vectors.
-    facing
-        Cosines between the eye vectors and the normals, turned to the viewer.
-    albedo
-        Albedo of each channel.
-    terms
-        Coefficients of the materials by `TERMS`, each with one entry for each channel.
-    exponent
-        Exponents of the materials.
-    """
-
-    normal: Vector
-    turn: Any
-    eye: Vector
-    facing: Any
-    albedo: Vector
-    terms: dict[str, Vector]
-    exponent: Any
+MAX_SQUARING_DIGITS = 10
+"""Largest number of binary digits of whole exponents for which squarings are faster than a logarithm. Their
+roundings add up to 2^10 2^-53 at most, far below those of a float32."""
 
 
 class LightModel:
@@ -90,6 +63,7 @@ class LightModel:
     def __init__(self, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
         self._effects, self._channels = effects, channels
         surface, appearance = scene.surface, scene.appearance
+        self._flat = table(scene.normals)
         self._normals: Table | None = None
         self._colors: Table | None = None
         self._pictures: tuple[Textures, Table] | None = None
@@ -100,7 +74,7 @@ class LightModel:
         if Effect.TEXTURES in effects and surface.texture_of_triangle is not None:
             assert surface.uv is not None
             self._pictures = Textures(surface.textures, surface.texture_of_triangle), table(surface.uv)
-        self._corners = Corners(scene) if self._normals or self._colors or self._pictures else None
+        self._corners = _Corners(scene) if self._normals or self._colors or self._pictures else None
         # Each material once: its exponent, and the coefficients of all terms.
         materials = list(dict.fromkeys(scene.materials))
         number = {material: np.int32(index) for index, material in enumerate(materials)}
@@ -123,88 +97,135 @@ class LightModel:
         if Effect.REFLECTION in effects and appearance.environment is not None:
             self._environment = Surroundings(appearance.environment)
 
-    def radiance(self, seen: Seen) -> list[Any]:
-        """Return each channel of linear RGB of some points toward the viewer."""
-        lit = self._lit(seen)
+    def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
+        """Return each channel of linear RGB of points of triangles toward the viewer.
+
+        Parameters
+        ----------
+        triangle, position
+            Numbers of the triangles, and points in scene units.
+        direction
+            Direction d of each point's line, of any length, from the viewer to the back.
+        """
+        flat = self._flat(triangle)
+        normal, albedo = self._surface(triangle, position, flat)
+        # The side that is seen is that of the triangle, not that of a smoother normal.
+        turn = dr.select(dot(flat, direction) > 0.0, -1.0, 1.0)
+        shrink = 1.0 / dr.sqrt(dot(direction, direction))
+        eye = [-shrink * coordinate for coordinate in direction]
+        facing = turn * -dot(normal, direction) * shrink
+        ambient, diffuse, specular, reflectivity, exponent = self._materials(triangle)
         color: list[Any] = [0.0] * self._channels
         if Effect.AMBIENT in self._effects:
-            color = [term * albedo for term, albedo in zip(lit.terms["ambient"], lit.albedo, strict=True)]
+            color = [term * own for term, own in zip(ambient, albedo, strict=True)]
         for toward, intensity in self._lights:
-            color = self._with_light(color, toward, intensity, lit)
+            cosine = turn * dot(normal, toward)
+            if Effect.DIFFUSE in self._effects:
+                onto = dr.maximum(cosine, 0.0)
+                terms = zip(color, diffuse, albedo, intensity, strict=True)
+                color = [own + term * painted * light * onto for own, term, painted, light in terms]
+            if Effect.SPECULAR in self._effects:
+                # By L and R, the eye vector reflected across N. A cosine rounded to more than one would
+                # overflow under a large exponent.
+                along = dr.minimum(2.0 * facing * cosine - dot(eye, toward), 1.0)
+                highlight = _power(along, exponent, (cosine > 0.0) & (along > 0.0), self._digits)
+                lit = zip(color, specular, intensity, strict=True)
+                color = [own + term * light * highlight for own, term, light in lit]
         if self._environment is not None:
-            across = 2.0 * (lit.turn * lit.facing)
-            mirrored = [across * n - e for n, e in zip(lit.normal, lit.eye, strict=True)]
-            found = self._environment.radiance(mirrored)
-            term = lit.terms["reflectivity"]
-            color = [own + k * light for own, k, light in zip(color, term, found, strict=True)]
+            across = 2.0 * (turn * facing)
+            mirrored = [across * n - e for n, e in zip(normal, eye, strict=True)]
+            seen = zip(color, reflectivity, self._environment.radiance(mirrored), strict=True)
+            color = [own + term * light for own, term, light in seen]
         return color
 
-    def _lit(self, seen: Seen) -> _Lit:
-        normal = seen.normal
-        albedo: Vector = [1.0] * self._channels
-        if self._corners is not None:
-            where = self._corners.places(seen.triangle, seen.position)
-            if self._normals is not None:
-                normal = smoothed(where, self._normals, normal)
-            albedo = self._albedo(seen.triangle, where)
-        # The side that is seen is that of the triangle, not that of a smoother normal.
-        turn = dr.select(dot(seen.normal, seen.direction) > 0.0, -1.0, 1.0)
-        shrink = 1.0 / dr.sqrt(dot(seen.direction, seen.direction))
-        if self._alike:
-            exponent, *coefficients = self._uniform
-        else:
-            exponent, *coefficients = self._coefficients(self._material(seen.triangle)[0])
-        count = self._channels
-        return _Lit(
-            normal=normal,
-            turn=turn,
-            eye=[-shrink * coordinate for coordinate in seen.direction],
-            facing=turn * -dot(normal, seen.direction) * shrink,
-            albedo=albedo,
-            terms={term: coefficients[count * k : count * (k + 1)] for k, term in enumerate(TERMS)},
-            exponent=exponent,
-        )
-
-    def _albedo(self, triangle: Any, where: Places) -> Vector:
-        """Return vertex color times texture, with 1 in place of each that is absent."""
+    def _surface(self, triangle: Any, position: Vector, flat: Vector) -> tuple[Vector, Vector]:
+        """Return unit normals for shading, by the winding, and the albedo: vertex color times texture."""
+        normal: Vector = flat
         albedo: list[Any] = [1.0] * self._channels
+        if self._corners is None:
+            return normal, albedo
+        where = self._corners.places(triangle, position)
+        if self._normals is not None:
+            normal = _smoothed(where, self._normals, flat)
         if self._colors is not None:
             albedo = where.interpolated(self._colors)
         if self._pictures is not None:
             pictures, uv = self._pictures
             painted = pictures.color(triangle, where.interpolated(uv))
             albedo = [own * paint for own, paint in zip(albedo, painted, strict=True)]
-        return albedo
+        return normal, albedo
 
-    def _with_light(self, color: list[Any], toward: Vector, intensity: Vector, lit: _Lit) -> list[Any]:
-        """Add diffuse light by N and L, and a highlight by L and R, the eye vector reflected across N."""
-        cosine = lit.turn * dot(lit.normal, toward)
-        if Effect.DIFFUSE in self._effects:
-            onto = dr.maximum(cosine, 0.0)
-            color = [
-                own + diffuse * albedo * light * onto
-                for own, diffuse, albedo, light in zip(
-                    color, lit.terms["diffuse"], lit.albedo, intensity, strict=True
-                )
-            ]
-        if Effect.SPECULAR in self._effects:
-            # A cosine rounded to more than one would overflow under a large exponent.
-            along = dr.minimum(2.0 * lit.facing * cosine - dot(lit.eye, toward), 1.0)
-            highlight = _power(along, lit.exponent, (cosine > 0.0) & (along > 0.0), self._digits)
-            color = [
-                own + specular * light * highlight
-                for own, specular, light in zip(color, lit.terms["specular"], intensity, strict=True)
-            ]
-        return color
+    def _materials(self, triangle: Any) -> list[Any]:
+        """Return the coefficients of all terms for each channel, in the order of `TERMS`, and exponents."""
+        found = self._uniform
+        if not self._alike:
+            found = self._coefficients(self._material(triangle)[0])
+        exponent, *coefficients = found
+        count = self._channels
+        return [*(coefficients[count * k : count * (k + 1)] for k in range(len(TERMS))), exponent]
 
 
-MIN_LOG2 = -1000.0
-"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
-for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Places:
+    """Points on triangles: vertex numbers, and barycentric weights of the second and the third corner."""
 
-MAX_SQUARING_DIGITS = 10
-"""Largest number of binary digits of whole exponents for which squarings are faster than a logarithm. Their
-roundings add up to 2^10 2^-53 at most, far below those of a float32."""
+    corners: Sequence[Any]
+    of_second: Any
+    of_third: Any
+
+    def interpolated(self, values: Table) -> list[Any]:
+        """Return values between those of vertices; exact where all three corners are equal."""
+        first, second, third = (values(corner) for corner in self.corners)
+        return [
+            a + (self.of_second * (b - a) + self.of_third * (c - a))
+            for a, b, c in zip(first, second, third, strict=True)
+        ]
+
+
+class _Corners:
+    """The corners of the triangles of a scene that has some."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._vertices, self._faces = table(scene.vertices), table(scene.faces)
+
+    def places(self, triangle: Any, position: Vector) -> _Places:
+        """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
+        corners = self._faces(triangle)
+        origin, *others = (self._vertices(corner) for corner in corners)
+        first, second = (difference(other, origin) for other in others)
+        offset = difference(position, origin)
+        normal = cross(first, second)
+        area = dot(normal, normal)
+        return _Places(
+            corners=corners,
+            of_second=dot(normal, cross(offset, second)) / area,
+            of_third=dot(normal, cross(first, offset)) / area,
+        )
+
+
+def smooth_normals(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
+    """Return the unit normals (N, 3) between those of the vertices at points (N, 3) of triangles (N,)."""
+    assert scene.surface.vertex_normals is not None
+    if not len(triangle):
+        return np.zeros((0, 3))
+    with recording():
+        where = _Corners(scene).places(on_device(triangle), vectors_on_device(position))
+        flat = vectors_on_device(scene.normals[triangle])
+        normal = _smoothed(where, table(scene.surface.vertex_normals), flat)
+        dr.eval(*normal)
+        return np.stack([part.numpy() for part in normal], axis=-1)
+
+
+def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
+    """Return unit normals between those of the vertices; the flat normal where a corner has none.
+
+    Normals that cancel each other give the flat normal too: there is no direction between opposite ones.
+    """
+    normal = where.interpolated(vertex_normals)
+    length = dr.sqrt(dot(normal, normal))
+    found = length > 0.0
+    inverse = dr.select(found, length, 1.0)
+    return [dr.select(found, own / inverse, other) for own, other in zip(normal, flat, strict=True)]
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:

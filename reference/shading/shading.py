@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from xfrustum.reference.backend import Float64, dr, on_device, recording, vectors_on_device
-from xfrustum.reference.shading.light import TERMS, LightModel, Seen
+from xfrustum.reference.shading.light import TERMS, LightModel
 from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
+from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.region import FAR_MARGIN
 from xfrustum.scenes.model.scene import Scene
 
 COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
 """Effects that can make a gray material colored."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Hits:
-    """Surface points that are shaded.
-
-    Attributes
-    ----------
-    triangle
-        (N,) triangle numbers.
-    normal
-        (N, 3) unit normals of the triangles, by the winding.
-    position
-        (N, 3) points, scene units.
-    direction
-        (N, 3) direction d of each point's line, of any length, from the viewer to the back.
-    """
-
-    triangle: Numbers
-    normal: Floats
-    position: Floats
-    direction: Floats
 
 
 class Shader:
@@ -85,34 +63,45 @@ class Shader:
         with recording():
             return LightModel(self._scene, self.effects, self._channels)
 
-    def radiance(self, hits: Hits) -> Floats:
-        """Return linear RGB of some points toward the viewer, (N, 3), or (N, 1) where all is gray."""
-        if self._automatic and self._out_of_sight(hits):
-            return self._of_everything.radiance(hits)
-        if not len(hits.triangle):
+    def radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
+        """Return linear RGB of points toward the viewer, (N, 3), or (N, 1) where all is gray.
+
+        Parameters
+        ----------
+        triangle, position
+            (N,) triangle numbers, and (N, 3) points on them, scene units.
+        direction
+            (N, 3) direction d of each point's line, of any length, from the viewer to the back.
+        """
+        if self._automatic and self._out_of_sight(position[:, 2]):
+            return self._of_everything.radiance(triangle, position, direction)
+        if not len(triangle):
             return np.zeros((0, self._channels))
         with recording():
-            seen = Seen(
-                triangle=on_device(hits.triangle),
-                normal=vectors_on_device(hits.normal),
-                position=vectors_on_device(hits.position),
-                direction=vectors_on_device(hits.direction),
+            found = self.model.radiance(
+                on_device(triangle), vectors_on_device(position), vectors_on_device(direction)
             )
             # An effect that no light brings in leaves a number for all lanes.
-            shown = [dr.zeros(Float64, len(hits.triangle)) + part for part in self.model.radiance(seen)]
+            shown = [dr.zeros(Float64, len(triangle)) + part for part in found]
             dr.eval(*shown)
             return np.stack([part.numpy() for part in shown], axis=-1)
+
+    def picture(self, triangle: Numbers, position: Floats, direction: Floats) -> Floats:
+        """Return linear RGB (.., 3) of points (.., 3) of triangles (..), black where there is none."""
+        color = np.zeros(position.shape)
+        covered = triangle != NOTHING
+        color[covered] = self.radiance(triangle[covered], position[covered], direction[covered])
+        return color
 
     @cached_property
     def _of_everything(self) -> Shader:
         """The light model with all effects."""
         return Shader(self._scene, ALL_EFFECTS)
 
-    def _out_of_sight(self, hits: Hits) -> bool:
+    def _out_of_sight(self, height: Floats) -> bool:
         """Return whether some points lie beyond everything that effects were decided for.
 
         With a tiny near some depth buffers show surfaces beyond the reach.
         """
         toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
-        height = hits.position[:, 2]
         return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)

@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 
 from xfrustum.reference.llvm import mitsuba_backend
-from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
+from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
 from xfrustum.reference.tracers.tracer import unit_scale
-from xfrustum.reference.transport.device_surfaces import Point, Surfaces
-from xfrustum.reference.transport.device_tables import Surroundings, Table
+from xfrustum.reference.transport.surfaces import Point, Surfaces, Surroundings, Table
 from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.scene import Scene
 
@@ -70,12 +69,8 @@ class LightPaths:
     """
 
     def __init__(self, scene: Scene) -> None:
-        mi = mitsuba_backend().mitsuba
         self.scale = unit_scale(scene.vertices)
-        mesh = triangle_mesh("scene", scene.vertices * self.scale, scene.faces)
-        self._scene = mi.load_dict(
-            {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
-        )
+        self._scene = robust_scene(scene, self.scale)
         self._surfaces = Surfaces(scene, self.scale)
         names = ("ambient", "diffuse", "specular", "reflectivity", "exponent")
         tables = {
@@ -93,8 +88,7 @@ class LightPaths:
         dr, mi = mitsuba_backend().drjit, mitsuba_backend().mitsuba
         met = self._scene.ray_intersect_preliminary(ray, active=active)
         found = met.is_valid() & active
-        kind = int if mitsuba_backend().scalar else mi.Int32
-        return dr.select(found, kind(met.prim_index), 0), found
+        return dr.select(found, mi.Int32(met.prim_index), 0), found
 
     def radiance(
         self, found: tuple[Any, Any], line: tuple[Any, Any], transport: Transport, sampler: Any
@@ -143,10 +137,8 @@ class LightPaths:
         mirrored = point.mirrored
         radiance = material.ambient.vector(index) * point.albedo
         for light in self._lights:
-            toward, cosine = (
-                mi.Vector3d(*light.direction),
-                dr.dot(point.normal, mi.Vector3d(*light.direction)),
-            )
+            toward = mi.Vector3d(*light.direction)
+            cosine = dr.dot(point.normal, toward)
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:

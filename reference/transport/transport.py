@@ -8,15 +8,18 @@ takes; the only differences are light transport and noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from xfrustum.reference.averages import points_per_side
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
 from xfrustum.reference.transport.light_paths import LightPaths
-from xfrustum.reference.transport.path_starts import PathStarts
+from xfrustum.reference.transport.surfaces import Table
 from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
@@ -83,7 +86,7 @@ class PathTracer:
         width, height = self.scene.frustum.resolution
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
         if len(self.scene.faces):
-            starts = PathStarts(self.scene, aperture, self._paths.scale)
+            starts = _PathStarts(self.scene, aperture, self._paths.scale)
             for number, first in enumerate(range(0, height * width, PATHS_AT_ONCE)):
                 pixels = range(first, min(first + PATHS_AT_ONCE, height * width))
                 moments = _Moments(len(pixels))
@@ -100,7 +103,7 @@ class PathTracer:
         )
 
     def _launches(
-        self, starts: PathStarts, transport: Transport, pixels: range, random: np.random.Generator
+        self, starts: _PathStarts, transport: Transport, pixels: range, random: np.random.Generator
     ) -> Iterator[Floats]:
         """Yield colors (pixels, paths, 3) until each pixel has had its paths."""
 
@@ -108,12 +111,68 @@ class PathTracer:
             found, line = starts.seen(self._paths, pixel, sampler)
             return self._paths.radiance(found, line, transport, sampler)
 
-        launch = _one_by_one if mitsuba_backend().scalar else _together
         left = transport.samples
         while left:
             together = min(left, max(1, PATHS_AT_ONCE // len(pixels)))
-            yield launch(path, pixels, together, int(random.integers(1 << 32)))
+            yield _together(path, pixels, together, int(random.integers(1 << 32)))
             left -= together
+
+
+class _PathStarts:
+    """The lines of one image; a path takes one of a pixel's `supersample` x `supersample` lines at random.
+
+    The sensor aims rays in float32, which find the surface; its light is computed along the same line in
+    double precision that the reference decides.
+
+    Parameters
+    ----------
+    scene
+        Scene with the frustum and the sampling.
+    aperture
+        Aperture that the lines pass through.
+    scale
+        Factor by which lengths are multiplied.
+    """
+
+    def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+        register_sensor()
+        parameters = sensor_parameters(scene, aperture)
+        for name in ("reach_viewer", "reach_back"):
+            parameters[name] *= scale
+        parameters["aperture"] = [scale * part for part in parameters["aperture"]]
+        self._sensor = mi.load_dict(parameters)
+        side = points_per_side(scene.sampling)
+        width, height = (side * count for count in scene.frustum.resolution)
+        fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width, height))
+        self._dx, self._dy = Table(fine.dx), Table(fine.dy)
+        # Opaque, so that another image's values do not compile another kernel.
+        self._center = [dr.opaque(mi.Float64, scale * part) for part in fine.center]
+        self._side, self._width, self._height = (dr.opaque(mi.UInt32, n) for n in (side, width, height))
+
+    def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
+        """Return the result of `LightPaths.first` for a random line of a pixel, and that line, scaled.
+
+        Parameters
+        ----------
+        paths
+            The scene in Mitsuba.
+        pixel
+            Pixel number, row * W + column.
+        sampler
+            Mitsuba's sampler, seeded.
+        """
+        mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
+        row, column = pixel // (self._width // self._side), pixel % (self._width // self._side)
+        part = sampler.next_2d()
+        x, y = (
+            place * self._side + dr.minimum(mi.UInt32(share * self._side), self._side - 1)
+            for place, share in ((column, part.x), (row, part.y))
+        )
+        film = mi.Point2f((mi.Float64(x) + 0.5) / self._width, (mi.Float64(y) + 0.5) / self._height)
+        ray, _ = self._sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
+        line = (mi.Vector3d(*self._center), mi.Vector3d(self._dx.number(x), self._dy.number(y), -1.0))
+        return paths.first(ray, mi.Bool(True)), line
 
 
 class _Moments:
@@ -149,10 +208,3 @@ def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: 
     first, times = (dr.opaque(mi.UInt32, value) for value in (pixels.start, paths))
     color = path(first + dr.arange(mi.UInt32, count) // times, sampler).numpy()
     return np.asarray(color.T.reshape(len(pixels), paths, 3), dtype=np.float64)
-
-
-def _one_by_one(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: int) -> Floats:
-    """Return colors (pixels, paths, 3) where Mitsuba traces one ray at a time."""
-    sampler = mitsuba_backend().mitsuba.load_dict({"type": "independent"})
-    sampler.seed(seed, 1)
-    return np.array([[list(path(pixel, sampler)) for _ in range(paths)] for pixel in pixels])

@@ -17,7 +17,7 @@ from xfrustum.reference.memory import padded
 from xfrustum.reference.transport import transport
 from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
-from xfrustum.scenes import Scene, SceneObject
+from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -164,25 +164,15 @@ class TestDirectLight:
             PathTracer(scaled).render(middle, asked).mean, expected, rtol=1e-6, atol=1e-9
         )
 
-    def test_one_ray_at_a_time_gives_the_same(self) -> None:
-        """The scalar variant, the only one without LLVM, gives the same light."""
-        scene = lit(*everything(), frustum=replace(SMALL, resolution=(8, 6)), environment=sky(), paint=PAINT)
-        asked = Transport(shadows=True, samples=2)
-        expected = PathTracer(scene).render(APERTURE, asked).mean
-        bounced = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=64))
+    def test_a_variant_that_traces_one_ray_at_a_time_is_refused(self) -> None:
         mi = mitsuba_backend().mitsuba
         before = mi.variant()
         mi.set_variant("scalar_rgb")
         try:
-            found = PathTracer(scene).render(APERTURE, asked).mean
-            slow = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=8), seed=2)
+            with pytest.raises(InputError, match="one ray at a time"):
+                PathTracer(lit(*everything())).render(APERTURE, Transport(shadows=True))
         finally:
             mi.set_variant(before)
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-        both = RadianceEstimate(
-            mean=slow.mean, variance_of_mean=slow.variance_of_mean + bounced.variance_of_mean, samples=8
-        )
-        assert farthest(both, bounced.mean) > FALSE_ALARM
 
 
 HIGH = DirectionalLight(direction=(-0.25, 0.15, 1.0), color=(1.0, 0.8, 0.5))
