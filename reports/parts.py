@@ -15,7 +15,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
@@ -154,6 +154,12 @@ class Parts:
     def damaged(self, number: int) -> bool:
         """Return whether there is something in the place of a block's part that is none."""
         return os.path.lexists(self.path(number)) and not self.finished(number)
+
+    def tell_damaged(self, numbers: Iterable[int], told: Callable[[str], object]) -> None:
+        """Say how many of some blocks are damaged, for they are made again."""
+        whole = list(numbers)
+        if damaged := sum(map(self.damaged, whole)):
+            told(f"{damaged} of {len(whole)} blocks in {self.folder} are damaged, and are made again")
 
     def write(self, number: int, table: pa.Table) -> None:
         """Write the part of a block; afterwards it is finished, and on the disk."""

@@ -193,10 +193,7 @@ class _Run:
                     blocks = self.hogels.blocks(look, count)
                     count += len(blocks)
                 mine = list(part.of(blocks))
-                damaged = sum(job.parts.damaged(block.number) for block in mine)
-                if damaged:
-                    words = f"{damaged} of {len(mine)} blocks in {job.parts.folder}"
-                    self.told(f"{words} are damaged, and are made again")
+                job.parts.tell_damaged((block.number for block in mine), self.told)
                 workers.run(job, mine, sum(map(job.size, mine)), progress=progress)
                 finished = blocks if part.everything else list(filter(job.finished, blocks))
                 complete = len(finished) == len(blocks)

@@ -355,6 +355,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         blocks = list(engine.part.of(job.blocks))
         if renderer.command is not None:
             _forget(job, blocks, told)
+        job.parts.tell_damaged(blocks, told)
         done = sum(map(job.finished, blocks))
         if done:
             told(f"{done} of {len(blocks)} blocks were judged before, and are in {job.parts.folder}")
