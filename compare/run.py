@@ -112,8 +112,6 @@ class StageTimes:
     ----------
     trace
         The hogel's certified truth, the same for all its frames; 0 where it was there already.
-    raster
-        The frame with read-back.
     compare, predict, causes
         Comparing, predicting, and charging wrong pixels to causes, without what the frames of one pair of
         cameras share.
@@ -132,18 +130,10 @@ class JudgedFrame:
 
     Attributes
     ----------
-    aperture, truth
-        The hogel's aperture and its certified image.
-    settings, image
-        Settings that the frame was drawn with, and the frame.
-    comparison
-        How it differs from the truth.
     prediction, budget
         Errors by closed forms, and wrong pixels charged to causes; None where that was not wanted.
-    times
-        Wall seconds by stage.
     gpu_s
-        Part of `raster` in which the device drew, by its own clock.
+        Part of `times.raster` in which the device drew, by its own clock.
     """
 
     aperture: Aperture
@@ -163,20 +153,13 @@ class JudgedDrawing(Shown):
 
     Attributes
     ----------
-    settings
-        Settings that it was drawn with.
-    comparison
-        How it differs from the truth; a `Comparison`, which has maps, where images were asked for.
-    image
-        The drawing; None unless images were asked for.
-    causes
-        What each link of the chain does, as the rows of `report --json` have it; None unless that was asked.
-    unexplained
-        Number of wrong pixels charged to rounding whose cause is not known; None likewise.
-    predicted
-        The error by closed forms; None likewise.
-    times
-        Wall seconds by stage.
+    comparison, image
+        How it differs from the truth, and the drawing. Where images were asked for, the one is a
+        `Comparison`, which has maps; else the other is None.
+    causes, unexplained, predicted
+        What each link of the chain does, as the rows of `report --json` have it; the number of wrong pixels
+        charged to rounding whose cause is not known; and the error by closed forms. None unless causes were
+        asked for.
     """
 
     settings: DoubleFrustum
@@ -218,14 +201,7 @@ class JudgedDrawing(Shown):
 class JudgedHogel(Shown):
     """One hogel with its drawings, judged.
 
-    Attributes
-    ----------
-    aperture
-        Aperture of the hogel.
-    truth
-        Its certified image; None unless images were asked for.
-    drawings
-        One for each of the settings, in their order.
+    Its truth is None unless images were asked for; drawings are in the order of the settings.
     """
 
     aperture: Aperture
@@ -427,7 +403,7 @@ class _Cameras:
     start
         The chain up to R0, with all that budgets of these frames share; None without causes.
     beside
-        Judged frame that the others are compared beside; None with causes, and where there is no other.
+        Errors of the first frame, beside which the others are judged; None with causes, where that is R0.
     """
 
     hogel: _Hogel
@@ -512,7 +488,7 @@ class _Loop(Generic[Result]):
             exact = self._judge.submit(partial(_exact_frame, cameras))
             self._drawn.append(exact)
             models = self._tracing.submit(self._traced_models, hogel.aperture, settings[0])
-            return replace(cameras, start=self._judging.submit(self._start, hogel, models, exact))
+            return replace(cameras, start=self._judging.submit(self._start, cameras, models, exact))
         if len(settings) > 1:
             return replace(cameras, beside=self._judging.submit(self._beside, hogel, first))
         return cameras
@@ -551,10 +527,12 @@ class _Loop(Generic[Result]):
         return traced_models(self._reference, aperture, exact, self._models, shaded=False)
 
     def _start(
-        self, hogel: _Hogel, models: Future[tuple[HogelImage, ...]], exact: Future[HogelImage]
+        self, cameras: _Cameras, models: Future[tuple[HogelImage, ...]], exact: Future[HogelImage]
     ) -> ChainStart:
-        """Return the chain up to R0, and find in this thread all that the frames' budgets share."""
-        images = (hogel.truth.result()[0], *models.result(), exact.result())
+        """Return the chain up to R0, and find in this thread all that budgets and predictions share."""
+        if cameras.hogel.predictor:
+            cameras.hogel.predictor.result().without_depth(cameras.settings[0])
+        images = (cameras.hogel.truth.result()[0], *models.result(), exact.result())
         start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
         start.find_shared()
         return start

@@ -121,14 +121,17 @@ class Predictor:
 
         Rasterization and depth displace nothing except by the rounding of positions.
         """
-        # The depth buffers of the same cameras share all other errors.
-        exact = with_exact_depth(settings)
-        if exact not in self._without_depth:
-            self._without_depth[exact] = self._predicted(exact)
-        prediction, links = self._without_depth[exact]
+        prediction, links = self.without_depth(settings)
         share = depth_wrong_share(self._stacks, self._frustum, settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
         return replace(prediction, depth=share, separation=self.separations(settings)), (*links, depth)
+
+    def without_depth(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+        """Return what the depth buffers of the same cameras share, found once for all of them."""
+        exact = with_exact_depth(settings)
+        if exact not in self._without_depth:
+            self._without_depth[exact] = self._predicted(exact)
+        return self._without_depth[exact]
 
     def _predicted(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
         """Return the prediction without errors of depth, and those of all links but depth."""
