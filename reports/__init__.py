@@ -2,8 +2,9 @@
 
 benchmarks/       Benchmarks, as ratios within one run
 blocks            Work in blocks: in this process, by others of this machine, by a Dask cluster, or in parts
-commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
+budget            The error of one image link by link, as numbers, text, a page and pictures
 common/           What all reports share: outputs, progress, times, pages, numbers in words
+comparison        Two images from files compared
 cost/             What accuracy costs in time
 explain           What a scene calls for, what bounds its errors by depth, and what a viewer sees
 exchange/         The exchange with other programs: plates in layouts of files, and cameras for other
@@ -11,12 +12,15 @@ exchange/         The exchange with other programs: plates in layouts of files, 
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
 eye/              What a viewer sees, as a page and as files
+figure7           The paper's figure 7 as a page
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
 parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
+planning          Which settings to draw with, what they keep, and the command that draws so
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scout             What people see of the scout of a plate: chosen apertures with their reasons, and a map
 studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
+trace             The truth of one aperture to a file, in the memory of a band
 verification/     The verification of foreign renderers: sources, verdict, files
 """

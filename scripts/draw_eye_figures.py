@@ -19,9 +19,9 @@ from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.eye.shown import Collector, collected, film_parts
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.commands.planning import make_plan, make_viewer_plan
 from xfrustum.reports.eye.pictures import WRONG, shown
 from xfrustum.reports.eye.view import Drawing
+from xfrustum.reports.planning import make_plan, make_viewer_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye

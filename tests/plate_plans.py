@@ -21,7 +21,7 @@ from tests.support.views import SHARED
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reports.blocks import Engine
-from xfrustum.reports.commands.planning import make_plan
+from xfrustum.reports.planning import make_plan
 from xfrustum.reports.scene_check.new_scene import new_scene
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene

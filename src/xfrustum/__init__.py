@@ -43,7 +43,7 @@ _NAMES = {
     "scenes": "Aperture Camera Cull DepthFormat DepthMapping DoubleFrustum Fit "
     "HogelImage InputError Offset Pivot Scene open_scene",
     "reports.verification.baseline": "Baseline BaselineOptions baseline",
-    "reports.commands.budgeting": "BudgetReport budget",
+    "reports.budget": "BudgetReport budget",
     "reports.exchange.cameras": "CameraFiles write_cameras",
     "compare": "Comparison compare_images",
     "reports.exchange.convert": "Conversion ConversionOptions convert",
@@ -63,7 +63,7 @@ _NAMES = {
     "reports.survey.answer": "Survey",
     "reports.verification.verdict": "Verification",
     "reports.plate.store": "camera_of",
-    "reports.commands.planning": "make_plan plan",
+    "reports.planning": "make_plan plan",
     "scenes.files.exr": "read_image write_image",
     "reports.survey.survey": "survey",
     "reports.verification.verification": "verify",

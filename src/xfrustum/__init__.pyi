@@ -9,9 +9,8 @@ from xfrustum.compare.run import JudgedDrawing as JudgedDrawing
 from xfrustum.compare.run import JudgedHogel as JudgedHogel
 from xfrustum.raster import Rasterizer as Rasterizer
 from xfrustum.reference import Reference as Reference
-from xfrustum.reports.commands.budgeting import BudgetReport as BudgetReport
-from xfrustum.reports.commands.budgeting import budget as budget
-from xfrustum.reports.commands.planning import make_plan as make_plan
+from xfrustum.reports.budget import BudgetReport as BudgetReport
+from xfrustum.reports.budget import budget as budget
 from xfrustum.reports.cost.cost import CostReport as CostReport
 from xfrustum.reports.cost.cost import measure_cost
 from xfrustum.reports.error_report.report import ReportFiles as ReportFiles
@@ -25,6 +24,7 @@ from xfrustum.reports.explain import EffectsPlan as EffectsPlan
 from xfrustum.reports.explain import explain as explain
 from xfrustum.reports.eye.view import SceneView as SceneView
 from xfrustum.reports.eye.view import view as view
+from xfrustum.reports.planning import make_plan as make_plan
 from xfrustum.reports.plate.plate import PlateFiles as PlateFiles
 from xfrustum.reports.plate.plate import write_plate as write_plate
 from xfrustum.reports.plate.store import camera_of as camera_of

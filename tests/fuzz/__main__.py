@@ -32,14 +32,14 @@ PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
     *(
-        "xfrustum.reports.commands.comparison",
+        "xfrustum.reports.comparison",
         "xfrustum.reports.plate.plate",
         "xfrustum.reports.scene_check.checking",
         "xfrustum.reports.exchange.convert",
     ),
     *(
-        "xfrustum.reports.commands.tracing",
-        "xfrustum.reports.commands.transported",
+        "xfrustum.reports.trace",
+        "xfrustum.reports.trace",
         "xfrustum.reports.verification.verification",
     ),
 )

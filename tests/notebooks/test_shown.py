@@ -37,7 +37,7 @@ from xfrustum import (
     view,
 )
 from xfrustum.reports.blocks import Engine
-from xfrustum.reports.commands.budgeting import auto_budget
+from xfrustum.reports.budget import auto_budget
 from xfrustum.reports.scout import auto_apertures
 from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate

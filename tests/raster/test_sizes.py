@@ -15,8 +15,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.accumulate import largest_image
 from xfrustum.raster.device import capacity
 from xfrustum.raster.device.context import open_context
-from xfrustum.reports.commands import tracing
-from xfrustum.reports.commands.tracing import FILE_BYTES, forecast
+from xfrustum.reports import trace as tracing
+from xfrustum.reports.trace import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.exr import read_image
@@ -66,7 +66,7 @@ def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
     def searched(*_: object, **__: object) -> None:
         raise AssertionError("the search began")
 
-    monkeypatch.setattr("xfrustum.reports.commands.planning.make_plan", searched)
+    monkeypatch.setattr("xfrustum.reports.planning.make_plan", searched)
     assert main(["plan", str(write_scene(tmp_path, longest_side()))]) == 2
     said = capfd.readouterr().err
     assert said.count("\n") == 1

@@ -22,8 +22,7 @@ from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.commands.budget_page import IMAGES, LINK_COLORS, command, write_budget
-from xfrustum.reports.commands.budgeting import table
+from xfrustum.reports.budget import CHAIN, LINK_COLORS, command, table, write_budget
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.library import builtin
@@ -211,7 +210,7 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path
         "budget.json",
         "causes-by-triangle.png",
         "causes-by-surface.png",
-        *(f"{name}.webp" for name in IMAGES),
+        *(f"{name}.webp" for name in CHAIN),
         *(f"radiance-{link['name'].replace(' ', '-')}.png" for link in numbers["radiance"]["links"]),
         "radiance-total.png",
     }

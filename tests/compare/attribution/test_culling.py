@@ -17,9 +17,8 @@ from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.commands.budget_page import write_budget
-from xfrustum.reports.commands.budgeting import budget, budget_of
-from xfrustum.reports.commands.comparison import table
+from xfrustum.reports.budget import budget, budget_of, write_budget
+from xfrustum.reports.comparison import table
 from xfrustum.reports.error_report.report import make_report
 from xfrustum.scenes import Cull, DepthFormat, DepthMapping, DoubleFrustum, Frustum, Scene
 

@@ -30,7 +30,7 @@ from xfrustum.compare.planning.views import Requirement, Views, displacement_bou
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.commands.planning import spread_apertures
+from xfrustum.reports.planning import spread_apertures
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,

@@ -15,7 +15,7 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.planning.plan import depth_buffers, plan
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.reports.commands.planning import spread_apertures
+from xfrustum.reports.planning import spread_apertures
 from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene
 
 SMALL = (192, 144)

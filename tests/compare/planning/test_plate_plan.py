@@ -25,7 +25,7 @@ from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.commands.planning import make_plan
+from xfrustum.reports.planning import make_plan
 from xfrustum.scenes import (
     Aperture,
     DepthFormat,

@@ -15,7 +15,6 @@ from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement
 from xfrustum.compare.planning.views import Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
-from xfrustum.reports.commands.planning import make_viewer_plan, table
 from xfrustum.reports.eye.plan_replay import (
     PlannedRecord,
     Replayed,
@@ -24,6 +23,7 @@ from xfrustum.reports.eye.plan_replay import (
     planned_table,
     replayed_plan,
 )
+from xfrustum.reports.planning import make_viewer_plan, table
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 
 

@@ -39,8 +39,8 @@ def budget(
     opened = light.applied(options.open_scene(scene))
     settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
-    from xfrustum.reports.commands import budgeting
-    from xfrustum.reports.commands.budget_page import FILES, folder_of, write_budget
+    from xfrustum.reports import budget as budgeting
+    from xfrustum.reports.budget import FILES, folder_of, write_budget
     from xfrustum.reports.common.outputs import check_writable_folder
 
     if out is not None:

@@ -23,7 +23,7 @@ def compare(truth: Path, raster: Path, out: Path | None, as_json: bool) -> None:
         check_writable_folder(out, ())
     for image in (truth, raster):
         check_image_file(image)
-    from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
+    from xfrustum.reports.comparison import FILES, compare_files, table, write_comparison
 
     if out is not None:
         check_writable_folder(out, FILES)

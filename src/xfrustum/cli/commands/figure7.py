@@ -31,9 +31,9 @@ def figure7(
     opened = options.open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
     second = None if other is None else opened.plate.aperture(*other)
-    from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.error_report.report import default_folder
+    from xfrustum.reports.figure7 import FILES, default_settings, draw_figure, write_figure
 
     folder = Path("figure7") / default_folder(opened).name if out is None else out
     check_writable_folder(folder, FILES)

@@ -107,7 +107,7 @@ def plan(
     from xfrustum.compare.sampling import RandomSample
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.raster import require_room
-    from xfrustum.reports.commands.planning import make_plan, table
+    from xfrustum.reports.planning import make_plan, table
 
     requirement = Requirement(**required)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
@@ -131,7 +131,7 @@ def _chosen(
     scene: Scene, aperture: tuple[int, int] | None, apertures: int | str | None, *, quiet: bool
 ) -> Sequence[Aperture] | AutoApertures | None:
     """Return the apertures to plan for; None for the whole plate."""
-    from xfrustum.reports.commands.planning import spread_apertures
+    from xfrustum.reports.planning import spread_apertures
 
     if isinstance(apertures, str):
         return options.auto_apertures(scene, quiet=quiet)
@@ -153,8 +153,8 @@ def _plan_for_eyes(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    from xfrustum.reports.commands.planning import make_viewer_plan, table
     from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
+    from xfrustum.reports.planning import make_viewer_plan, table
 
     made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=not quiet)
     options.warn_of(scene)

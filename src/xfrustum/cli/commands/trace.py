@@ -54,9 +54,8 @@ def trace(
     opened = light.applied(options.open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     from xfrustum.reference import Reference
-    from xfrustum.reports.commands.tracing import forecast, trace_alone, trace_to_file
-    from xfrustum.reports.commands.transported import trace_transported
     from xfrustum.reports.common.outputs import check_writable_image
+    from xfrustum.reports.trace import forecast, trace_alone, trace_to_file, trace_transported
 
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)

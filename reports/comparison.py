@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xfrustum.compare import Comparison, HeightError, Spread, compare_images
-from xfrustum.compare.metrics.comparison import Share, SurfaceShare
-from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
+from xfrustum.compare.metrics.comparison import Share
+from xfrustum.compare.metrics.radiance import RadianceSpread
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
@@ -19,14 +19,11 @@ from xfrustum.scenes.files.exr import image_size, read_image
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-_NAMES = ("displacement", "triangle", "height", "radiance", "surface")
-FILES = ("comparison.json", *(f"{name}.png" for name in _NAMES))
+FILES = (
+    "comparison.json",
+    *(f"{name}.png" for name in ("displacement", "triangle", "height", "radiance", "surface")),
+)
 """Names of the files that may be written."""
-
-_DISPLACEMENT = ("rms", "p50", "p95", "p99", "max")
-_HEIGHT = ("rms", "max")
-_RADIANCE = ("mean", "rms", "p99", "max")
-"""Numbers of each error that are written out, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,42 +136,31 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
 
 def table(comparison: Comparison) -> str:
     """Return the numbers of a comparison as aligned lines."""
+    surface, color = comparison.surface, comparison.radiance
     lines = [
         ("pixels", f"{comparison.pixels:,}"),
         ("judged", f"{comparison.judged:,}"),
         ("covered", f"{comparison.covered:,}"),
-        ("wrong surface", _share(comparison.surface)),
-        *_culled(comparison.surface),
+        ("wrong surface", _share(surface)),
         ("another triangle", _share(comparison.triangle)),
-        ("displacement, px", _numbers(comparison.displacement_px, *_DISPLACEMENT)),
-        ("height error", _numbers(comparison.height, *_HEIGHT)),
+        ("displacement, px", _numbers(comparison.displacement_px, "rms", "p50", "p95", "p99", "max")),
+        ("height error", _numbers(comparison.height, "rms", "max")),
         ("drawn in the plate", f"{comparison.at_plate:,}"),
-        *_radiance(comparison.radiance),
     ]
+    if surface is not None and surface.culled is not None:
+        lines.insert(4, ("  a face culled", f"{surface.culled:,}"))
+    if color is not None:
+        names = ("mean", "rms", "p99", "max")
+        lines.append(("radiance error", _numbers(color, *names)))
+        if color.away_from_edges is not None:
+            lines.append(("  in the same triangle", _numbers(color.away_from_edges, *names)))
+        if color.flip is not None:
+            ssim = "not defined" if color.ssim is None else f"{color.ssim:.4g}"
+            lines.append(("looks different", f"FLIP {color.flip:.3g}  SSIM {ssim}"))
+        if color.noise is not None:
+            lines.append(("beyond noise, 1/255", f"{color.noise.differ:,} pixels"))
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
-
-
-def _culled(surface: SurfaceShare | None) -> list[tuple[str, str]]:
-    """Return the line about culling, where faces were culled."""
-    if surface is None or surface.culled is None:
-        return []
-    return [("  a face culled", f"{surface.culled:,}")]
-
-
-def _radiance(error: RadianceNumbers | None) -> list[tuple[str, str]]:
-    """Return the lines about color: linear radiance, how it looks, and what is beyond the truth's noise."""
-    if error is None:
-        return []
-    lines = [("radiance error", _numbers(error, *_RADIANCE))]
-    if error.away_from_edges is not None:
-        lines.append(("  in the same triangle", _numbers(error.away_from_edges, *_RADIANCE)))
-    if error.flip is not None:
-        ssim = "not defined" if error.ssim is None else f"{error.ssim:.4g}"
-        lines.append(("looks different", f"FLIP {error.flip:.3g}  SSIM {ssim}"))
-    if error.noise is not None:
-        lines.append(("beyond noise, 1/255", f"{error.noise.differ:,} pixels"))
-    return lines
 
 
 def _share(part: Share | None) -> str:

@@ -1,4 +1,4 @@
-"""Truth of one aperture to a file, in the memory of a band, whatever the image's size."""
+"""`xfrustum trace`: the truth of one aperture to a file, in the memory of a band, whatever its size."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.compare.metrics.left_out import transported
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import ImageWriter, write_image
+from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -26,15 +30,7 @@ FILE_BYTES, VARIANCE_BYTES = 52, 12
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:
-    """Say what tracing an aperture of a scene will take; None where that is little.
-
-    Parameters
-    ----------
-    scene
-        Scene with the sampling and light transport that are asked for.
-    transported
-        Whether light paths are traced.
-    """
+    """Say what tracing an aperture will take, with light paths or without; None where that is little."""
     (width, height), sampling = scene.frustum.resolution, scene.sampling
     pixels = width * height
     kind, each = ("light paths", scene.transport.samples) if transported else ("samples", 1)
@@ -64,8 +60,6 @@ class TraceRecord:
 
     Attributes
     ----------
-    file
-        The file that was written.
     decided_by
         `certified`, or the tracer whose own picture it is.
     certainty
@@ -83,19 +77,10 @@ class TraceRecord:
 def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> TraceRecord:
     """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
 
-    Parameters
-    ----------
-    reference
-        Reference with the tracer that decides.
-    aperture
-        Aperture to be traced.
-    path
-        The file; it appears complete, or not at all.
-
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file cannot be written. It appears complete, or not at all.
     """
     image = reference.propose(aperture)
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
@@ -120,12 +105,6 @@ def trace_to_file(
 
     Parameters
     ----------
-    reference
-        Truth of the scene.
-    aperture
-        Aperture to be traced.
-    path
-        The file; it appears complete, or not at all.
     compared
         Whether to count what each tracer alone would have got wrong.
     progress
@@ -134,7 +113,7 @@ def trace_to_file(
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file cannot be written. It appears complete, or not at all.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
@@ -153,13 +132,12 @@ def trace_to_file(
                 counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
+    numbers = {name: counted[name] for name in ("judged", "embree", "mitsuba")}
     return TraceRecord(
         file=Path(path),
         decided_by="certified",
         certainty={kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
-        alone=None
-        if alone is None
-        else AloneNumbers(judged=counted["judged"], embree=counted["embree"], mitsuba=counted["mitsuba"]),
+        alone=None if alone is None else AloneNumbers(**numbers),
     )
 
 
@@ -168,3 +146,27 @@ def _certainty(band: HogelImage) -> dict[str, int]:
     assert band.certainty is not None, "the truth is certified"
     counts = np.bincount(band.certainty.ravel(), minlength=len(Certainty))
     return {kind.name.lower(): int(counts[kind]) for kind in Certainty}
+
+
+def trace_transported(
+    reference: Reference, aperture: Aperture, path: str | Path, *, progress: bool = False
+) -> None:
+    """Trace the truth of an aperture and color it by light paths, as its scene asks; write it as EXR.
+
+    Surfaces are those of the certified truth. The color is a mean, whose variance goes into channels of its
+    own, and the number of light paths into the camera.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written. It appears complete, or not at all.
+    """
+    scene = reference.scene
+    with progress_bar(1 + scene.sampling.aperture, "trace", "image", shown=progress) as bar:
+        image = reference.trace(aperture, Sampling())
+        bar.update()
+        estimate = transported(scene, aperture, scene.transport, done=bar.update)
+    camera = replace(image.camera, light_paths=estimate.samples, renderer="reference, colored by Mitsuba")
+    color, variance = estimate.mean.astype(np.float32), estimate.variance_of_mean.astype(np.float32)
+    rendering = Rendering.of(ALL_EFFECTS, scene.sampling, scene.transport)
+    write_image(path, replace(image, camera=camera, color=color, variance=variance, rendering=rendering))

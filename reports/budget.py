@@ -1,0 +1,452 @@
+"""`xfrustum budget`: the error of one image link by link, as numbers, text, a page and pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from plotly.colors import unlabel_rgb
+
+from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, make_budget, said_of_budget
+from xfrustum.compare.attribution.radiance_budget import (
+    RadianceBudget,
+    RadianceLink,
+    RadianceNumbers,
+    make_radiance_budget,
+    steps,
+)
+from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.prediction.chain import CULLING, LINKS, Chain, make_chain
+from xfrustum.compare.scout import AutoApertures
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.common.json_ready import INLINED, Summarized
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
+from xfrustum.reports.scout import ChoiceRecord, spelled
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook.pictures import as_shown, marked, png
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+CHAIN = {
+    "T0": "the truth",
+    "T1": "with the near offset",
+    "T2": "with the pivot",
+    "T3": "with the fit",
+    "T4": "with slabs",
+    "R0": "rasterized, with linear depth",
+    "R1": "as it is drawn",
+}
+"""Names of the chain's images, as the files are called, and what each shows."""
+
+CULLED = {"T5": "with faces culled that are turned away from the viewer"}
+"""The image that a chain has after `T4` where faces are culled."""
+
+LINK_WORDS = {
+    "near offset": "both cameras step back from the plate by near",
+    "pivot": "where the shear is centered",
+    "fit": "which plane is drawn exactly",
+    "slabs": "both frusta are cut, and all but the first slab have cameras of their own",
+    CULLING: "faces that are turned away from the viewer are left out",
+    "rasterization": "vertices and edges are rounded to 32-bit floats and to subpixels",
+    "depth": "depth is rounded to what the depth buffer stores",
+}
+"""What each link of the chain changes."""
+
+EXPLANATION_WORDS = {
+    "edge": "the pixel's center lies so near an edge, or a cut, that the rounding of vertices decides",
+    "order": "the two surfaces are so near each other that the rounding of depth decides",
+    "lost": "the surface lies so near the depth buffer's clear value that the rounding of depth decides",
+    "unexplained": "none of these: somebody's bug",
+}
+"""What pixels that rounding changed are explained by."""
+
+PAGE, DATA = "index.html", "budget.json"
+BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
+FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN))
+"""Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
+
+SHOWN_GRAY, EMPTY_GRAY = 215, 250
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetRecord(BudgetNumbers):
+    """JSON object of a `BudgetReport`: the numbers of geometry, and those of radiance after them."""
+
+    radiance: RadianceNumbers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BudgetReport(Shown, Summarized[BudgetRecord]):
+    """The error of one image, charged to its causes.
+
+    Attributes
+    ----------
+    chain
+        The images from the truth to what was drawn.
+    geometry, radiance
+        Every wrong pixel, charged to one link of the chain; and the error of color, link by link.
+    why
+        Reason for which the aperture was chosen; empty where it was given.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    chain: Chain
+    geometry: Budget
+    radiance: RadianceBudget
+    why: str = ""
+
+    @property
+    def record(self) -> BudgetRecord:
+        """The numbers, as they are written."""
+        return BudgetRecord(**vars(self.geometry.numbers), radiance=self.radiance.numbers)
+
+    @property
+    def images(self) -> dict[str, str]:
+        """Names of the chain's images, and what each shows."""
+        if self.settings.cull is Cull.NONE:
+            return CHAIN
+        pairs = list(CHAIN.items())
+        return dict([*pairs[:-2], *CULLED.items(), *pairs[-2:]])
+
+    def table(self) -> str:
+        """Return the numbers as aligned lines."""
+        return f"{table(self.geometry)}\n{_radiance_table(self.radiance)}"
+
+    def _said(self) -> str:
+        column, row = self.aperture.index
+        settings = f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        return (
+            f"{self.scene.name!r}, aperture {column},{row} with {settings}: {said_of_budget(self.geometry)}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        head = ("charged to", "pixels", "surface", "moves by, px rms")
+        rows = [
+            (link.name, f"{link.triangle:,}", f"{link.surface:,}", _three_digits(link.displacement_rms_px))
+            for link in self.geometry.causes
+        ]
+        counts = self.geometry.explanation.counts()
+        rounding = ", ".join(f"{count:,} {name}" for name, count in counts.items())
+        return (Table(head=head, rows=rows, numbers=True), Table(rows=[("wrong by rounding", rounding)]))
+
+    def _figures(self) -> Sequence[Figure]:
+        drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
+        shown = as_shown(drawn.color, drawn.covered, drawn.height)
+        marks = marked(shown, wrong, self.geometry.moved)
+        return (Figure(caption="wrong surfaces red, displacement blue (full at 1 px)", content=png(marks)),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedBudgetRecord:
+    """The budget of one of several apertures."""
+
+    choice: ChoiceRecord = field(metadata=INLINED)
+    budget: BudgetRecord = field(metadata=INLINED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AutoBudgetRecord:
+    """JSON object of an `AutoBudget`."""
+
+    apertures: tuple[PlacedBudgetRecord, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AutoBudget(Shown, Summarized[AutoBudgetRecord]):
+    """A budget at each of the apertures that were chosen for a plate, in their order."""
+
+    auto: AutoApertures
+    budgets: tuple[BudgetReport, ...]
+
+    @property
+    def record(self) -> AutoBudgetRecord:
+        """The numbers, as they are written."""
+        pairs = zip(self.auto.chosen, self.budgets, strict=True)
+        return AutoBudgetRecord(
+            apertures=tuple(
+                PlacedBudgetRecord(choice=ChoiceRecord.of(chosen), budget=one.record) for chosen, one in pairs
+            )
+        )
+
+    def table(self) -> str:
+        """Return the budgets one below the other, each under its aperture."""
+        pairs = zip(self.auto.chosen, self.budgets, strict=True)
+        return "\n\n".join(f"{spelled(chosen)}\n{one.table()}" for chosen, one in pairs)
+
+    def _said(self) -> str:
+        return f"{len(self.budgets)} apertures; " + "; ".join(
+            f"{one.aperture.column},{one.aperture.row}: {said_of_budget(one.geometry)}"
+            for one in self.budgets
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        pairs = zip(self.auto.chosen, self.budgets, strict=True)
+        rows = [(*spelled(chosen).split(": ", 1), said_of_budget(one.geometry)) for chosen, one in pairs]
+        return (Table(rows=rows),)
+
+
+def auto_budget(
+    scene: Scene, settings: DoubleFrustum, auto: AutoApertures, *, progress: bool = False
+) -> AutoBudget:
+    """Return a budget at each of the apertures that were chosen for a plate; see `budget`."""
+    budgets = [
+        replace(budget(scene, settings, one.aperture, progress=progress), why=one.why) for one in auto.chosen
+    ]
+    return AutoBudget(auto=auto, budgets=tuple(budgets))
+
+
+def budget(
+    scene: Scene, settings: DoubleFrustum, aperture: Aperture | None = None, *, progress: bool = False
+) -> BudgetReport:
+    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+
+    Parameters
+    ----------
+    scene
+        Scene whose sampling and light transport are links of the radiance error.
+    aperture
+        The middle one where None.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+        usable OpenGL.
+    """
+    one_of(scene, Scene, "scene")
+    one_of(settings, DoubleFrustum, "settings")
+    aperture = scene.plate.middle if aperture is None else aperture
+    settings.check_against(scene.frustum)
+    charged, chain = budget_of(scene, aperture, settings)
+    total = steps(scene)
+    with progress_bar(total, "radiance", "image", shown=progress and total > 0) as bar:
+        radiance = make_radiance_budget(scene, chain, bar.update)
+    return BudgetReport(
+        scene=scene, aperture=aperture, settings=settings, chain=chain, geometry=charged, radiance=radiance
+    )
+
+
+def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tuple[Budget, Chain]:
+    """Trace and draw the chain of one aperture, and charge every wrong pixel to a link; see `budget`."""
+    require_seen(scene, [aperture])
+    # The links of geometry are about what pixels' centers show.
+    once = replace(scene, sampling=Sampling())
+    reference = Reference(once)
+    with Rasterizer(once) as rasterizer:
+        chain = make_chain(reference, rasterizer, aperture, settings)
+    return make_budget(reference, chain), chain
+
+
+# As text -------------------------------------------------------------------------------------------------
+
+
+def table(geometry: Budget) -> str:
+    """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
+    numbers = geometry.numbers
+    width = max(len(link.name) for link in numbers.links)
+    lines = [f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle"]
+    lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
+    for link in numbers.links:
+        moved = _three_digits(link.displacement_rms_px)
+        lines.append(f"{link.name:<{width}}  {link.pixels:>9,}  {link.surface:>9,}  {moved:>17}")
+    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
+    lines.append(f"explained: {reasons}; unexplained {numbers.unexplained:,}")
+    lines += [f"right in the end although some link differed: {numbers.cancelled:,}", ""]
+    three = f"{'predicted':>10} {'measured':>10} {'ratio':>7}"
+    lines.append(f"{'':<{width}}  {'wrong surface, pixels':>29}  {'moves by, px rms':>29}")
+    lines.append(f"{'predicted for':<{width}}  {three}  {three}")
+    for link in numbers.links:
+        columns = [f"{link.name:<{width}}"]
+        for predicted, measured in (
+            (link.predicted_surface, link.surface),
+            (link.predicted_displacement_rms_px, link.displacement_rms_px),
+        ):
+            ratio = measured / predicted if predicted and measured is not None else None
+            cells = map(_three_digits, (predicted, measured, ratio))
+            columns.append(" ".join(f"{cell:>{room}}" for cell, room in zip(cells, (10, 10, 7), strict=True)))
+        lines.append("  ".join(columns))
+    return "\n".join(lines)
+
+
+def _three_digits(value: float | None) -> str:
+    """Write a number with three digits, without an exponent where it is a count of pixels."""
+    if value is None:
+        return "-"
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
+
+
+def _radiance_table(found: RadianceBudget) -> str:
+    """Return the radiance error link by link as aligned lines."""
+    numbers = found.numbers
+    rows = [*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)]
+    width = max(len(row.name) for row in rows)
+    heads = ("mean", "rms", "max", "rms, same tri.", "max, same tri.")
+    lines = [f"{'radiance changes by':<{width + 2}}" + "".join(f"{head:>16}" for head in heads)]
+    for row in rows:
+        values = (row.mean, row.rms, row.max, row.rms_same_triangle, row.max_same_triangle)
+        cells = "".join(f"{'-' if value is None else f'{value:.3g}':>16}" for value in values)
+        noise = row.standard_error
+        lines.append(f"{row.name:<{width + 2}}{cells}" + (f"  +- {noise:.2g} rms" if noise else ""))
+    return "\n".join(lines)
+
+
+def command(report: BudgetReport) -> str:
+    """Return the command that makes this budget again."""
+    scene, aperture = report.scene, report.aperture
+    words = ["xfrustum", "budget", scene.source or scene.name]
+    if aperture != scene.plate.middle:
+        words += ["--aperture", f"{aperture.column},{aperture.row}"]
+    for one in fields(DoubleFrustum):
+        value = getattr(report.settings, one.name)
+        if one.default is MISSING or value != one.default:
+            text = ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+            words += [f"--{one.name}", text]
+    return shlex.join(words)
+
+
+# As a folder -----------------------------------------------------------------------------------------------
+
+
+def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
+    """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
+
+    With a picture of what each link of the radiance error changes, too. Several budgets are written to
+    a folder each, named by their apertures.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    if isinstance(report, AutoBudget):
+        every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)
+        return tuple(path for paths in every for path in paths)
+    pictures = _pictures(report)
+    with Staging(out, FILES) as staging:
+        text = json.dumps(report.summary(), allow_nan=False, indent=1)
+        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        for name, encoded in pictures.items():
+            (staging.folder / name).write_bytes(encoded)
+        (staging.folder / PAGE).write_text(_page(report, pictures), encoding="utf-8")
+        return staging.commit()
+
+
+def folder_of(aperture: Aperture) -> str:
+    """Return the name of the folder of one of several apertures."""
+    return f"aperture-{aperture.column}-{aperture.row}"
+
+
+def _pictures(report: BudgetReport) -> dict[str, bytes]:
+    """Return all pictures by the names of their files."""
+    found, truth = report.geometry, report.chain.images[0]
+    unexplained, wrong = found.explanation.unexplained, found.surface_charge >= 0
+    colors = [CAUSE_COLORS[link.name] for link in found.numbers.links]
+    chain = zip(report.images, report.chain.images, strict=True)
+    pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
+    pictures[BY_TRIANGLE] = causes(truth, found.charge, unexplained, colors)
+    pictures[BY_SURFACE] = causes(truth, found.surface_charge, unexplained & wrong, colors)
+    changes = (*report.radiance.change.steps, report.radiance.change.total)
+    for name, change in zip((*report.radiance.links, "total"), changes, strict=True):
+        pictures[f"radiance-{name.replace(' ', '-')}.png"] = images.radiance_map(change)
+    return pictures
+
+
+def causes(
+    truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask, link_colors: Sequence[str]
+) -> bytes:
+    """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
+
+    `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of their own.
+    """
+    pixels = np.repeat(np.where(truth.covered, SHOWN_GRAY, EMPTY_GRAY)[..., None], 3, axis=-1)
+    colors = np.array([unlabel_rgb(color) for color in link_colors])
+    pixels[charge >= 0] = colors[charge[charge >= 0]]
+    pixels[unexplained] = unlabel_rgb(UNEXPLAINED_COLOR)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _legend(report: BudgetReport) -> list[dict[str, Any]]:
+    """Return the links in the order of the chain, and after them what no link explains."""
+    rows = [
+        {
+            "name": link.name,
+            "color": CAUSE_COLORS[link.name],
+            "words": LINK_WORDS[link.name],
+            "pixels": link.pixels,
+            "surface": link.surface,
+            "moved_px": link.displacement_rms_px,
+            "predicted_px": link.predicted_displacement_rms_px,
+            "predicted_surface": link.predicted_surface,
+        }
+        for link in report.geometry.numbers.links
+    ]
+    unexplained = report.geometry.explanation.unexplained
+    last = {
+        "name": "unexplained",
+        "color": UNEXPLAINED_COLOR,
+        "words": EXPLANATION_WORDS["unexplained"],
+        "pixels": int(unexplained.sum()),
+        "surface": int((unexplained & (report.geometry.surface_charge >= 0)).sum()),
+        **dict.fromkeys(("moved_px", "predicted_px", "predicted_surface")),
+    }
+    return [*rows, last]
+
+
+def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
+    numbers = report.record
+    counts = {**numbers.explained, "unexplained": numbers.unexplained}
+    kinds = {".png": "image/png", ".webp": "image/webp"}
+    values = {
+        "scene": report.scene,
+        "aperture": report.aperture,
+        "why": report.why,
+        "settings": report.settings,
+        "numbers": numbers,
+        "radiance": numbers.radiance,
+        "legend": _legend(report),
+        "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
+        "grays": [f"rgb({gray},{gray},{gray})" for gray in (SHOWN_GRAY, EMPTY_GRAY)],
+        "chain": list(report.images.items()),
+        "by_triangle": BY_TRIANGLE,
+        "by_surface": BY_SURFACE,
+        "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
+        "radiance_range": images.RADIANCE_RANGE,
+        "radiance_colors": images.radiance_scale(),
+        "pictures": {
+            name: f"data:{kinds[Path(name).suffix]};base64,{base64.b64encode(encoded).decode()}"
+            for name, encoded in pictures.items()
+        },
+        "command": command(report),
+        "links": len(numbers.links),
+    }
+    return html_page("budget.html.j2", {"digits": digits}, values)
+
+
+LINK_COLORS = tuple(CAUSE_COLORS[name] for name in LINKS)
+"""Colors of the links without culling, in their order."""
