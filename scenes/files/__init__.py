@@ -9,10 +9,6 @@ pictures          Pictures as arrays, read and written without a change of any b
 plate_files       The pixels of a plate in files of any layout: found, read row by row, and written
 rgb_pictures      Pictures of 8 bits, PNG and the like: their red, green and blue as the file stores them
 scene_content     The content of a scene file: its checked tables turned into objects, materials and lights
-scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key,
-                  turned into a scene
-scene_tables      The tables of a scene file: their keys and the values that each may hold (see
-                  CONVENTIONS.md)
-table_errors      Errors in tables, described in one line: the key, and the values allowed there
+scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, checked key by key
 video             Rows of hogels as videos, through PyAV
 """

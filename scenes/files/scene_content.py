@@ -13,8 +13,7 @@ from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.scene_tables import ObjectTable, SceneTables
-from xfrustum.scenes.files.table_errors import named
+from xfrustum.scenes.files.scene_file import ObjectTable, SceneTables, named
 from xfrustum.scenes.geometry.placement import magnification, place
 from xfrustum.scenes.geometry.shapes import build_shape
 from xfrustum.scenes.geometry.smoothing import smoothed
@@ -58,8 +57,10 @@ def _build_object(path: Path, file: SceneTables, index: int) -> SceneObject:
     matrix = entry.scene_from_mesh()
     fault = None if entry.transform is None else _no_placement(matrix)
     if fault is not None:
-        allowed = ObjectTable.model_fields["transform"].description
-        raise InputError(f"{path}: object[{index}].transform must be {allowed}: {fault}")
+        raise InputError(
+            f"{path}: object[{index}].transform must be four rows of four numbers, the last [0, 0, 0, 1], "
+            f"and not singular: {fault}"
+        )
     source = "mesh" if entry.mesh is not None else "shape"
     with named(path, f"object[{index}].{source}"):
         part = _unplaced(path, entry, matrix)

@@ -1,17 +1,27 @@
-"""The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key, turned into a scene.
+"""The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-Everything that can be checked without arrays is checked before what reads meshes is loaded.
+Everything that can be checked without arrays is checked here, before what reads meshes is loaded;
+`scene_content` makes a scene of it.
 """
 
 from __future__ import annotations
 
+import difflib
+import json
 import math
+import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Material
+from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
 from xfrustum.scenes.disk.input_files import (
     SCENE_FILE_SIZE,
     check_environment_file,
@@ -20,13 +30,167 @@ from xfrustum.scenes.disk.input_files import (
     read_small,
 )
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.scene_tables import SceneTables
-from xfrustum.scenes.files.table_errors import described, named
+from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
 if TYPE_CHECKING:
+    from xfrustum.scenes.arrays import Floats
     from xfrustum.scenes.model.scene import Scene
+
+Location = tuple[int | str, ...]
+
+
+def _gray(value: Any) -> Any:
+    """Return three times one number, which stands for gray; anything else as it is."""
+    return [value] * 3 if isinstance(value, int | float) else value
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Samples = Annotated[int, Field(strict=True, ge=1, le=MAX_SAMPLES)]
+Switch = Annotated[bool, Field(strict=True)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Angle = Annotated[Number, Field(gt=0, lt=180)]
+Pair = tuple[Number, Number]
+Triple = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number]
+Coefficient = Annotated[Number, Field(ge=0, le=LARGEST_COEFFICIENT)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+Color = Annotated[tuple[Coefficient, Coefficient, Coefficient], BeforeValidator(_gray)]
+ColorShare = Annotated[tuple[Share, Share, Share], BeforeValidator(_gray)]
+
+
+class Table(BaseModel):
+    """A table of a scene file, which refuses unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PlateTable(Table):
+    """The table `[plate]`."""
+
+    size: tuple[Positive, Positive]
+    hogels: tuple[Count, Count]
+
+
+class ScreenTable(Table):
+    """The table `frustum.screen`."""
+
+    height: Number
+    center: Pair
+    size: Pair
+
+
+class FrustumTable(Table):
+    """The table `[frustum]`."""
+
+    resolution: tuple[Count, Count]
+    fov_deg: tuple[Angle, Angle] | None = None
+    screen: ScreenTable | None = None
+    reach: tuple[Positive, Positive]
+
+
+class ObjectTable(Table):
+    """One table `[[object]]`."""
+
+    mesh: Text | None = None
+    shape: Text | None = None
+    transform: tuple[Row, Row, Row, Row] | None = None
+    scale: Positive | None = None
+    rotate_deg: Triple | None = None
+    translate: Triple | None = None
+    material: Text | None = None
+    smooth: Switch = False
+    chord_tolerance: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        parts = [k for k in ("scale", "rotate_deg", "translate") if getattr(self, k) is not None]
+        wrong = None
+        if (self.mesh is None) == (self.shape is None):
+            shapes = ", ".join(SHAPE_NAMES)
+            wrong = f"needs either mesh or shape, and not both: a mesh file, or a shape out of {shapes}"
+        elif self.transform is not None and parts:
+            wrong = f"has both transform and {parts[0]}; give transform, or any of "
+            wrong += "scale, rotate_deg and translate"
+        elif self.chord_tolerance is not None and not self.is_patches:
+            wrong = "has a chord_tolerance, which only Bezier patches (.bpt) have; leave it out"
+        if wrong is not None:
+            raise PydanticCustomError("object", "{wrong}", {"wrong": wrong})
+        return self
+
+    @property
+    def is_patches(self) -> bool:
+        """Whether the mesh file holds Bezier patches."""
+        return self.mesh is not None and self.mesh.lower().endswith(".bpt")
+
+    def scene_from_mesh(self) -> Floats:
+        """Return the (4, 4) matrix that places the mesh."""
+        import numpy as np  # noqa: PLC0415 - keys are checked without it
+
+        from xfrustum.scenes.geometry.placement import placement  # noqa: PLC0415 - likewise
+
+        if self.transform is not None:
+            return np.array(self.transform, dtype=np.float64)
+        origin = (0.0, 0.0, 0.0)
+        return placement(self.scale or 1.0, self.rotate_deg or origin, self.translate or origin)
+
+
+class MaterialTable(Table):
+    """One table `[material.NAME]`; its defaults are those of `Material`."""
+
+    ambient: Color = Material.ambient
+    diffuse: Color = Material.diffuse
+    specular: Color = Material.specular
+    exponent: Positive = Material.exponent
+    reflectivity: ColorShare = Material.reflectivity
+
+
+class LightTable(Table):
+    """One table `[[light]]`."""
+
+    direction: Triple
+    color: Color = DirectionalLight.color
+
+
+class EnvironmentTable(Table):
+    """The table `[environment]`."""
+
+    map: Text
+    strength: Annotated[Number, Field(ge=0)] = 1.0
+
+
+class SamplingTable(Table):
+    """The table `[sampling]`."""
+
+    supersample: Samples = Sampling.supersample
+    multisample: Samples = Sampling.multisample
+    aperture: Samples = Sampling.aperture
+
+
+class TransportTable(Table):
+    """The table `[transport]`."""
+
+    shadows: Switch = Transport.shadows
+    interreflection: Switch = Transport.interreflection
+    samples: Annotated[int, Field(strict=True, ge=2, le=MAX_SAMPLES)] = Transport.samples
+
+
+class SceneTables(Table):
+    """All tables of a scene file."""
+
+    name: Text | None = None
+    units: Text = "units"
+    plate: PlateTable
+    frustum: FrustumTable
+    objects: list[ObjectTable] = Field([], alias="object")
+    material: dict[str, MaterialTable] = {}
+    lights: list[LightTable] | None = Field(None, alias="light")
+    environment: EnvironmentTable | None = None
+    sampling: SamplingTable = SamplingTable()
+    transport: TransportTable = TransportTable()
 
 
 def read_scene(path: Path) -> Scene:
@@ -35,7 +199,7 @@ def read_scene(path: Path) -> Scene:
     Raises
     ------
     InputError
-        The file is no valid scene; the message names the file, the key, and the values allowed there.
+        The file is no valid scene; the message names the file, the key, and what is wrong with its value.
     """
     file, plate, frustum = checked(path)
     from xfrustum.scenes.files.scene_content import scene_of  # noqa: PLC0415 - loads NumPy
@@ -51,11 +215,19 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
     InputError
         A table is not valid, or names a material or a file that there is not.
     """
-    file = _parse(path)
     try:
+        tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
+    except ValueError as error:  # the file is no UTF-8 or no TOML
+        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
+    try:
+        file = SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
         check_hogels(*plate.hogels)
         frustum = _frustum(file)
+    except ValidationError as error:
+        raise InputError(f"{path}: {described(error, SceneTables)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     _check_references(path, file)
@@ -89,15 +261,62 @@ def _check_references(path: Path, file: SceneTables) -> None:
             check_environment_file(path.parent / file.environment.map)
 
 
-def _parse(path: Path) -> SceneTables:
-    """Return the file's checked tables."""
+@contextmanager
+def named(path: Path, key: str) -> Iterator[None]:
+    """Put the scene file and the key before the message of an error within a block."""
     try:
-        tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
-    except ValueError as error:  # the file is no UTF-8 or no TOML
-        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
-    except RecursionError as error:
-        raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
-    try:
-        return SceneTables.model_validate(tables)
-    except ValidationError as error:
-        raise InputError(f"{path}: {described(error)}") from error
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {key}: {error}") from error
+
+
+def described(error: ValidationError, tables: type[BaseModel]) -> str:
+    """Return the wrong key, and what pydantic says of its value, in one line.
+
+    An unknown key comes first: it is often the misspelling of a key that is reported missing.
+    """
+    problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    problem, location = problems[0], problems[0]["loc"]
+    key = dotted(location)
+    if problem["type"] == "extra_forbidden":
+        *table, unknown = location
+        valid = [field.alias or name for name, field in _table_at(tables, location).model_fields.items()]
+        nearest = difflib.get_close_matches(str(unknown), valid, n=1, cutoff=0.0)
+        return f"unknown key {key}; the nearest valid key is {dotted((*table, *nearest))}"
+    if problem["type"] == "missing":
+        return f"{key} is missing"
+    if problem["type"] == "object":
+        return f"{key} {problem['msg']}"
+    advice = f" ([[{key}]] in TOML)" if problem["type"] == "list_type" else ""
+    shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
+    return f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{advice}, not {shown}"
+
+
+def dotted(location: Location) -> str:
+    """Return a location as people write it, such as `object[0].rotate_deg`."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            bare = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else json.dumps(part)
+            text += f".{bare}" if text else bare
+    return text
+
+
+def _table_at(table: type[BaseModel], location: Location) -> type[BaseModel]:
+    """Return the model of the table in which a location lies."""
+    for part in location[:-1]:
+        fields = {field.alias or name: field for name, field in table.model_fields.items()}
+        # Numbers count tables of a list, and other parts that are no keys name one table out of many.
+        if part in fields:
+            table = next(_models_in(fields[str(part)].annotation), table)
+    return table
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models inside an annotation such as `list[ObjectTable]` or `ScreenTable | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models_in(argument)
