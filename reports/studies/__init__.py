@@ -2,7 +2,6 @@
 
 Their published data are docs/when-to-split.parquet and docs/noticeable.parquet.
 
-figures          Maps of near and depth buffer as SVG
 noticeable       What do viewers notice of near and depth buffer? Closed forms, and replays to two eyes
 splitting        When must the frusta be split? Measures pictures and pairs of sheets
 splitting_cells  Cells and rows of the study of splitting, and whether one pair of frusta is enough in them

@@ -9,8 +9,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from itertools import groupby, product
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.eye.plan_replay import ReplayWorkbench
-from xfrustum.reports.studies.figures import Map, Panel, buffer_name, svg
-from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder
+from xfrustum.reports.studies.sweep import HERE, Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits
@@ -57,10 +56,7 @@ at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One question: what does a viewer notice of a plate of some pitch, drawn with some settings?
-
-    `pixels` is the smallest number of pixels that the films of both eyes have together in a replay.
-    """
+    """One question: what does a viewer notice of a plate of some pitch, drawn with some settings?"""
 
     scene: str
     pitch: float
@@ -69,7 +65,6 @@ class Cell:
     depth: DepthFormat
     mapping: DepthMapping
     pivot: Pivot
-    pixels: int = PIXELS
 
     @property
     def viewer(self) -> Viewer:
@@ -115,7 +110,7 @@ class Replay:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row(Replay):
+class Row(Replay, Cell):
     """A cell with its answers; lengths in millimeters.
 
     Attributes
@@ -139,13 +134,6 @@ class Row(Replay):
         Whether what is replayed is sheared: the frustum is recentered, and the pivot is `aperture`.
     """
 
-    scene: str
-    pitch: float
-    distance: float
-    near: float
-    depth: DepthFormat
-    mapping: DepthMapping
-    pivot: Pivot
     stereo_arcsec: float
     crack_arcmin: float | None
     crack_hidden_arcmin: float
@@ -212,7 +200,6 @@ class Study:
                     depth=depth,
                     mapping=mapping,
                     pivot=pivot,
-                    pixels=self.pixels,
                 )
 
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
@@ -294,7 +281,7 @@ def predicted(cell: Cell) -> Row:
         w = np.array(abs(height) + cell.near)
         ordered.append(float(smallest_separation(w, cell.near, far, cell.depth, cell.mapping)))
     return Row(
-        **{one.name: getattr(cell, one.name) for one in fields(cell) if one.name != "pixels"},
+        **vars(cell),
         stereo_arcsec=stereo_change_arcsec(content, cell.viewer, display, settings),
         crack_arcmin=width if content.through else None,
         crack_hidden_arcmin=hidden,
@@ -311,10 +298,13 @@ def predicted(cell: Cell) -> Row:
     )
 
 
-def replay(cells: Sequence[Cell]) -> Iterator[Replay]:
-    """Yield the replays of some cells of one seat, whose true views are traced once."""
+def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
+    """Yield the replays of some cells of one seat, whose true views are traced once.
+
+    The films of both eyes have together at least so many pixels.
+    """
     scene = cells[0].opened()
-    workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, cells[0].pixels))
+    workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, pixels))
     for cell in cells:
         shown = workbench.measure(cell.settings)
         yield Replay(
@@ -337,35 +327,14 @@ def film_columns(size: tuple[float, float], pixels: int) -> int:
     )
 
 
-def make_study(out: Path | None = None, study: Study = FULL, *, progress: bool = False) -> StudyFiles:
-    """Answer what viewers notice, and write it down; see `make_study_on`."""
-    found = make_study_on(Engine(workers=1), out, study, progress=progress)
-    assert found is not None, "one process replays everything"
-    return found
-
-
-def make_study_on(
-    engine: Engine, out: Path | None = None, study: Study = FULL, *, progress: bool = False
+def make_study(
+    out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
 ) -> StudyFiles | None:
-    """Answer a study, and write its document, figure and data.
+    """Answer a study, and write its document and data.
 
-    This process evaluates the closed forms. Every block of replays is kept in the folder as soon as it is
-    there; what is there already, from the same libraries and device, is not replayed again.
-
-    Parameters
-    ----------
-    engine
-        Where cells are replayed.
-    out
-        Folder; `DEFAULT_FOLDER` where None.
-    study
-        What to ask.
-    progress
-        Show progress bars on standard error.
-
-    Returns
-    -------
-    None where other parts of a job array are not replayed yet.
+    This process evaluates the closed forms; the engine says where cells are replayed. Every block of replays
+    is kept in the folder as soon as it is there; what is there already, from the same libraries and device,
+    is not replayed again. Returns None where other parts of a job array are not replayed yet.
 
     Raises
     ------
@@ -373,9 +342,9 @@ def make_study_on(
         An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers replay with
         something else.
     """
-    folder = folder_of(out)
-    folder.check_writable()
-    sweep, cells = folder.sweep(Replay, replay), list(study.cells())
+    sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
+    check_folder(out, "noticeable")
+    cells = list(study.cells())
     rows = []
     with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
         for cell in cells:
@@ -393,17 +362,7 @@ def make_study_on(
         return None
     for index, shown in zip(chosen, replays, strict=True):
         rows[index] = replace(rows[index], **vars(shown))
-    return write_study(rows, sweep.origin, folder)
-
-
-def folder_of(out: Path | None) -> StudyFolder:
-    """Return the folder of the study, which need not exist yet."""
-    return StudyFolder(out=DEFAULT_FOLDER if out is None else out, name="noticeable", row=Row)
-
-
-def write_study(rows: Sequence[Row], origin: Origin, folder: StudyFolder) -> StudyFiles:
-    """Write document, figure and data of some rows."""
-    return folder.write(rows, origin, {"noticeable-map": svg(noticed_map(rows))}, document)
+    return write_study(out, "noticeable", rows, sweep.origin, document)
 
 
 # What the rows say
@@ -539,53 +498,4 @@ def document(rows: Sequence[Row], origin: Origin) -> str:
     }
     return plain_text(
         "noticeable.md.j2", {"length": lambda near: "-" if near is None else digits(near)}, values
-    )
-
-
-_NOTICED = (
-    ("#009E73", "nothing is noticed"),
-    ("#E69F00", "change of depth"),
-    ("#D55E00", "depth and crack"),
-    ("#56B4E9", "depth buffer"),
-    ("#5b5b5b", "offset and buffer"),
-)
-"""Colors of what a viewer notices, out of Okabe and Ito's palette, and their meanings."""
-
-
-def noticed_map(rows: Sequence[Row]) -> Map:
-    """Map what a viewer notices over near and depth buffer, at the middle pitch."""
-    pitches = sorted({row.pitch for row in rows})
-    pitch = pitches[len(pitches) // 2]
-    lines: dict[str, dict[float, list[Row]]] = {}
-    for row in rows:
-        if row.pitch == pitch:
-            name = f"{row.scene}, {row.pivot}, {buffer_name((row.depth, row.mapping))}"
-            lines.setdefault(name, {}).setdefault(row.distance, []).append(row)
-
-    def colors(line: list[Row]) -> tuple[str, ...]:
-        # A smaller near of the same line leaves more to be wrong by depth than one that was replayed.
-        starved = max((r.near for r in line if r.replayed_pixels is not None and r.depth_seen), default=0.0)
-        found = []
-        for row in sorted(line, key=lambda row: -row.near):
-            offset = 2 if row.crack_seen else 1 if row.stereo_seen else 0
-            by_depth = row.depth_seen or row.near <= starved
-            found.append(_NOTICED[(4 if offset else 3) if by_depth else offset][0])
-        return tuple(found)
-
-    return Map(
-        title=f"What eyes notice, hogels of {pitch:g} mm",
-        panels=(
-            tuple(
-                Panel(
-                    title=f"from {distance:g} mm",
-                    lines=tuple(colors(line[distance]) for line in lines.values()),
-                )
-                for distance in sorted({row.distance for row in rows})
-            ),
-        ),
-        names=tuple(lines),
-        nears=tuple(sorted({row.near for row in rows}, reverse=True)),
-        legend=_NOTICED,
-        across="near, mm",
-        gutter=250,
     )

@@ -28,7 +28,6 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import Engine, Part, Workers, open_workers
-from xfrustum.reports.studies.figures import svg
 from xfrustum.reports.studies.splitting_cells import (
     ASKED_SEPARATION,
     FULL,
@@ -43,8 +42,8 @@ from xfrustum.reports.studies.splitting_cells import (
     straight_nears,
     suitability,
 )
-from xfrustum.reports.studies.splitting_facts import document, maps
-from xfrustum.reports.studies.sweep import Origin, StudyFiles, StudyFolder, Sweep
+from xfrustum.reports.studies.splitting_facts import document, maps, svg
+from xfrustum.reports.studies.sweep import HERE, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes.library import depth_family
 from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SeenScene
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
@@ -236,35 +235,14 @@ def _ordered(found: Sequence[tuple[float, ...]]) -> dict[str, Any]:
 # The whole study
 
 
-def make_study(out: Path | None = None, study: Study = FULL, *, progress: bool = False) -> StudyFiles:
-    """Measure where one pair of frusta is enough, and write it down; see `make_study_on`."""
-    found = make_study_on(Engine(workers=1), out, study, progress=progress)
-    assert found is not None, "one process measures everything"
-    return found
-
-
-def make_study_on(
-    engine: Engine, out: Path | None = None, study: Study = FULL, *, progress: bool = False
+def make_study(
+    out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
 ) -> StudyFiles | None:
-    """Measure a study, and write its document, figures and data.
+    """Measure where one pair of frusta is enough, and write document, figures and data.
 
-    Every block is kept in the folder as soon as it is measured; what is there already, from the same
-    libraries and device, is not measured again.
-
-    Parameters
-    ----------
-    engine
-        Where cells are measured.
-    out
-        Folder; `DEFAULT_FOLDER` where None.
-    study
-        What to measure.
-    progress
-        Show progress bars on standard error.
-
-    Returns
-    -------
-    None where other parts of a job array are not measured yet.
+    The engine says where cells are measured. Every block is kept in the folder as soon as it is measured;
+    what is there already, from the same libraries and device, is not measured again. Returns None where other
+    parts of a job array are not measured yet.
 
     Raises
     ------
@@ -272,9 +250,8 @@ def make_study_on(
         An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers measure with
         something else.
     """
-    folder = folder_of(out)
-    folder.check_writable()
-    sweep = folder.sweep(Row, measure)
+    check_folder(out, "when-to-split")
+    sweep = Sweep.of("splitting", out, Row, measure)
     nears, grids = study
     blocks = [block for grid in grids for block in grid.blocks(nears)]
     with open_workers(engine, len(blocks)) as workers:
@@ -282,18 +259,8 @@ def make_study_on(
         if rows is None:
             return None
         rows += _split(rows, sweep, workers, progress=progress)
-    return write_study(rows, sweep.origin, folder)
-
-
-def folder_of(out: Path | None) -> StudyFolder:
-    """Return the folder of the study, which need not exist yet."""
-    return StudyFolder(out=DEFAULT_FOLDER if out is None else out, name="when-to-split", row=Row)
-
-
-def write_study(rows: Sequence[Row], origin: Origin, folder: StudyFolder) -> StudyFiles:
-    """Write document, figures and data of some rows."""
     figures = {name: svg(drawn) for name, drawn in maps(rows).items()}
-    return folder.write(rows, origin, figures, document)
+    return write_study(out, "when-to-split", rows, sweep.origin, document, figures)
 
 
 def _split(rows: Sequence[Row], sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:

@@ -117,30 +117,7 @@ class Cell:
 class Row(Cell):
     """A cell, its picture judged, and the sheets at the far end of its side.
 
-    Attributes
-    ----------
-    judged, covered
-        Pixels whose truth is no tie; those where the truth shows a surface.
-    nearest, farthest
-        Percentile `NEAREST_PERCENTILE` and maximum of |z| over what the truth shows.
-    surface_wrong, outside
-        Judged pixels that show the wrong surface, whatever the cause; those whose point belongs outside the
-        true film.
-    depth_wrong, lost
-        Those of `surface_wrong` that are right with exact depth, at the same near and slabs; those of these
-        that show nothing where exact depth shows a surface.
-    displacement_rms, displacement_p99, displacement_max
-        Measured displacement in pixels; None where nothing is shown.
-    displaced
-        Pixels of the drawn picture that show a surface displaced by more than `TOLERANCE_PX`.
-    predicted_rms, predicted_p99
-        Displacement by the closed form, from the truth alone.
-    misordered
-        Share of pixels that do not show the right one of two sheets `ASKED_SEPARATION` apart.
-    ordered_separation
-        The smallest separation measured that is ordered, with all larger ones; None where none is.
-    predicted_separation
-        The smallest that is, by the closed form.
+    CONVENTIONS.md, "The study of splitting", says what each field is.
     """
 
     judged: int

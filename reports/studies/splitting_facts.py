@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import dropwhile, takewhile
 from typing import Any
 
@@ -13,8 +14,7 @@ from scipy.optimize import brentq
 
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, smallest_separation
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.studies.figures import Map, Panel, buffer_name, near_words
+from xfrustum.reports.common.templates_environment import plain_text, svg_picture
 from xfrustum.reports.studies.splitting_cells import (
     AS_IN_THE_PAPER,
     ASKED_SEPARATION,
@@ -29,7 +29,7 @@ from xfrustum.reports.studies.splitting_cells import (
     suitability,
 )
 from xfrustum.reports.studies.sweep import Origin, StudyFiles
-from xfrustum.scenes.plate.double_frustum import Fit, Offset
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Fit, Offset
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[Row]
@@ -261,6 +261,33 @@ def _advice(sides: Sequence[Outcome], measured: Iterable[float]) -> str:
     return "**split** at " + ", ".join(f"{cut:.2g}" for cut in max((c for c in cuts if c), key=len))
 
 
+# Maps: near across, depth buffers down
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """One map: a title, and the colors of its squares by line."""
+
+    title: str
+    lines: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Map:
+    """Panels in rows that share their lines' names and nears.
+
+    The legend has colors with their meanings; the gutter is the width of the lines' names, pixels.
+    """
+
+    title: str
+    panels: tuple[tuple[Panel, ...], ...]
+    names: tuple[str, ...]
+    nears: tuple[float, ...]
+    legend: tuple[tuple[str, str], ...]
+    across: str = "near plane / reach"
+    gutter: int = 132
+
+
 def maps(rows: Rows) -> dict[str, Map]:
     """Return where one pair of frusta is enough, by figure: one for each side, one for the rest.
 
@@ -303,3 +330,26 @@ def _map(title: str, rows: Rows) -> Map:
         nears=tuple(sorted({row.near for row in rows}, reverse=True)),
         legend=tuple(_COLORS.values()),
     )
+
+
+def svg(drawn: Map) -> str:
+    """Return a map as an SVG document."""
+    return svg_picture("study-map.svg.j2", {"power": _power}, {"map": drawn})
+
+
+def buffer_name(buffer: tuple[DepthFormat, DepthMapping]) -> str:
+    """Write format and mapping as people do, such as `D24 standard`."""
+    return f"{buffer[0].upper()} {buffer[1]}"
+
+
+def near_words(near: float) -> str:
+    """Write a share of the reach in half decades in one digit, such as `3e-4` for 3.16e-4."""
+    return re.sub(r"e-0", "e-", f"{near:.0e}")
+
+
+def _power(near: float) -> str:
+    """Return a whole power of ten as people write it, nothing for what lies between."""
+    exponent = math.log10(near)
+    if abs(exponent - round(exponent)) > 1e-6:
+        return ""
+    return f"10{str(round(exponent)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 import pyarrow.parquet as pq
@@ -21,7 +22,7 @@ from pydantic import TypeAdapter
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.blocks import Job, Part, Workers
+from xfrustum.reports.blocks import Engine, Job, Part, Workers
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import Staging, check_writable_folder
 from xfrustum.reports.common.records import named_columns, table_of
@@ -30,6 +31,9 @@ from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
 from xfrustum.scenes.plate.double_frustum import Camera
 
 Row = TypeVar("Row")
+
+HERE = Engine(workers=1)
+"""This process alone."""
 
 BLOCKS, IMAGES = "blocks", "images"
 """Folders of what is measured, and of figures, in the folder of a study."""
@@ -107,6 +111,12 @@ class Sweep(Job):
     measure: Callable[[Sequence[Any]], Iterable[Any]]
     origin: Origin
 
+    @classmethod
+    def of(cls, study: str, out: Path, row: type[Any], measure: Callable[..., Iterable[Any]]) -> Sweep:
+        """Return the work of a study, whose blocks are kept in its folder, measured as here and now."""
+        folder = out.absolute() / BLOCKS
+        return cls(study=study, folder=folder, row=row, measure=measure, origin=measured_by())
+
     @property
     def name(self) -> str:
         """Word for the work."""
@@ -114,7 +124,9 @@ class Sweep(Job):
 
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
-        asked = json.dumps([self.origin.decisive, *(asdict(cell) for cell in cells)], sort_keys=True)
+        asked = json.dumps(
+            [self.study, self.origin.decisive, *(asdict(cell) for cell in cells)], sort_keys=True
+        )
         return self.folder / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.parquet"
 
     def finished(self, cells: Sequence[Any]) -> bool:
@@ -189,49 +201,33 @@ class StudyFiles:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyFolder:
-    """The folder of a study, and the names of its files."""
+def check_folder(out: Path, name: str) -> None:
+    """Raise InputError unless the study can be written, before anything is measured."""
+    check_writable_folder(out, (f"{name}.md", f"{name}.parquet"))
+    for folder in (IMAGES, BLOCKS):
+        check_writable_folder(out / folder)
 
-    out: Path
-    name: str
-    row: type[Any]
 
-    def check_writable(self) -> None:
-        """Raise InputError unless the study can be written, before anything is measured."""
-        check_writable_folder(self.out, (f"{self.name}.md", f"{self.name}.parquet"))
-        for folder in (IMAGES, BLOCKS):
-            check_writable_folder(self.out / folder)
-
-    def sweep(self, row: type[Any], measure: Callable[[Sequence[Any]], Iterable[Any]]) -> Sweep:
-        """Return the work of the study, whose blocks are kept in this folder."""
-        return Sweep(
-            study=self.name,
-            folder=self.out.absolute() / BLOCKS,
-            row=row,
-            measure=measure,
-            origin=measured_by(),
-        )
-
-    def write(
-        self,
-        rows: Sequence[Any],
-        origin: Origin,
-        figures: Mapping[str, str],
-        document: Callable[[Sequence[Any], Origin], str],
-    ) -> StudyFiles:
-        """Write figures, data and document; the document last, so that what it refers to is there."""
-        with Staging(self.out / IMAGES) as staging:
-            for name, drawn in figures.items():
-                (staging.folder / f"{name}.svg").write_text(drawn, encoding="utf-8")
+def write_study(
+    out: Path,
+    name: str,
+    rows: Sequence[Any],
+    origin: Origin,
+    document: Callable[[Sequence[Any], Origin], str],
+    figures: Mapping[str, str] = MappingProxyType({}),
+) -> StudyFiles:
+    """Write figures, data and document; the document last, so that what it refers to is there."""
+    drawn_files: tuple[Path, ...] = ()
+    if figures:
+        with Staging(out / IMAGES) as staging:
+            for figure, drawn in figures.items():
+                (staging.folder / f"{figure}.svg").write_text(drawn, encoding="utf-8")
             drawn_files = staging.commit()
-        text, data = f"{self.name}.md", f"{self.name}.parquet"
-        with Staging(self.out, (text, data)) as staging:
-            write_rows(self.row, rows, origin, staging.folder / data)
-            # From what is in the file, so that the file alone gives the same document again.
-            filed, origin = read_rows(self.row, staging.folder / data)
-            (staging.folder / text).write_text(document(filed, origin), encoding="utf-8")
-            staging.commit()
-        return StudyFiles(
-            document=self.out / text, data=self.out / data, figures=drawn_files, rows=filed, origin=origin
-        )
+    text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
+    with Staging(out, (text, data)) as staging:
+        write_rows(kind, rows, origin, staging.folder / data)
+        # From what is in the file, so that the file alone gives the same document again.
+        filed, origin = read_rows(kind, staging.folder / data)
+        (staging.folder / text).write_text(document(filed, origin), encoding="utf-8")
+        staging.commit()
+    return StudyFiles(document=out / text, data=out / data, figures=drawn_files, rows=filed, origin=origin)

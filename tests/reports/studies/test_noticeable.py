@@ -36,7 +36,7 @@ def rows() -> tuple[Row, ...]:
 
 
 def cell_of(row: Row) -> Cell:
-    return Cell(**{name: getattr(row, name) for name in vars(next(FULL.cells())) if name != "pixels"})
+    return Cell(**{name: getattr(row, name) for name in vars(next(FULL.cells()))})
 
 
 def test_the_data_are_those_of_the_whole_grid_and_the_nears_that_decide_are_replayed(
@@ -144,7 +144,7 @@ def test_a_study_that_was_stopped_replays_nothing_again(
     told = json.loads(capfd.readouterr().out)
     assert told["cells"] == len(list(QUICK.cells())) and 0 < told["replays"] <= told["cells"]
     before = {path.name: path.read_bytes() for path in tmp_path.rglob("*.*")}
-    assert {"noticeable.md", "noticeable.parquet", "noticeable-map.svg"} <= set(before)
+    assert {"noticeable.md", "noticeable.parquet"} <= set(before)
 
     def never(*_: object) -> None:
         raise AssertionError("replayed again")

@@ -48,7 +48,7 @@ from xfrustum.reports.studies.splitting_facts import (
     sentence,
     unbroken,
 )
-from xfrustum.reports.studies.sweep import StudyFiles, read_rows
+from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import FARTHEST, REACH, cars
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
@@ -74,12 +74,18 @@ TINY = (
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> StudyFiles:
-    return make_study(tmp_path_factory.mktemp("tiny"), TINY)
+    return studied(tmp_path_factory.mktemp("tiny"))
 
 
 @pytest.fixture(scope="module")
 def published() -> tuple[Row, ...]:
     return read_rows(Row, CHECKOUT / "docs" / "when-to-split.parquet")[0]
+
+
+def studied(out: Path) -> StudyFiles:
+    found = make_study(out, TINY)
+    assert found is not None
+    return found
 
 
 def single(rows: tuple[Row, ...]) -> list[Row]:
@@ -289,18 +295,18 @@ def test_killed_it_loses_nothing_and_measures_nothing_twice(
         assert child.returncode == -signal.SIGKILL
     kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "blocks").iterdir()}
     assert len(kept) == 3 and not (tmp_path / "when-to-split.md").exists()
-    assert make_study(tmp_path, TINY).rows == tiny.rows
+    assert studied(tmp_path).rows == tiny.rows
     assert all((tmp_path / "blocks" / name).stat().st_mtime_ns == when for name, when in kept.items())
 
     def never(*_: object) -> None:
         raise AssertionError("measured again")
 
     monkeypatch.setattr(splitting, "compare_images", never)
-    assert make_study(tmp_path, TINY).rows == tiny.rows
+    assert studied(tmp_path).rows == tiny.rows
 
 
 def test_a_block_is_known_by_what_was_asked_and_what_measured_it(tmp_path: Path) -> None:
-    sweep = splitting.folder_of(tmp_path).sweep(Row, measure)
+    sweep = Sweep.of("splitting", tmp_path, Row, measure)
     asked = (cell(Family.ONE_SIDE, 10.0, 1e-3),)
     other = replace(sweep.origin, versions={**sweep.origin.versions, "numpy": "1"})
     more_cores = replace(sweep.origin, devices={**sweep.origin.devices, "cores": "512"})

@@ -32,12 +32,13 @@ def splitting(*, out: Path | None, quick: bool, engine: Engine | None, quiet: bo
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.blocks import Engine
-    from xfrustum.reports.studies.splitting import make_study_on
+    from xfrustum.reports.studies.splitting import DEFAULT_FOLDER, make_study
     from xfrustum.reports.studies.splitting_cells import FULL, QUICK
     from xfrustum.reports.studies.splitting_facts import record, sentence
+    from xfrustum.reports.studies.sweep import HERE
 
-    files = make_study_on(engine or Engine(workers=1), out, QUICK if quick else FULL, progress=not quiet)
+    asked = QUICK if quick else FULL
+    files = make_study(out or DEFAULT_FOLDER, asked, engine or HERE, progress=not quiet)
     _tell(as_json, files, record, sentence)
 
 
@@ -47,16 +48,17 @@ def splitting(*, out: Path | None, quick: bool, engine: Engine | None, quiet: bo
 @options.engine_options("this process")
 @options.quiet_and_json
 def noticeable(*, out: Path | None, quick: bool, engine: Engine | None, quiet: bool, as_json: bool) -> None:
-    """Ask what viewers notice of near and depth buffer; write noticeable.md, its figure and its data.
+    """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
 
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
     replayed is kept: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.blocks import Engine
-    from xfrustum.reports.studies.noticeable import FULL, QUICK, make_study_on, record, sentence
+    from xfrustum.reports.studies import noticeable as own
+    from xfrustum.reports.studies.sweep import HERE
 
-    files = make_study_on(engine or Engine(workers=1), out, QUICK if quick else FULL, progress=not quiet)
-    _tell(as_json, files, record, sentence)
+    asked = own.QUICK if quick else own.FULL
+    files = own.make_study(out or own.DEFAULT_FOLDER, asked, engine or HERE, progress=not quiet)
+    _tell(as_json, files, own.record, own.sentence)
 
 
 def _tell(
