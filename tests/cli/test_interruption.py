@@ -148,11 +148,10 @@ MAKING = {
         import os, signal, time
         from pathlib import Path
         from xfrustum.scenes.disk import durable
-        def opened(*arguments, open=os.open):
-            os.open = open
+        def made(path, mkdir=Path.mkdir, **how):
+            mkdir(path, **how)
             os.kill(os.getpid(), signal.SIGTERM)
-            return open(*arguments)
-        os.open = opened
+        Path.mkdir = made
         with durable.Aside(Path("."), folder=True):
             time.sleep(60)
         """,

@@ -33,13 +33,13 @@ class Commands(click.Group):
     """Group whose commands are loaded one by one, and listed by use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of all commands."""
-        return [name for names in USES.values() for name in names]
+        """Return the names of all commands, those that a program has added last."""
+        return [*(name for names in USES.values() for name in names), *self.commands]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
-        if cmd_name not in self.list_commands(ctx):
-            return None
+        if cmd_name in self.commands or cmd_name not in self.list_commands(ctx):
+            return self.commands.get(cmd_name)
         found: click.Command = getattr(import_module(f"xfrustum.cli.commands.{cmd_name}"), cmd_name)
         return found
 
