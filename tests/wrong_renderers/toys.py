@@ -211,6 +211,20 @@ add(
 add("plus-two", "numbers + 2", renumbered(lambda w, n: np.where(n, n + 1, 0)), alike("id-offset", IDS), IDS)
 add("low-byte", "the low 8 bits alone", renumbered(lambda w, n: n & 255), "8-bit-overflow", IDS)
 add(
+    "low-byte-gray",
+    "the low 8 bits in all three channels",
+    renumbered(lambda w, n: (n & 255) * 0x010101),
+    "8-bit-overflow",
+    (TRIANGLES,),
+)
+add(
+    "white-background",
+    "nothing is white",
+    renumbered(lambda w, n: np.where(n, n, 0xFFFFFF)),
+    alike("background-id", IDS),
+    IDS,
+)
+add(
     "two-bytes",
     "the low 16 bits alone",
     renumbered(lambda w, n: n & 65535),
@@ -220,6 +234,13 @@ add(
 )
 add("crowd-right", "nothing, of 66,636 triangles", Mistakes(), "", (TRIANGLES,), "crowd")
 add("gray", "a gray shaded picture", gray, alike("wrong-encoding", IDS))
+add(
+    "gray-for-screens",
+    "a gray shaded picture as sRGB",
+    lambda *at: gamma(gray(*at)),
+    alike("wrong-encoding", IDS),
+    IDS,
+)
 add("white", "all white", changed(lambda p: np.full_like(p, 255)), {})
 add("black", "all black", changed(np.zeros_like), {})
 add(

@@ -20,7 +20,6 @@ from PIL import Image
 import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.judging.image_displacement import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
@@ -88,21 +87,6 @@ def headlight(image: HogelImage) -> Bytes:
     return np.repeat(np.where(image.covered, 255 * gray, 0).astype(np.uint8)[..., None], 3, axis=-1)
 
 
-def gray(image: HogelImage) -> Bytes:
-    """Return the scene's own light without its colors, linear."""
-    assert image.color is not None
-    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
-    return np.repeat((mean * 255 + 0.5).astype(np.uint8), 3, axis=-1)
-
-
-def gray_for_screens(image: HogelImage) -> Bytes:
-    """Return the same, encoded as sRGB."""
-    assert image.color is not None
-    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
-    encoded = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1 / 2.4) - 0.055)
-    return np.repeat((encoded * 255 + 0.5).astype(np.uint8), 3, axis=-1)
-
-
 def colors(image: HogelImage) -> Bytes:
     assert image.color is not None
     return (np.clip(np.nan_to_num(image.color), 0, 1) * 255 + 0.5).astype(np.uint8)
@@ -118,55 +102,6 @@ def stored(images: list[HogelImage], paint: Paint, ending: str = "png") -> str:
 
 def verified(images: list[HogelImage], paint: Paint, **asked: Any) -> Verification:
     return xfrustum.verify("scene.toml", stored(images, paint), **asked)
-
-
-def resampled(image: HogelImage) -> Bytes:
-    large = Image.fromarray(ids(image)).resize((96, 96), Image.Resampling.NEAREST)
-    return np.asarray(large.resize((64, 64), Image.Resampling.BILINEAR))
-
-
-ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
-    "blue and red exchanged": (lambda image: ids(image)[..., ::-1], {"channel-order": "BGR"}),
-    "red and green exchanged": (lambda image: ids(image)[..., [1, 0, 2]], {"channel-order": "GRB"}),
-    "numbers not plus one": (lambda image: packed(np.maximum(image.triangle, 0)), {"id-offset": -1.0}),
-    "numbers plus two": (lambda image: packed(image.triangle + 2), {"id-offset": 1.0}),
-    "white background": (
-        lambda image: packed(np.where(image.covered, image.triangle + 1, 0xFFFFFF)),
-        {"background-id": float(0xFFFFFF)},
-    ),
-    "low byte": (lambda image: packed((image.triangle + 1) & 255), {"8-bit-overflow": 8.0}),
-    "low byte in gray": (
-        lambda image: packed(((image.triangle + 1) & 255) * 0x010101),
-        {"8-bit-overflow": 8.0},
-    ),
-    "resampled": (resampled, {}),
-    "shaded": (headlight, {"wrong-encoding": "rgb"}),
-    "shaded by the scene's light": (gray, {"wrong-encoding": "rgb"}),
-    "shaded for screens": (gray_for_screens, {"wrong-encoding": "srgb"}),
-    "objects": (objects, {"wrong-encoding": "object-id"}),
-}
-"""Ways to store triangle numbers wrongly: what is written, and what must be named with which value."""
-
-QUICK = ("numbers not plus one",)
-"""The commonest one; the others are slow."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ENCODED]
-)
-def test_wrongly_stored_numbers_fail_and_their_cause_is_named(
-    name: str, world: Scene, hogels: dict[str, list[HogelImage]]
-) -> None:
-    paint, expected = ENCODED[name]
-    found = verified(hogels["right"], paint, encoding="triangle-id")
-    named = {fault.fault: fault.value for fault in found.diagnosis.faults if fault.fault in ENCODING_FAULTS}
-    assert not found.passed
-    assert named == expected or (name == "resampled" and set(named) == {"resampled"})
-    summary = found.summary()
-    assert summary["as_found"]["wrong"] > 0.3 * summary["as_found"]["shown"]
-    if name != "shaded":
-        assert summary["corrected"]["fraction"] < 0.1 * summary["as_found"]["fraction"]
 
 
 @pytest.mark.parametrize("paint", [headlight, lambda image: np.full((64, 64, 3), 255, np.uint8)])
@@ -212,13 +147,6 @@ def test_orders_of_channels_that_cannot_be_told_apart_are_said_to_be(
     assert order.value == "BGR"
     assert "or as GBR" in order.words
     assert not found.passed
-
-
-@pytest.mark.slow
-def test_jpeg_files_hold_no_numbers(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
-    found = xfrustum.verify("scene.toml", stored(hogels["right"], ids, "jpg"), encoding="triangle-id")
-    assert not found.passed
-    assert "lossy" in {fault.fault for fault in found.diagnosis.faults}
 
 
 @given(
