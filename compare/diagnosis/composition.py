@@ -45,15 +45,6 @@ def find_composition(
 
     The result differs from the right way only where most pixels that tell the two apart speak against the
     right one. Other ways that agree with the images as well follow it.
-
-    Parameters
-    ----------
-    reference
-        Reference of the scene.
-    model
-        Guess with the right conventions and geometry.
-    images
-        Hogels as found, which name triangles or objects, or have colors.
     """
     ways = [model]
     # Step 1: nothing is to be found where the right way explains nearly every pixel.

@@ -1,7 +1,7 @@
 """The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
 Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
-triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.containment`), which hold
+triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.claims`), which hold
 whatever lies in front. Everything else is compared with the truth in
 `xfrustum.compare.diagnosis.stored_truth`. Another reading is a finding only where it holds and the stated
 reading fails.
@@ -95,17 +95,10 @@ them."""
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """The way to read a renderer's images.
+    """The way to read a renderer's images; without a reading the stated one holds.
 
-    Attributes
-    ----------
-    faults
-        Differences between the reading that was found and the stated one.
-    reading
-        The reading that was found; None where the stated one holds.
-    restoring
-        The way to restore lost numbers for the figures after correction; None where none are lost. All
-        numbers may be lost, or only number 0, where it is stored like nothing.
+    `faults` are its differences from the stated one. Where all numbers are lost, or number 0 alone, which is
+    stored like nothing, `restoring` puts them back for the figures after correction.
     """
 
     faults: tuple[Fault, ...] = ()
@@ -129,14 +122,7 @@ class FoundEncoding:
 def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> FoundEncoding:
     """Find the way to read a renderer's images, where the stated way does not hold.
 
-    Parameters
-    ----------
-    reference
-        Reference of the scene.
-    images
-        Some of the renderer's hogels as found.
-    nominal
-        Model of the renderer by its author's statements.
+    `nominal` is the model of the renderer by its author's statements.
     """
     stated = _stated(images)
     told = [one for one in images if stated is not None and (stored_integers(one, stated) != 0).any()]

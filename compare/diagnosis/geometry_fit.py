@@ -146,16 +146,9 @@ class GeometryFit:
 
 
 def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryFit:
-    """Find the simplest guess about conventions and geometry under which claims hold.
+    """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
 
-    Parameters
-    ----------
-    claims
-        Claims of several hogels; a single hogel leaves order and pitch open.
-    scene
-        Scene that was to be drawn.
-    nominal
-        Model of the renderer by its author's statements; `DrawnModel()` where there are none.
+    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements.
     """
     fitting = _Fitting(scene=scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)

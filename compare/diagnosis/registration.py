@@ -115,16 +115,9 @@ class _Pair:
 
 
 def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> GeometryFit:
-    """Find orientation, order, shift and field of view of pictures.
+    """Find orientation, order, shift and field of view of pictures, which have colors or name objects.
 
-    Parameters
-    ----------
-    reference
-        Reference of the scene.
-    images
-        Hogels as found, with colors or numbers of objects; a single hogel leaves order and intervals open.
-    nominal
-        Model of the renderer by its author's statements.
+    A single hogel leaves order and intervals open. `nominal` is the renderer by its author's statements.
     """
     # Step 1: leave out pictures of one brightness, which show nothing to register.
     by_objects = all(image.color is None for image in images)

@@ -222,21 +222,11 @@ class BaselineOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Baseline:
-    """The answer to `xfrustum verify --baseline`.
+    """The answer to `xfrustum verify --baseline`: every measure of each hogel beside what was accepted.
 
-    Attributes
-    ----------
-    run, approved
-        The present run, and whether it was accepted.
-    changes
-        Every measure of each hogel beside what was accepted.
-    accepted_runs, tolerance
-        Largest number of accepted runs that a hogel is compared with; where the limits are from, in words.
-    new_hogels, new_beyond_limits, not_judged_hogels
-        Numbers of hogels that were not accepted before, of those among them that exceed the limits, and of
-        accepted ones that were not judged.
-    notes
-        What may be misunderstood otherwise.
+    `accepted_runs` is the largest number of runs that a hogel is compared with, `tolerance` says where the
+    limits are from, `new_beyond_limits` counts hogels that were not accepted before and exceed the limits,
+    and `notes` say what may be misunderstood otherwise.
     """
 
     run: Run

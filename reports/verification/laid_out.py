@@ -47,7 +47,7 @@ MAX_TRIED_HOGELS = 9
 
 MAX_WRONG_IN_RIGHT_READING = 0.1
 """Largest share of wrong pixels under which another reading counts as right: a tenth, as for all that must
-explain what is wrong (`compare.diagnosis.explained`)."""
+explain what is wrong (`compare.diagnosis.evidence`)."""
 
 NOMINAL = DrawnModel()
 """Model of a renderer without any fault."""
@@ -63,17 +63,7 @@ def shape_of(scene: Scene) -> PlateShape:
 
 @dataclass(kw_only=True, eq=False)
 class LaidOut:
-    """Files in a layout.
-
-    Attributes
-    ----------
-    files
-        The files and the layout in which they are read.
-    reference
-        Truth of the scene, which knows the cameras that images answer for.
-    encoding
-        Meaning of pictures; OpenEXR files say it themselves.
-    """
+    """Files in a layout; `encoding` is the meaning of pictures, OpenEXR files say it themselves."""
 
     files: FileSet
     reference: Reference

@@ -273,16 +273,9 @@ def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verification(Shown):
-    """The answer to `xfrustum verify`.
+    """The answer to `xfrustum verify`: of which renderer, its limits, its faults, and every hogel.
 
-    Attributes
-    ----------
-    scene, source
-        What was asked, and the name of who answered.
-    limits, diagnosis, hogels
-        Limits that hogels must keep to, what was found wrong, and every hogel.
-    worst
-        Pictures of the worst hogels.
+    `source` is the name of who answered, `worst` has pictures of the worst hogels.
     """
 
     scene: Scene

@@ -190,16 +190,9 @@ FiguresPair = tuple[Figures, Figures]
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What hogels are judged by.
+    """What hogels are judged by: how the renderer is supposed to draw, and how it draws and stores.
 
-    Attributes
-    ----------
-    asked
-        Model of how the renderer is supposed to draw.
-    found
-        Model of how it draws, and how its images are to be read.
-    read_as_found
-        Whether that reading is accepted.
+    `read_as_found` says whether another reading of the pixels is accepted.
     """
 
     asked: DrawnModel

@@ -83,17 +83,8 @@ cut into, so that there is something for several processes to do."""
 class ForeignRenderer:
     """Where the images of a renderer come from, and what is known of it; see `verify`.
 
-    Attributes
-    ----------
-    source, command
-        Pattern of files with {i} and {j}; or a command, which is run by the process that judges.
-    encoding, near, accept, timeout_s
-        As for `verify`.
-    folder
-        Folder in which a command runs; None for that of the process.
-    named_from
-        Folder from which the user named the files, for what is written of them, where `source` is absolute
-        and the name that was given is not; else None.
+    A command runs in `folder`, or in that of the process. Where `source` is absolute and the name that was
+    given is not, the user named the files from `named_from`.
     """
 
     source: str | None = None
@@ -154,18 +145,10 @@ class ForeignRenderer:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedRow:
-    """One hogel as it is kept.
+    """One hogel as it is kept: its place and verdict, and the JSON object of problem, checks and figures.
 
-    Attributes
-    ----------
-    column, row, verdict
-        Place of the hogel on the plate, and the verdict in a word.
-    found
-        JSON object of its problem, checks and figures.
-    worst_as_found, worst_corrected
-        How bad it is, by which the worst are chosen; None where it is missing.
-    question
-        Digest of the question that it was judged by.
+    The worst are chosen by how bad they are; None where a hogel is missing. `question` is the digest of what
+    it was judged by.
     """
 
     column: int
