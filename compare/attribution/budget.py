@@ -207,10 +207,6 @@ class ChainStart(Brief):
 
     Attributes
     ----------
-    reference
-        Truth of the scene.
-    images
-        T0 to R0 of one aperture (`Chain.images`).
     subpixel_bits
         Subpixel bits of the device that drew R0.
     """
@@ -333,8 +329,6 @@ class Budget(Shown):
 
     Attributes
     ----------
-    start, drawn
-        The images of the chain: all but the last, and the last.
     changed
         (N,) flat numbers of the pixels at which the last shows other than R0.
     charge
@@ -343,8 +337,6 @@ class Budget(Shown):
         (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
     explanation
         Causes of the pixels charged to rasterization and depth.
-    predicted
-        Prediction of each link by closed forms.
     """
 
     start: ChainStart
@@ -492,12 +484,6 @@ def charged(
 
     Parameters
     ----------
-    start
-        All images of the chain but the last.
-    drawn
-        The last image: R1.
-    predicted
-        Prediction of each link.
     errors
         Errors of the last image, where it was compared with the truth beside R0 already.
     """

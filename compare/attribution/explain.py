@@ -23,13 +23,9 @@ def explain(
 
     Parameters
     ----------
-    scene
-        Scene that both images show.
     model
         Image that `Reference.trace_model` makes with the raster's settings; or a raster image with another
         depth buffer, to explain what depth alone has changed.
-    raster
-        Image whose camera carries the settings that it was drawn with.
     subpixel_bits
         Subpixel bits of the device that drew it.
     pixels
@@ -57,10 +53,6 @@ def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
 
     Parameters
     ----------
-    scene
-        Scene that the image shows.
-    raster
-        Image whose camera carries the settings that it was drawn with.
     subpixel_bits
         Subpixel bits of the device that drew it.
     """

@@ -99,8 +99,6 @@ class RadianceBudget(Brief):
 
     Attributes
     ----------
-    links
-        Names of the links, in order.
     change
         Radiance that each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a
         pixel that shows no surface is black.
@@ -157,8 +155,6 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
 
     Parameters
     ----------
-    scene, chain
-        Scene, and images that show it.
     side
         Number of the chain's pixels along each side of the square over which a color is the mean.
     """
@@ -186,12 +182,8 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
 
     Parameters
     ----------
-    scene
-        Scene with the sampling and the light transport that are asked for.
     chain
         Images of one aperture, sampled once per pixel.
-    done
-        Called `steps` times on the way.
     """
     done = done or (lambda: None)
     truth, settings = chain.images[0], chain.settings

@@ -49,8 +49,6 @@ def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
     ----------
     model
         Image T2 of a chain: with near offset and pivot, fit angle, and without cuts.
-    frustum
-        Frustum of the scene.
 
     Returns
     -------

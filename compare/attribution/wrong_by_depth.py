@@ -20,17 +20,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthControl:
-    """A picture drawn with exact depth: what all depth buffers would show if depth did no harm.
-
-    Attributes
-    ----------
-    settings
-        Settings of the picture, whose depth buffer is exact.
-    truth, reference
-        The image that is right, and what traced it.
-    drawn
-        The picture.
-    """
+    """A picture drawn with exact depth: what all depth buffers would show if depth did no harm."""
 
     settings: DoubleFrustum
     truth: HogelImage

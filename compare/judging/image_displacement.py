@@ -135,8 +135,6 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 
     Parameters
     ----------
-    expected
-        Strength of the outlines that the question has.
     shown
         Contrast of the picture that is judged, capped, so that a strong edge counts no more than another.
 
@@ -262,10 +260,6 @@ def picture_displacement(
 
     Parameters
     ----------
-    answer, image
-        Image that should be shown, and the image that is judged, upright.
-    by
-        `Figures.by`: object, coverage, color, or outlines.
     differs
         (H, W) judged pixels that differ in it.
     """

@@ -49,10 +49,6 @@ def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Float
 
     Parameters
     ----------
-    raster
-        Image that is judged.
-    camera
-        Camera of the true frustum.
     pixels
         (N,) flat numbers of pixels that show a surface off the plate.
 
@@ -79,13 +75,6 @@ def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
     No optical flow is needed: the image says which surface point it shows, and the true frustum
     says where that point belongs.
 
-    Parameters
-    ----------
-    raster
-        Image that is judged.
-    camera
-        Camera of the true frustum.
-
     Returns
     -------
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
@@ -106,8 +95,6 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     ----------
     points
         (..., 3) scene units.
-    camera
-        Camera of an image; only its aperture, shear, half-extent and resolution matter.
 
     Returns
     -------
@@ -199,12 +186,8 @@ def beyond_film(points: DrawnPoints, places: tuple[Floats, Floats], pencil: Penc
 
     Parameters
     ----------
-    points
-        Points off the plane of the pencil's center.
     places
         Columns and rows (N,) at which the film shows them.
-    pencil, scene
-        Lines of the film, and the scene that is shown.
     """
     sides = np.asarray(pencil.resolution, dtype=np.float64)
     outside = np.zeros(len(points.pixels), dtype=np.bool_)

@@ -72,10 +72,6 @@ class PixelErrors(Brief):
 
     Attributes
     ----------
-    truth, raster
-        The true image, and the image that is judged by it.
-    judged, surface, outside, triangle, height
-        As in `ErrorMaps`.
     moved
         (H, W) lengths of the displacement in pixels, NaN where undefined.
     changed
@@ -129,10 +125,6 @@ def pixel_errors(
 
     Parameters
     ----------
-    truth, raster
-        Images of one size, aperture and scene.
-    reference
-        Reference of this scene; without it there is no `surface`.
     beside
         Errors of an image of the same cameras, by the same truth. What is found of a pixel depends on no
         other, so that pixels that show the same are not judged again.

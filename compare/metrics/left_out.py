@@ -27,8 +27,6 @@ class LeftOutNumbers:
 
     Attributes
     ----------
-    shadows, interreflection
-        What was traced.
     light_paths
         Light paths per pixel of one of the two truths.
     pixels, darker, brighter
@@ -40,8 +38,6 @@ class LeftOutNumbers:
         `mean` over the mean radiance of the image without shadows and interreflection; None where that is 0.
     rms
         Root mean square of the change, from which the noise is taken off.
-    rms_noise
-        Root mean square of the noise.
     alpha
         Level of the test that tells pixels from noise, for the whole picture.
     """
@@ -65,8 +61,6 @@ class LeftOut:
 
     Attributes
     ----------
-    transport
-        Light transport that was traced, and with how many light paths.
     difference
         The truth with them minus the truth without; its samples are light paths of one of the two.
     noise
@@ -117,12 +111,6 @@ def transported(
     ----------
     scene
         Scene whose sampling says where light paths start.
-    transport
-        Light transport that is simulated instead of the scene's own.
-    seed
-        Random seed of the first sub-aperture; each further one adds 1.
-    done
-        Function that is called after each sub-aperture.
     """
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
@@ -138,13 +126,7 @@ def transported(
 
 
 def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object] | None = None) -> LeftOut:
-    """Measure what the light transport that a scene asks for does to an image.
-
-    Parameters
-    ----------
-    done
-        Function that is called twice for each sub-aperture.
-    """
+    """Measure what the light transport that a scene asks for does to an image."""
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
     without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)

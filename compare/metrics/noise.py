@@ -34,8 +34,6 @@ class NoiseNumbers:
         Whether no pixel differs at the level `ALPHA` of the whole picture.
     differ
         Number of pixels that differ at this level.
-    alpha
-        The level `ALPHA`.
     tests
         Pixels times channels that were tested.
     p_value
@@ -69,8 +67,6 @@ class NoiseTest:
 
     Attributes
     ----------
-    numbers
-        The outcome for the whole picture.
     differs
         (H, W) pixels that differ at the level `ALPHA` of the whole picture.
     deviation
@@ -95,8 +91,6 @@ def compare_with_noise(
     ----------
     picture
         (H, W, 3) linear RGB, without noise.
-    estimate
-        The reference's mean, its variance, and how many samples they are made from.
     judged
         (H, W) pixels to be tested. Where an edge crosses a pixel so that few of its samples meet a
         surface, chance may miss that surface altogether, and then neither mean nor variance knows of it:

@@ -58,10 +58,6 @@ def hidden_pixels(
     ----------
     asked
         (H, W) pixels that show a surface point off the plate.
-    shown
-        Image that is judged.
-    scene
-        Scene that it shows.
     hides
         Says which of some surface points (N,) are hidden.
     """
@@ -116,10 +112,6 @@ def surface_errors(
 
     Parameters
     ----------
-    truth, raster
-        The true image, and the image that is judged by it.
-    reference
-        Reference of the scene.
     located
         The raster's points off the plate and their places on the true film, where they are known already.
     """
@@ -170,12 +162,6 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     ----------
     asked
         (H, W) pixels that show a surface point off the plane of the pencil's center.
-    shown
-        Image that is judged.
-    scene
-        Scene that it shows.
-    pencil
-        Lines of the film.
     """
     points = DrawnPoints.of(shown, np.flatnonzero(asked))
     found = np.zeros_like(asked)
@@ -187,11 +173,6 @@ def turned_away(truth: HogelImage) -> Mask:
     """Return the pixels (H, W) whose true surface shows its back: its normal points away from the viewer.
 
     With culling such a pixel shows nothing, or what lies behind that surface: the wrong surface either way.
-
-    Parameters
-    ----------
-    truth
-        True image with normals.
     """
     assert truth.normal is not None, "the reference gives normals"
     directions = true_lines(truth.camera).directions()

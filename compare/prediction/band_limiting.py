@@ -83,8 +83,6 @@ def blur_px(scene: Scene, z: float) -> tuple[float, float]:
 
     Parameters
     ----------
-    scene
-        Scene with plate and frustum.
     z
         Signed height, scene units; 0 gives infinity.
     """
@@ -157,8 +155,6 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
 
     Parameters
     ----------
-    scene
-        Scene with materials and lights.
     apertures
         Apertures that are looked through; None for all of the plate.
     """

@@ -38,8 +38,6 @@ class Chain(Brief):
         T0 the true crossed frustum; T1 with the near offset; T2 with pivot; T3 with fit; T4 with
         slabs; T5, where faces are culled, without these; all traced and certified; R0 rasterized with
         linear depth; R1 with the depth buffer asked for.
-    settings
-        Settings of R1.
     subpixel_bits
         Subpixel bits of the device that drew R0 and R1.
     """

@@ -56,8 +56,6 @@ def smallest_separation(
     near_plane, far_plane
         Distances of the near and far plane from the camera: without slabs n, and n + the reach on the
         camera's side.
-    depth, mapping
-        Format and mapping of the depth buffer.
 
     Returns
     -------

@@ -21,15 +21,6 @@ from xfrustum.scenes.plate.frustum import Frustum
 def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return the true minus the drawn position of the surface point that each truth pixel shows.
 
-    Parameters
-    ----------
-    truth
-        The true image of an aperture.
-    frustum
-        Frustum of the scene, for its reach and screen.
-    settings
-        Settings of the two cameras; the depth buffer plays no part.
-
     Returns
     -------
     (H, W, 2) columns to the right and rows down, in pixels, with the sign of `displacement`; NaN
@@ -49,8 +40,6 @@ class TruePoints:
         (...) signed heights z in scene units; NaN where there is no surface off the plate.
     from_middle
         (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v.
-    camera
-        The true frustum.
     """
 
     height: Floats

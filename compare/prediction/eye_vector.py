@@ -79,8 +79,6 @@ def radiance_along(
 
     Parameters
     ----------
-    shader
-        Shader of the scene.
     triangle, position
         (N,) numbers of the triangles that the points are on, and (N, 3) the points.
     lines
@@ -130,8 +128,6 @@ def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[
         (N,) numbers of the triangles that the points are on.
     normal
         (N, 3) unit normals used for shading, turned to the viewer.
-    eye
-        E and dE as `bent_eye` returns them.
     """
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
@@ -175,8 +171,6 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
 
     Parameters
     ----------
-    image
-        Image of surface points, such as the truth; the points off the plate count.
     near
         Near offset of both cameras, scene units (pivot aperture, fit angle, no slabs).
     """
@@ -193,8 +187,6 @@ def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Float
 
     Parameters
     ----------
-    shader
-        Shader of the scene.
     drawn
         Drawn image with color, sampled once per pixel. The difference between its float32 and the shader's
         double precision is part of the result.

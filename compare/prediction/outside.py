@@ -23,10 +23,6 @@ class Border:
 
     Parameters
     ----------
-    truth
-        The true image.
-    frustum
-        The scene's frustum.
     points
         Surface points of the true image, where they are known already.
     """

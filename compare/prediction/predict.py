@@ -77,8 +77,6 @@ class LinkPrediction:
 
     Attributes
     ----------
-    displacement_rms_px
-        Root mean square length of the displacement that the link adds.
     surface_pixels
         Number of judged pixels with a wrong surface that are charged to the link.
     """
@@ -92,12 +90,8 @@ class Predictor:
 
     Parameters
     ----------
-    truth
-        The true image.
     gaps
         (H, W) distances to the next surfaces, see `Reference.gaps`.
-    frustum
-        Frustum of the scene.
     subpixel_bits
         Subpixel bits of the device that draws.
     """

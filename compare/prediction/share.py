@@ -84,8 +84,6 @@ class Slab:
 
     Attributes
     ----------
-    camera
-        The camera that draws the slab, C or C*.
     low, high
         Distances |z| from the plate between which the camera draws, scene units.
     step
@@ -129,12 +127,6 @@ def depth_wrong_share(
 
     Parameters
     ----------
-    stacks
-        Surfaces in the true image of an aperture.
-    frustum
-        Frustum of the scene.
-    settings
-        Settings of the two cameras.
     unlucky
         Whether all equal depths count, as if the wrong surface were always drawn first. Otherwise they
         count half, because the draw order is unknown.
@@ -187,13 +179,9 @@ def chances(
 
     Parameters
     ----------
-    own
-        Slabs of one camera.
     distance, gap
         (N,) |z| of the surfaces, and the distance from each to the next one that the camera sees behind it,
         scene units.
-    settings
-        Settings of the camera.
     order
         Ratio of the misordered share to that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """

@@ -96,10 +96,6 @@ class Silhouettes:
 
     Parameters
     ----------
-    truth
-        The true image of an aperture.
-    frustum
-        Frustum of the scene.
     points
         Surface points of the true image, where they are known already.
     """

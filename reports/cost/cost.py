@@ -44,16 +44,10 @@ class CostReport(Shown):
 
     Attributes
     ----------
-    scene, aperture, tolerance_px
-        Question that was asked; pictures of the aperture are timed.
     auto
         Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
-    options
-        Rasterizer, tracers and truth.
     upload_s
         By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
-    machine, versions
-        Names and values of the hardware and of the libraries.
     """
 
     scene: Scene

@@ -26,10 +26,6 @@ class Option:
 
     Attributes
     ----------
-    renderer
-        `raster`, `embree`, `mitsuba` or `certified`.
-    label, configuration
-        The configuration in words, and as names and values.
     family
         Group of options that it belongs to: a depth buffer, or whatever else was varied.
     displacement_p99_px, surface_fraction
@@ -103,17 +99,7 @@ class Ranking:
 
 @dataclass(frozen=True, kw_only=True)
 class FastestWithin:
-    """The fastest options within a tolerance; None where nothing keeps it.
-
-    Attributes
-    ----------
-    tolerance_px
-        Tolerance that is asked for.
-    ranking
-        The fastest options.
-    sentence
-        The options and their times in words.
-    """
+    """The fastest options within a tolerance; None where nothing keeps it."""
 
     tolerance_px: float
     ranking: Ranking | None

@@ -50,8 +50,6 @@ class Way:
     ----------
     renderer, label, family, configuration
         Renderer and configuration, in words and values; see `trade_off.Option`.
-    make
-        Function that makes the picture; a rasterizer's has the times of its stages besides.
     """
 
     def __init__(

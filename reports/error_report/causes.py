@@ -102,8 +102,6 @@ def cause_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Fi
     ----------
     rows
         Rows of one aperture, with their numbers in the sweep.
-    reach
-        Longest reach, which nears are divided by.
 
     Returns
     -------

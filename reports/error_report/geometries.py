@@ -57,14 +57,6 @@ class GeometryContext:
 
     Attributes
     ----------
-    shown
-        Each geometry with its best setting.
-    depth_label
-        Depth buffer of the curves that compare geometries.
-    sentences
-        What the comparison comes to, in words.
-    shear
-        What the shear about the cameras does, per aperture and near; each near once.
     without_offset
         Whether the cameras of some geometry stay in the aperture.
     """

@@ -70,8 +70,6 @@ class LightReport:
 
     Attributes
     ----------
-    names
-        Effects that were drawn, as `--effects` takes them.
     decisions
         For every effect: whether the scene calls for it, and why.
     same_bits
@@ -163,10 +161,6 @@ def measure_light(
     apertures, settings
         Apertures and settings of the report. Light that is missed is measured at all apertures, everything
         else at the first one.
-    effects
-        Effects that are simulated, as `--effects` takes them.
-    progress
-        Show a progress bar on standard error.
     """
     if not is_shaded(scene):
         return None

@@ -77,8 +77,6 @@ class Sweep:
     rows, pictures
         One of each per aperture and setting, in the same order: all settings of the first
         aperture first.
-    truths
-        Encoded picture of the truth, per aperture.
     alone
         What each ray tracer alone would have got wrong, per aperture; empty where a tracer alone made the
         truths.
@@ -211,10 +209,6 @@ class How:
 
     Attributes
     ----------
-    decision
-        What decides the truths.
-    effects
-        Effects that are simulated, as `--effects` takes them.
     causes
         Whether wrong pixels are charged to causes, and errors predicted.
     progress
