@@ -213,14 +213,10 @@ class EffectsPlan(Shown):
 
     Attributes
     ----------
-    rows
-        The local effects, and then the settings of the scene.
     slabs
         Slabs of both cameras, from the back.
     left_out
         Cost of all local effects beyond those used, by renderer; empty if not measured.
-    repeat
-        Measured pairs of images; 0 if nothing was measured.
     """
 
     scene: Scene
@@ -276,8 +272,6 @@ def explain(
     ----------
     aperture, settings
         Image that is asked for; by default of the middle aperture, with both cameras and no slabs.
-    tracer
-        One of `xfrustum.reference.TRACERS`.
     repeat
         Measured pairs of images for each effect; 0 measures nothing, and answers from the scene alone.
     progress

@@ -22,7 +22,7 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture
 
 NEAR_PER_REACH = 1e-6
 """Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
@@ -42,20 +42,9 @@ FILES = (_PAGE, *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Figure:
-    """The pictures of an aperture, and what C* shows of another one.
+    """The pictures of an aperture by camera, in the paper's order, with their wall seconds.
 
-    Attributes
-    ----------
-    scene, aperture, settings
-        What was drawn; the camera of `settings` means nothing.
-    images
-        By camera, in the paper's order.
-    other
-        Image of another aperture by C* alone; None where the plate has one aperture.
-    times_s
-        Wall seconds of each picture, by the name of its camera.
-    device
-        What drew them.
+    `other` is the image of another aperture by C* alone; None where the plate has one aperture.
     """
 
     scene: Scene
@@ -78,13 +67,8 @@ def draw_figure(
 ) -> Figure:
     """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone.
 
-    Parameters
-    ----------
-    scene, aperture, settings
-        What is drawn.
-    other
-        Aperture of the second perspective of C*; where None the one of a coarse lattice over the plate from
-        which C* shows most.
+    `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice over the
+    plate from which C* shows most.
 
     Raises
     ------
@@ -117,21 +101,17 @@ def draw_figure(
 
 def _fullest(rasterizer: Rasterizer, settings: DoubleFrustum, apart_from: Aperture) -> Aperture | None:
     """Return the aperture of a lattice whose picture is fullest; None where the plate has no other one."""
-    candidates = [one for one in _lattice(rasterizer.scene.plate) if one != apart_from]
+    plate = rasterizer.scene.plate
+    columns, rows = (
+        [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)] for count in plate.hogels
+    )
+    lattice = dict.fromkeys(plate.aperture(column, row) for row, column in product(rows, columns))
 
     def covered(aperture: Aperture) -> int:
         drawn = rasterizer.render(aperture, settings, normals=False, color=False)
         return int(drawn.covered.sum())
 
-    return max(candidates, key=covered, default=None)
-
-
-def _lattice(plate: Plate) -> list[Aperture]:
-    """Return `LATTICE` x `LATTICE` apertures spread over the plate to its corners, row by row."""
-    columns, rows = (
-        [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)] for count in plate.hogels
-    )
-    return list(dict.fromkeys(plate.aperture(column, row) for row, column in product(rows, columns)))
+    return max((one for one in lattice if one != apart_from), key=covered, default=None)
 
 
 def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
@@ -156,13 +136,8 @@ def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
 def png(image: HogelImage, *, as_seen: bool = False) -> bytes:
     """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface.
 
-    Parameters
-    ----------
-    image
-        Image as it lies on the film.
-    as_seen
-        Whether to show it as C* sees it, which looks from the plate back at the viewer with +y upward and
-        so with +x to its left. The film has the same sides, and +y downward: up and down change places.
+    An image lies on the film. As C* sees it, which looks from the plate back at the viewer with +y upward and
+    so with +x to its left, the sides are the same, and up and down change places.
     """
     assert image.color is not None
     color = np.rint(LEVELS * encoded(image.color))

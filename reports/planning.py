@@ -24,7 +24,6 @@ from xfrustum.reports.common.raster_command import plate_command, raster_command
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import percent
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import MAX_WRONG
 
@@ -46,15 +45,11 @@ def make_plan(
     Parameters
     ----------
     apertures
-        The ones that the plan is to hold for; None for the whole plate (`planning.plate`).
+        The ones that the plan is to hold for; None for the whole plate (`PlatePlanner`).
     requirement
         None for the usual.
     choices
         Depth buffers to choose from, None for all.
-    sample
-        Hogels of the random sample, for the whole plate.
-    progress
-        Show a progress bar on standard error.
 
     Raises
     ------
@@ -65,7 +60,7 @@ def make_plan(
     requirement = Requirement() if requirement is None else requirement
     one_of(requirement, Requirement, "requirement")
     if apertures is None:
-        return _plate_plan(scene, requirement, choices, sample or RandomSample(), progress=progress)
+        return _planned(_scouted(scene, progress), requirement, choices, sample, progress)
     auto = apertures if isinstance(apertures, AutoApertures) else None
     chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
@@ -86,8 +81,6 @@ def make_viewer_plan(
 
     Parameters
     ----------
-    viewer
-        Eyes straight before the plate.
     requirement
         Requirement whose separation, where it has one, and share of pixels wrong by depth are kept.
 
@@ -95,23 +88,12 @@ def make_viewer_plan(
     -------
     The plan, and the requirement that it was made for.
     """
-    scouted = _scouted(scene, progress=progress)
+    scouted = _scouted(scene, progress)
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong)
-    return _planned(scouted, seen, choices, sample or RandomSample(), progress=progress), seen
+    return _planned(scouted, seen, choices, sample, progress), seen
 
 
-def _plate_plan(
-    scene: Scene,
-    requirement: Requirement,
-    choices: Sequence[DepthBuffer] | None,
-    sample: RandomSample,
-    *,
-    progress: bool,
-) -> Plan:
-    return _planned(_scouted(scene, progress=progress), requirement, choices, sample, progress=progress)
-
-
-def _scouted(scene: Scene, *, progress: bool) -> Scout:
+def _scouted(scene: Scene, progress: bool) -> Scout:
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
         scouted = scout(scene, bar.update)
     if not any(math.isfinite(look.nearest) for look in scouted.looks):
@@ -123,8 +105,7 @@ def _planned(
     scouted: Scout,
     requirement: Requirement,
     choices: Sequence[DepthBuffer] | None,
-    sample: RandomSample,
-    *,
+    sample: RandomSample | None,
     progress: bool,
 ) -> Plan:
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
@@ -135,7 +116,7 @@ def _planned(
             choices=choices or depth_buffers(),
             done=bar.update,
         )
-        return planner.plan(sample)
+        return planner.plan(sample or RandomSample())
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
@@ -251,8 +232,7 @@ def _filled(text: str) -> str:
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
     """Return the command that draws as planned: the plate, or the first of some apertures."""
-    assert made.near is not None and made.depth is not None and made.mapping is not None
-    settings = DoubleFrustum(near=made.near, depth=made.depth, mapping=made.mapping, slabs=made.slabs)
+    assert made.settings is not None
     if made.plate is not None:
-        return plate_command(scene, settings)
-    return raster_command(scene, apertures[0], settings)
+        return plate_command(scene, made.settings)
+    return raster_command(scene, apertures[0], made.settings)

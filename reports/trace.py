@@ -60,8 +60,6 @@ class TraceRecord:
 
     Attributes
     ----------
-    decided_by
-        `certified`, or the tracer whose own picture it is.
     certainty
         Number of pixels by class of certainty.
     alone

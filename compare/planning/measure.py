@@ -95,8 +95,6 @@ def measured(
 
     Parameters
     ----------
-    done
-        Called with 1 after each aperture.
     smallest
         Whether to look for the smallest separation, which no requirement limits; else it is NaN.
     """
@@ -174,8 +172,6 @@ class SheetFilm:
 
     Attributes
     ----------
-    scene
-        The sheets alone.
     pair, shown
         (H, W) number of the pair that each pixel belongs to, and of the object that it must show.
     """

@@ -145,8 +145,6 @@ class Plan(Shown):
         Quality of these settings at the worst aperture; None where there is no plan.
     within
         Whether everything that is required was measured to hold.
-    reason
-        Reason for this plan and nothing simpler, in words.
     plate
         Results all over the plate; None where the plan was made for some apertures only.
     auto
@@ -336,15 +334,7 @@ def no_plan(choices: Sequence[DepthBuffer], told: str) -> Plan:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlatePlanner:
-    """Plans for a whole plate that a scout has looked at.
-
-    Attributes
-    ----------
-    requirement, choices
-        What every hogel must keep, and the depth buffers to choose from.
-    done
-        Called with 1 after each aperture that is traced or drawn.
-    """
+    """Plans for a whole plate that a scout has looked at."""
 
     reference: Reference
     scouted: Scout

@@ -41,8 +41,6 @@ class Outcome:
         The smallest separation that any of `choices` orders at the farthest surface, however it is cut.
     failed
         Attempts with one cut less, or with the most there may be; empty where nothing was tried.
-    holding
-        Those that are predicted to hold, the best first.
     """
 
     choices: Sequence[DepthBuffer]

@@ -33,8 +33,6 @@ class NearLimit:
 
     Attributes
     ----------
-    name
-        `STEREO` or `CRACK`.
     largest_near
         Largest near that stays below it, three digits, scene units; None where every near does, and 0 where
         not even the smallest does.
@@ -59,10 +57,6 @@ class EyeRequirement(Requirement):
 
     Attributes
     ----------
-    viewer, display
-        Eyes and plate.
-    content
-        The depths that the plate shows.
     separation_limit
         What limits the depths that can be told apart where sheets must be ordered, and the height z there;
         None where a separation was asked for.
@@ -76,10 +70,6 @@ class EyeRequirement(Requirement):
     content: Content
     separation_limit: tuple[str, float] | None = None
 
-    def stereo_excess(self, settings: DoubleFrustum) -> float:
-        """Return the change of disparity over stereo acuity."""
-        return self.stereo_change(settings) / self.viewer.stereo_acuity_arcsec
-
     def stereo_change(self, settings: DoubleFrustum) -> float:
         """Return the largest change of disparity between two things that the viewer sees, arc seconds."""
         return stereo_change_arcsec(self.content, self.viewer, self.display, settings)
@@ -87,6 +77,10 @@ class EyeRequirement(Requirement):
     def crack_width(self, settings: DoubleFrustum) -> float | None:
         """Return the width of the crack, arc minutes; None where no surface meets the plate."""
         return resolved_crack(self.viewer, self.display, settings)[2] if self.content.through else None
+
+    def stereo_excess(self, settings: DoubleFrustum) -> float:
+        """Return the change of disparity over stereo acuity."""
+        return self.stereo_change(settings) / self.viewer.stereo_acuity_arcsec
 
     def crack_excess(self, settings: DoubleFrustum) -> float:
         """Return the width of the crack over what can be told apart; 0 where no surface meets the plate."""
@@ -103,21 +97,20 @@ class EyeRequirement(Requirement):
         """Return the ratio of a hogel's errors by depth to what is allowed."""
         return found.depth_wrong / self.max_wrong
 
-    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
+    def near_excess(self, found: Errors | None, settings: DoubleFrustum) -> float:
         """Return the ratio of what settings do to depth and at the plate to what is not noticed."""
         return max(self.stereo_excess(settings), self.crack_excess(settings))
 
     def allows(self, settings: DoubleFrustum) -> bool:
         """Return whether a viewer notices nothing of a near."""
-        return max(self.stereo_excess(settings), self.crack_excess(settings)) <= 1
+        return self.near_excess(None, settings) <= 1
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
         if self.stereo_excess(larger) > 1:
-            change = self.stereo_change(larger)
             return (
                 f"two eyes at {self.viewer.distance:g} {units} would see depths that are off by "
-                f"{change:.3g} arc seconds of disparity, beyond their stereo acuity of "
+                f"{self.stereo_change(larger):.3g} arc seconds of disparity, beyond their stereo acuity of "
                 f"{self.viewer.stereo_acuity_arcsec:g}"
             )
         if self.crack_excess(larger) > 1:
@@ -187,10 +180,10 @@ class EyeRequirement(Requirement):
         def unnoticed(near: float) -> bool:
             return excess(replace(settings, near=near)) <= 1
 
-        end, lowest = self._end(settings), index_below(self._smallest)
+        end = self._end(settings)
         if unnoticed(end):
             return None
-        found = largest_index(lowest, index_below(end), unnoticed)
+        found = largest_index(index_below(self._smallest), index_below(end), unnoticed)
         return 0.0 if found is None else round_number(found)
 
 
@@ -229,16 +222,8 @@ def eye_requirement(
 ) -> EyeRequirement:
     """Return what a viewer requires of a plan for a scene whose plate was scouted.
 
-    Parameters
-    ----------
-    scouted
-        Looks through apertures all over the plate.
-    viewer
-        Eyes straight before the plate.
-    separation
-        Distance of two sheets that must be ordered, scene units; None for what can be told apart.
-    max_wrong
-        Largest share of pixels that are wrong by depth. Eyes take a pixel of each hogel: the share is theirs.
+    A separation of None is what can be told apart. `max_wrong` is the largest share of pixels wrong by depth:
+    eyes take a pixel of each hogel, so that the share is theirs.
 
     Raises
     ------

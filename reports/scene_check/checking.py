@@ -27,8 +27,6 @@ class ObjectCheck:
 
     Attributes
     ----------
-    extent
-        Place and size of the object.
     normals, colors, textures
         What its vertices and triangles have to be shaded with, and where that comes from, in words.
     """
@@ -45,12 +43,6 @@ class SceneCheck(Shown):
 
     Attributes
     ----------
-    scene
-        What was checked.
-    objects
-        All objects, in the scene's order.
-    warnings
-        What looks like a mistake, one sentence each.
     seen
         Whether any aperture of the plate can show anything; true of a scene without objects.
     """

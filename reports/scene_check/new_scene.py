@@ -47,18 +47,10 @@ class NewScene:
 
     Attributes
     ----------
-    path
-        The file.
     mesh
         Box of the mesh as its file has it: lengths along x, y and z.
-    scale, translate
-        Placement of the mesh.
     size
         Its lengths in scene units.
-    plate, hogels, reach, units
-        As in the file; the reach is the same on both sides.
-    heights
-        Lowest and highest z of the object.
     warning
         What was placed otherwise, or cannot be drawn where it was asked for; None where nothing was.
     """
@@ -99,10 +91,6 @@ def new_scene(
 
     Parameters
     ----------
-    mesh
-        A mesh file, or Bezier patches.
-    out
-        The scene file; by default the mesh's name with .toml in the current folder.
     units
         Name of the length unit; by default `m` for glTF, whose unit is the meter, and else `units`, for no
         other mesh file says which one it has.
