@@ -40,9 +40,16 @@ from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Decision, Effect, Question, decide
+from xfrustum.scenes.model.effects import (
+    ALL_EFFECTS,
+    Decision,
+    Effect,
+    Question,
+    SlabContent,
+    decide,
+    slab_contents,
+)
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.model.slabs import SlabContent, slab_contents
 from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum

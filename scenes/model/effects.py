@@ -8,10 +8,9 @@ Light paths have all effects, because surfaces out of sight cast shadows, send l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,8 +20,7 @@ from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.region import Region
-from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.model.slabs import slab_content
+from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -101,17 +99,96 @@ def decide(
         Images that are asked for, instead of those of the whole plate by `camera`.
     """
     asked = question or Question(camera=camera)
-    sight = _Sight(scene, Region.of(scene, asked.apertures, asked.settings))
-    facts = (
-        _camera(sight, Effect.C, asked.camera),
-        _camera(sight, Effect.C_STAR, asked.camera),
-        _smooth_normals(sight),
-        _attribute(sight, Effect.VERTEX_COLORS, _colored_faces, "colors at its vertices"),
-        _attribute(sight, Effect.TEXTURES, _textured_faces, "a texture"),
-        *(_term(sight, term) for term in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR)),
-        _reflection(sight),
-    )
-    return tuple(facts)
+    region = Region.of(scene, asked.apertures, asked.settings)
+    shown = [region.shows(part) for part in scene.objects]
+    decisions = []
+    for effect in Effect:
+        inside: list[int] = []
+        outside: list[int] = []
+        refused = _refused(scene, effect, asked.camera)
+        for number, part in enumerate(scene.objects):
+            faces = None if refused else _calling_faces(effect, part, scene.materials[number])
+            if faces is None or not faces.any():
+                continue
+            seen = shown[number] and (bool(faces.all()) or region.shows(part, part.faces[faces]))
+            (inside if seen else outside).append(number)
+        reason = refused or _reason(scene, effect, len(inside), len(outside))
+        decisions.append(
+            Decision(
+                effect=effect,
+                used=bool(inside),
+                reason=reason,
+                objects=tuple(inside),
+                out_of_sight=tuple(outside),
+            )
+        )
+    return tuple(decisions)
+
+
+def _refused(scene: Scene, effect: Effect, camera: Camera) -> str | None:
+    """Return why an effect changes no picture, whatever the objects are; None where objects decide."""
+    environment, lights = scene.appearance.environment, scene.appearance.lights
+    if effect in (Effect.C, Effect.C_STAR) and camera not in (Camera.BOTH, effect.value):
+        return f"camera {camera} alone is asked for"
+    if effect is Effect.REFLECTION and environment is None:
+        return "there is no environment to reflect"
+    if effect is Effect.REFLECTION and environment is not None:
+        return None if environment.strength and environment.radiance.any() else "the environment is black"
+    lit = effect in (Effect.DIFFUSE, Effect.SPECULAR)
+    wanted = lit and any(max(getattr(one, effect.value)) > 0 for one in scene.materials)
+    return "there is no light" if wanted and not any(max(one.color) > 0 for one in lights) else None
+
+
+def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mask | None:
+    """Return (F,) which triangles of an object call for an effect; None for no triangle."""
+    faces, found = part.faces, None
+    if effect in (Effect.C, Effect.C_STAR):
+        heights = part.vertices[:, 2]
+        found = (heights <= 0 if effect is Effect.C else heights >= 0)[faces].any(axis=1)
+    elif effect is Effect.SMOOTH_NORMALS and part.vertex_normals is not None:
+        found = np.asarray(np.isfinite(part.vertex_normals).all(axis=1))[faces].all(axis=1)
+    elif effect is Effect.VERTEX_COLORS and part.vertex_colors is not None:
+        found = (part.vertex_colors != 1).any(axis=1)[faces].any(axis=1)
+    elif effect is Effect.TEXTURES and part.texture_of_triangle is not None and part.uv is not None:
+        found = (part.texture_of_triangle >= 0) & np.isfinite(part.uv[faces]).all(axis=(1, 2))
+    elif effect is Effect.REFLECTION:
+        found = np.full(len(faces), max(material.reflectivity) > 0)
+    elif effect in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR):
+        found = np.full(len(faces), max(getattr(material, effect.value)) > 0)
+    return None if found is None else np.asarray(found)
+
+
+_HAVE = {
+    Effect.SMOOTH_NORMALS: "normals at {} vertices",
+    Effect.VERTEX_COLORS: "colors at {} vertices",
+    Effect.TEXTURES: "a texture",
+    Effect.AMBIENT: "a material with an ambient coefficient",
+    Effect.DIFFUSE: "a material with a diffuse coefficient",
+    Effect.SPECULAR: "a material with a specular coefficient",
+    Effect.REFLECTION: "a reflective material",
+}
+"""What an object has that calls for an effect."""
+
+OUT_OF_SIGHT = "lies beyond the reach or beside the frusta"
+"""Why something calls for no effect, in words."""
+
+
+def _reason(scene: Scene, effect: Effect, inside: int, outside: int) -> str:
+    """Return the fact that decided an effect, in words."""
+    if effect in (Effect.C, Effect.C_STAR):
+        behind = effect is Effect.C
+        reach = scene.frustum.reach[behind]
+        count = slab_content(scene, Camera(effect.value), (0.0, reach)).triangles
+        subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
+        aside = ", and nothing of it lies in the frusta" if count and not inside else ""
+        return f"{subject} {'behind' if behind else 'before'} the plate within the reach{aside}"
+    what = _HAVE[effect]
+    count = inside or outside
+    if count == 0:
+        return f"no object has {what.format('its')}"
+    subject = "one object has" if count == 1 else f"{count} objects have"
+    aside = f", but what has {'it' if 'a ' in what else 'them'} {OUT_OF_SIGHT}" if not inside else ""
+    return f"{subject} {what.format('its' if count == 1 else 'their')}{aside}"
 
 
 def needed(scene: Scene, camera: Camera = Camera.BOTH, question: Question | None = None) -> frozenset[Effect]:
@@ -174,180 +251,39 @@ def _named(name: str) -> Effect:
         ) from error
 
 
-@dataclass(frozen=True)
-class _Sight:
-    """A scene, and which of its objects images may show."""
+@dataclass(frozen=True, kw_only=True)
+class SlabContent:
+    """The content of one slab of one camera; a slab without triangles is not drawn.
 
-    scene: Scene
-    region: Region
+    Attributes
+    ----------
+    camera
+        C or C*.
+    heights
+        Heights |z| between which the slab lies.
+    triangles
+        Number of triangles that reach into the slab.
+    """
 
-    @cached_property
-    def shown(self) -> tuple[bool, ...]:
-        """Whether each object may be shown."""
-        return tuple(self.region.shows(part) for part in self.scene.objects)
-
-    def split(self, has: Callable[[SceneObject], Mask | None]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the numbers of the objects some of whose triangles have something, in sight and out of it.
-
-        Parameters
-        ----------
-        has
-            Function that returns (F,) which triangles of an object have it; None for no triangle.
-        """
-        inside: list[int] = []
-        outside: list[int] = []
-        for number, part in enumerate(self.scene.objects):
-            triangles = has(part)
-            if triangles is None or not triangles.any():
-                continue
-            seen = self.shown[number] and self.region.shows(part, part.faces[triangles])
-            (inside if seen else outside).append(number)
-        return tuple(inside), tuple(outside)
-
-    def split_materials(self, shows: Callable[[Material], bool]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the numbers of the objects with such a material, in sight and out of it."""
-        owners = [number for number, material in enumerate(self.scene.materials) if shows(material)]
-        return (
-            tuple(number for number in owners if self.shown[number]),
-            tuple(number for number in owners if not self.shown[number]),
-        )
+    camera: Camera
+    heights: tuple[float, float]
+    triangles: int
 
 
-OUT_OF_SIGHT = "lies beyond the reach or beside the frusta"
-"""Why something calls for no effect, in words."""
+def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, ...]:
+    """Return the content of every slab that is asked for, from the back: C's inward, C*'s outward."""
+    reach_viewer, reach_back = scene.frustum.reach
+    behind = [slab_content(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
+    before = [slab_content(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
+    chosen = {Camera.BOTH: [*behind, *before], Camera.C: behind, Camera.C_STAR: before}
+    return tuple(chosen[settings.camera])
 
 
-def _camera(sight: _Sight, effect: Effect, camera: Camera) -> Decision:
-    """Decide on a camera: C draws surfaces behind the plate, C* those before it."""
-    if camera is not Camera.BOTH and camera.value != effect.value:
-        return Decision(effect=effect, used=False, reason=f"camera {camera} alone is asked for")
-    reach_viewer, reach_back = sight.scene.frustum.reach
-    behind = effect is Effect.C
-    side = Camera.C if behind else Camera.C_STAR
-    count = slab_content(sight.scene, side, (0.0, reach_back if behind else reach_viewer)).triangles
-    subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
-    reason = f"{subject} {'behind' if behind else 'before'} the plate within the reach"
-    if not count:
-        return Decision(effect=effect, used=False, reason=reason)
-
-    def on_this_side(part: SceneObject) -> Mask:
-        heights = part.vertices[:, 2]
-        on_side = heights <= 0 if behind else heights >= 0
-        return np.asarray(on_side[part.faces].any(axis=1))
-
-    inside, outside = sight.split(on_this_side)
-    if not inside:
-        reason += ", and nothing of it lies in the frusta"
-    return Decision(effect=effect, used=bool(inside), reason=reason, objects=inside, out_of_sight=outside)
-
-
-MAX_LISTED_OBJECTS = 4
-"""Objects that a reason lists by number; more are counted."""
-
-
-def _smooth_normals(sight: _Sight) -> Decision:
-    """Decide on smooth normals: the reason names the objects that have them, and their origin."""
-    inside, outside = sight.split(_smooth_faces)
-    objects = sight.scene.objects
-    numbers_of = {
-        made: [number for number in inside if objects[number].normals_made is made] for made in NormalsMade
-    }
-    reasons = [f"{_numbered(numbers)} {_NORMALS[made]}" for made, numbers in numbers_of.items() if numbers]
-    nothing = "no object has normals at its vertices"
-    if outside:
-        nothing = f"of objects with normals at their vertices all that has them {OUT_OF_SIGHT}"
-    return Decision(
-        effect=Effect.SMOOTH_NORMALS,
-        used=bool(inside),
-        reason="; ".join(reasons) or nothing,
-        objects=inside,
-        out_of_sight=outside,
+def slab_content(scene: Scene, camera: Camera, heights: tuple[float, float]) -> SlabContent:
+    """Return the content of one slab of C, behind the plate, or of C*, before it."""
+    near, far = heights
+    low, high = (-far, -near) if camera is Camera.C else (near, far)
+    lowest, highest = scene.height_ranges
+    return SlabContent(
+        camera=camera, heights=heights, triangles=int(np.count_nonzero((highest >= low) & (lowest <= high)))
     )
-
-
-_NORMALS = {
-    NormalsMade.NONE: "normals of its own",
-    NormalsMade.SOME: "normals of its own and, at vertices without, those that smooth = true made",
-    NormalsMade.ALL: "normals that smooth = true made",
-}
-
-
-def _numbered(numbers: list[int]) -> str:
-    """Return the beginning of a sentence about some objects, up to its verb."""
-    if len(numbers) == 1:
-        return f"object {numbers[0]} has"
-    if len(numbers) > MAX_LISTED_OBJECTS:
-        return f"each of {len(numbers)} objects has"
-    return f"each of objects {', '.join(map(str, numbers[:-1]))} and {numbers[-1]} has"
-
-
-def _smooth_faces(part: SceneObject) -> Mask | None:
-    """Return which triangles have a normal at each corner."""
-    if part.vertex_normals is None:
-        return None
-    has_normal = np.asarray(np.isfinite(part.vertex_normals).all(axis=1))
-    return np.asarray(has_normal[part.faces].all(axis=1))
-
-
-def _colored_faces(part: SceneObject) -> Mask | None:
-    """Return which triangles have a color other than one at a corner."""
-    if part.vertex_colors is None:
-        return None
-    return np.asarray((part.vertex_colors != 1).any(axis=1)[part.faces].any(axis=1))
-
-
-def _textured_faces(part: SceneObject) -> Mask | None:
-    """Return which triangles show a texture: they have one, and coordinates at each corner."""
-    if part.texture_of_triangle is None or part.uv is None or not part.textures:
-        return None
-    placed = np.isfinite(part.uv[part.faces]).all(axis=(1, 2))
-    return np.asarray((part.texture_of_triangle >= 0) & placed)
-
-
-def _attribute(
-    sight: _Sight, effect: Effect, has: Callable[[SceneObject], Mask | None], what: str
-) -> Decision:
-    inside, outside = sight.split(has)
-    reason = f"{'a' if inside else 'no'} mesh has {what}"
-    if outside and not inside:
-        reason = f"a mesh has {what}, but all of it that does {OUT_OF_SIGHT}"
-    return Decision(effect=effect, used=bool(inside), reason=reason, objects=inside, out_of_sight=outside)
-
-
-def _term(sight: _Sight, term: Effect) -> Decision:
-    """Decide on one term of the Phong model: it needs a coefficient and, unless it is ambient, a light."""
-    inside, outside = sight.split_materials(lambda material: max(getattr(material, term.value)) > 0)
-    if not inside and not outside:
-        return Decision(effect=term, used=False, reason=f"no object's material has {_A[term]} coefficient")
-    if term is not Effect.AMBIENT and not any(
-        max(light.color) > 0 for light in sight.scene.appearance.lights
-    ):
-        return Decision(effect=term, used=False, reason="there is no light")
-    return _of_materials(term, f"{_A[term]} coefficient", inside, outside)
-
-
-_A = {Effect.AMBIENT: "an ambient", Effect.DIFFUSE: "a diffuse", Effect.SPECULAR: "a specular"}
-
-
-def _reflection(sight: _Sight) -> Decision:
-    environment = sight.scene.appearance.environment
-    if environment is None:
-        return Decision(effect=Effect.REFLECTION, used=False, reason="there is no environment to reflect")
-    if environment.strength == 0 or not environment.radiance.any():
-        return Decision(effect=Effect.REFLECTION, used=False, reason="the environment is black")
-    inside, outside = sight.split_materials(lambda material: max(material.reflectivity) > 0)
-    if not inside and not outside:
-        return Decision(effect=Effect.REFLECTION, used=False, reason="no object's material is reflective")
-    return _of_materials(Effect.REFLECTION, "a reflectivity", inside, outside)
-
-
-def _of_materials(effect: Effect, what: str, inside: tuple[int, ...], outside: tuple[int, ...]) -> Decision:
-    """Return the decision about an effect for which the materials of some objects call."""
-    count = len(inside or outside)
-    reason = f"{'one object' if count == 1 else f'{count} objects'}{_HAVE[count > 1]} {what}"
-    if not inside:
-        reason += f", but {'it' if count == 1 else 'each'} {OUT_OF_SIGHT}"
-    return Decision(effect=effect, used=bool(inside), reason=reason, objects=inside, out_of_sight=outside)
-
-
-_HAVE = {False: "'s material has", True: "' materials have"}

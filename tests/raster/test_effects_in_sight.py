@@ -97,7 +97,7 @@ def test_a_mirror_ball_beyond_the_reach_calls_for_nothing() -> None:
     [reflection] = [d for d in decide(asked) if d.effect is Effect.REFLECTION]
     assert reflection.out_of_sight == (1,) and reflection.objects == ()
     assert reflection.reason == (
-        "one object's material has a reflectivity, but it lies beyond the reach or beside the frusta"
+        "one object has a reflective material, but what has it lies beyond the reach or beside the frusta"
     )
     assert_same_bits(asked, DoubleFrustum(near=0.15))
 

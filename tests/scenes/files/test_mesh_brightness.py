@@ -315,7 +315,7 @@ def test_a_texture_that_is_named_and_missing_is_a_warning_that_names_it(
         printed = capfd.readouterr()
         assert printed.err == f"xfrustum: warning: {line}\n"
         rows = {row["name"]: row for row in json.loads(printed.out)["effects"]}
-        assert rows["textures"]["reason"] == "no mesh has a texture"
+        assert rows["textures"]["reason"] == "no object has a texture"
 
 
 def test_files_that_have_all_they_name_are_read_without_a_warning(tmp_path: Path) -> None:

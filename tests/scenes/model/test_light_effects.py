@@ -20,9 +20,7 @@ from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.geometry.smoothing import smoothed
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed
-from xfrustum.scenes.model.slabs import slab_contents
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed, slab_contents
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -82,24 +80,6 @@ def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
         assert needed(asked) == BASE | {effect}
 
 
-def test_the_reason_says_of_each_object_who_made_its_normals() -> None:
-    normals = np.tile([0.0, 0, 1], (3, 1))
-    partly = np.where(np.arange(3)[:, None] == 1, np.nan, normals)
-    asked = scene(
-        sheet(vertex_normals=normals),
-        smoothed(sheet()),
-        sheet(),
-        smoothed(sheet(vertex_normals=partly)),
-        smoothed(sheet(vertex_normals=normals)),
-    )
-    [reason] = [d.reason for d in decide(asked) if d.effect is Effect.SMOOTH_NORMALS]
-    assert reason == (
-        "each of objects 0 and 4 has normals of its own; "
-        "object 3 has normals of its own and, at vertices without, those that smooth = true made; "
-        "object 1 has normals that smooth = true made"
-    )
-
-
 def test_each_missing_fact_turns_it_off_again() -> None:
     flat = np.tile([0.0, 0, 1], (3, 1))
     flat[1] = np.nan
@@ -110,10 +90,10 @@ def test_each_missing_fact_turns_it_off_again() -> None:
         (
             scene(sheet(vertex_colors=np.ones((3, 3)))),
             Effect.VERTEX_COLORS,
-            "no mesh has colors at its vertices",
+            "no object has colors at its vertices",
         ),
-        (scene(material=DARK), Effect.AMBIENT, "no object's material has an ambient coefficient"),
-        (scene(material=DARK), Effect.DIFFUSE, "no object's material has a diffuse coefficient"),
+        (scene(material=DARK), Effect.AMBIENT, "no object has a material with an ambient coefficient"),
+        (scene(material=DARK), Effect.DIFFUSE, "no object has a material with a diffuse coefficient"),
         (scene(lights=()), Effect.DIFFUSE, "there is no light"),
         (scene(lights=(replace(LAMP, color=(0, 0, 0)),)), Effect.DIFFUSE, "there is no light"),
         (scene(material=mirror), Effect.REFLECTION, "there is no environment to reflect"),
@@ -123,7 +103,7 @@ def test_each_missing_fact_turns_it_off_again() -> None:
             Effect.REFLECTION,
             "the environment is black",
         ),
-        (scene(environment=SKY), Effect.REFLECTION, "no object's material is reflective"),
+        (scene(environment=SKY), Effect.REFLECTION, "no object has a reflective material"),
         (scene(sheet(z=-30.0)), Effect.C, "nothing lies behind the plate within the reach"),
         (scene(sheet(z=15.0)), Effect.C_STAR, "nothing lies before the plate within the reach"),
     ):
@@ -138,9 +118,10 @@ def test_ambient_needs_no_light() -> None:
 def test_reasons_count_in_words_that_fit() -> None:
     assert because(scene(), Effect.C) == "one triangle lies behind the plate within the reach"
     assert because(scene(sheet(), sheet()), Effect.C) == "2 triangles lie behind the plate within the reach"
-    assert because(scene(), Effect.AMBIENT) == "one object's material has an ambient coefficient"
+    assert because(scene(), Effect.AMBIENT) == "one object has a material with an ambient coefficient"
     assert (
-        because(scene(sheet(), sheet()), Effect.DIFFUSE) == "2 objects' materials have a diffuse coefficient"
+        because(scene(sheet(), sheet()), Effect.DIFFUSE)
+        == "2 objects have a material with a diffuse coefficient"
     )
     assert because(scene(), Effect.C, Camera.C_STAR) == "camera c-star alone is asked for"
     assert needed(scene(), Camera.C_STAR) == BASE - {Effect.C}
@@ -219,7 +200,7 @@ def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
     assert {name for name, costs in rows.items() if costs["raster"] is None} == {"shadows", "interreflection"}
     assert all(value > 0 for value in summary(plan)["image_s"].values())
     text = table(plan)
-    assert "no mesh has a texture" in text
+    assert "no object has a texture" in text
     assert "slab 0 to 20 units behind the plate, camera c: 1 triangle\n" in text
     assert "slab 0 to 10 units before the plate, camera c-star: empty, skipped\n" in text
     assert "measured here: 1 times" in text
