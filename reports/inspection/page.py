@@ -43,23 +43,13 @@ page a map is some 360 pixels wide, so that a cell has at least three."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateMap:
-    """One number of the hogels of a plate.
+    """One number of the hogels of a plate, told in percent where `words` begin with "Share".
 
-    Attributes
-    ----------
-    words
-        What the number is: a share, if that is their first word.
-    cells
-        (rows, columns) of cells, the largest value in each; NaN where no hogel is known.
+    `cells` are (rows, columns) of cells, the largest value in each; NaN where no hogel is known.
     """
 
     words: str
     cells: Floats
-
-    @property
-    def in_percent(self) -> bool:
-        """Whether the number is told in percent."""
-        return self.words.startswith("Share")
 
     @classmethod
     def of(cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]) -> PlateMap:
@@ -74,20 +64,10 @@ class PlateMap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inspection:
-    """What a page shows.
+    """What a page shows, found out by a command: report, verify or survey.
 
-    Attributes
-    ----------
-    command
-        Name of the command that has found it out: report, verify or survey.
-    scene
-        Scene that is shown.
-    told
-        Sentences about the hogels: what was drawn, and which they are.
-    hogels
-        The hogels, the worst first; no more than `MAX_HOGELS` are shown.
-    plate_map
-        How bad the hogels of the plate are.
+    Sentences about the hogels (`told`): what was drawn, and which they are; the hogels, the worst first, of
+    which no more than `MAX_HOGELS` are shown; and how bad the hogels of the plate are.
     """
 
     command: str
@@ -99,16 +79,10 @@ class Inspection:
 
 @dataclass(frozen=True, kw_only=True)
 class PageHogel:
-    """One hogel as the page's script reads it.
+    """One hogel as the page's script reads it; see `InspectedHogel`.
 
-    Attributes
-    ----------
-    aperture, size, words, layers
-        As in `InspectedHogel`.
-    key
-        Digest of the stream; empty where there is none.
-    file
-        Name of the file beside the page; None where the stream is on the page.
+    `key` is the digest of the stream, empty where there is none; `file` the name of the file beside the page,
+    None where the stream is on the page.
     """
 
     aperture: tuple[int, int]
@@ -117,44 +91,6 @@ class PageHogel:
     layers: tuple[LayerHead, ...]
     key: str
     file: str | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObjectPlace:
-    """An object of the scene by its name, and the number of its first triangle."""
-
-    name: str
-    first: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class PageData:
-    """What the page's script reads.
-
-    Attributes
-    ----------
-    hogels
-        Hogels that are shown, the worst first.
-    objects
-        Objects of the scene in their order.
-    units
-        Length unit of the scene.
-    plate
-        Columns and rows of the plate.
-    map_words, in_percent, cells
-        What the map shows, whether that is a share, and rows of its cells; None where nothing is known.
-    nonce
-        Word by which the browser knows the files beside the page.
-    """
-
-    hogels: tuple[PageHogel, ...]
-    objects: tuple[ObjectPlace, ...]
-    units: str
-    plate: tuple[int, int]
-    map_words: str
-    in_percent: bool
-    cells: tuple[tuple[float | None, ...], ...]
-    nonce: str
 
 
 def write_inspection(folder: Path, shown: Inspection) -> None:
@@ -246,8 +182,10 @@ def _rendered(
     shown: Inspection, hogels: Sequence[InspectedHogel], keys: Sequence[str], within: dict[str, str]
 ) -> str:
     nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
-    data = PageData(
-        hogels=tuple(
+    first = np.cumsum([0, *(len(part.faces) for part in shown.scene.objects)]).tolist()
+    cells = shown.plate_map.cells
+    data = {
+        "hogels": [
             PageHogel(
                 aperture=one.aperture,
                 size=one.size,
@@ -257,17 +195,19 @@ def _rendered(
                 file=_file_name(one) if key and key not in within else None,
             )
             for one, key in zip(hogels, keys, strict=True)
-        ),
-        objects=_objects(shown.scene),
-        units=shown.scene.units,
-        plate=shown.scene.plate.hogels,
-        map_words=shown.plate_map.words,
-        in_percent=shown.plate_map.in_percent,
-        cells=tuple(
-            tuple(None if np.isnan(x) else float(f"{x:.4g}") for x in row) for row in shown.plate_map.cells
-        ),
-        nonce=nonce,
-    )
+        ],
+        # An object by its name, and the number of its first triangle.
+        "objects": [
+            {"name": part.name, "first": number}
+            for part, number in zip(shown.scene.objects, first, strict=False)
+        ],
+        "units": shown.scene.units,
+        "plate": shown.scene.plate.hogels,
+        "map_words": shown.plate_map.words,
+        "in_percent": shown.plate_map.words.startswith("Share"),
+        "cells": [[None if np.isnan(x) else float(f"{x:.4g}") for x in row] for row in cells],
+        "nonce": nonce,
+    }
     values = {
         "shown": shown,
         "page_data": data,
@@ -277,14 +217,6 @@ def _rendered(
         "megapixels": MAX_INSPECTED_PIXELS / 1e6,
     }
     return html_page("inspect.html.j2", {}, values, nonce=nonce)
-
-
-def _objects(scene: Scene) -> tuple[ObjectPlace, ...]:
-    first, listed = 0, []
-    for part in scene.objects:
-        listed.append(ObjectPlace(name=part.name, first=first))
-        first += len(part.faces)
-    return tuple(listed)
 
 
 _HOGELS = TypeAdapter(list[PageHogel])
