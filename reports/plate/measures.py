@@ -10,8 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +22,7 @@ from xfrustum.raster.plate.one_by_one import plate_hogel
 from xfrustum.raster.rasterizer import Rasterizer, normals_of
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
 from xfrustum.reports.plate.layout import Block
-from xfrustum.reports.plate.sources import check_drawable, visible_effects
+from xfrustum.reports.plate.sources import HogelSource, check_drawable, visible_effects
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -55,13 +54,8 @@ class JudgedPlateHogel(PlateHogel):
     measured: MeasuredHogel
 
 
-class JudgedSource:
-    """Hogels that are judged and stored as they are drawn, each by one drawing; a context manager.
-
-    Parameters
-    ----------
-    scene, settings, content
-        As for `Drawn`, whose images these are, bit for bit.
+class JudgedSource(HogelSource):
+    """Hogels that are judged as they are drawn, each by one drawing, with the images of `Drawn`, bit for bit.
 
     Raises
     ------
@@ -69,15 +63,13 @@ class JudgedSource:
         As from `Drawn`; or see `Judge`.
     """
 
-    transported = False
     judged = True
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
         check_drawable(content)
         settings.check_against(scene.frustum)
         self.scene, self.content = scene, content
-        self.settings: DoubleFrustum | None = settings
-        self._settings = settings
+        self.settings, self._settings = settings, settings
         self._judge = Judge(scene, effects=content.effects)
         try:
             effects = self._judge.submit(lambda rasterizer: self._examined(rasterizer, settings)).result()
@@ -110,12 +102,8 @@ class JudgedSource:
         )
         return JudgedPlateHogel(**{**vars(plate_hogel(image, self.content)), "measured": measured})
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def release(self) -> None:
+        """Free the judge."""
         self._judge.release()
 
 

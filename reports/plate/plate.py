@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,23 +34,16 @@ Span = tuple[int, int] | None
 HERE = Engine(workers=1)
 """This process alone."""
 
+MOST_WORKERS = 1024
+"""Number of blocks from which on they do not bound the number of processes."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlateFiles:
-    """What became of the apertures that were asked for.
+    """What became of the apertures that were asked for: numbers of hogels that were drawn, and found.
 
-    Attributes
-    ----------
-    out
-        The Zarr group.
-    drawn, found
-        Number of hogels that were drawn, and of those that had been finished before.
-    damaged
-        Number of drawn hogels that had been there, and were not whole.
-    notes
-        What was damaged and has been mended, in sentences.
-    table
-        Folder of the table of measures; None where hogels are not judged.
+    `damaged` of those that were drawn had been there, and were not whole, which `notes` say in sentences;
+    `table` is the folder of the table of measures, None where hogels are not judged.
     """
 
     out: Path
@@ -194,7 +188,8 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         whole = engine.part.everything
         return len(chosen) if whole else sum(len(one.apertures) for one in blocks(layout))
 
-    with open_workers(engine, sum(1 for _ in blocks(job.layout)), draws=settings is not None) as workers:
+    some = sum(1 for _ in islice(blocks(job.layout), MOST_WORKERS))
+    with open_workers(engine, some, draws=settings is not None) as workers:
         if workers.count == 1 and not workers.elsewhere:
             with job.open() as session:
                 total = hogels(session.store.layout)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -23,37 +24,36 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
-class HogelSource(Protocol):
-    """Anything that makes the hogels of a scene; a context manager."""
+class HogelSource(ABC):
+    """Anything that makes the hogels of a scene; a context manager.
+
+    `settings` are None where hogels are traced. `judged` says whether hogels come with measures,
+    `transported` whether colors are means over light paths, `simulated` the effects that change the pixels,
+    and `renderer` the name of the device or of the tracer.
+    """
 
     scene: Scene
-    settings: DoubleFrustum | None
+    settings: DoubleFrustum | None = None
     content: PlateContent
+    simulated: frozenset[Effect]
+    renderer: str
+    judged: bool = False
+    transported: bool = False
 
-    @property
-    def judged(self) -> bool:
-        """Whether the hogels come with measures."""
-
-    @property
-    def simulated(self) -> frozenset[Effect]:
-        """Effects that change the pixels."""
-
-    @property
-    def renderer(self) -> str:
-        """Name of the device or of the tracer."""
-
-    @property
-    def transported(self) -> bool:
-        """Whether colors are means over light paths."""
-
+    @abstractmethod
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Make hogels and yield them in the order of their apertures."""
 
-    def __enter__(self) -> Self: ...
+    def release(self) -> None:  # noqa: B027 - what traces holds nothing that must be freed
+        """Free what draws."""
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        self.release()
 
 
 def check_drawable(content: PlateContent) -> None:
@@ -68,13 +68,8 @@ def visible_effects(effects: frozenset[Effect], scene: Scene, settings: DoubleFr
     return effects & needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
 
 
-class Drawn:
+class Drawn(HogelSource):
     """Hogels that OpenGL draws: many at once, or one after the other where a pixel has several samples.
-
-    Parameters
-    ----------
-    scene, settings, content
-        As for `PlateRenderer`.
 
     Raises
     ------
@@ -82,14 +77,11 @@ class Drawn:
         The truth's certainty is asked for; or see `PlateRenderer` and `Rasterizer`.
     """
 
-    transported = False
-    judged = False
-
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
         check_drawable(content)
         fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
         self.scene, self.content = scene, content
-        self.settings: DoubleFrustum | None = settings
+        self.settings = settings
         self._renderer = (OneByOne if fine else PlateRenderer)(scene, settings, content)
         self.simulated = visible_effects(self._renderer.effects, scene, settings)
         self.renderer = str(self._renderer.device["renderer"])
@@ -98,28 +90,13 @@ class Drawn:
         """Draw hogels and yield them in the order of their apertures."""
         return self._renderer.hogels(apertures)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def release(self) -> None:
+        """Free the renderer."""
         self._renderer.release()
 
 
-class Truths:
-    """Hogels that are traced and certified; their colors are means of light paths where the scene has any.
-
-    Parameters
-    ----------
-    scene
-        Scene that is traced.
-    content
-        The images that are wanted.
-    """
-
-    settings: DoubleFrustum | None = None
-    judged = False
+class Truths(HogelSource):
+    """Hogels that are traced and certified; their colors are means of light paths where the scene has any."""
 
     def __init__(self, scene: Scene, content: PlateContent) -> None:
         self.scene, self.content = scene, content
@@ -140,11 +117,3 @@ class Truths:
         image = self._reference.trace(aperture, Sampling())
         estimate = transported(self.scene, aperture, self.scene.transport)
         return replace(image, color=estimate.mean.astype(np.float32))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing is held that must be freed."""
