@@ -20,12 +20,8 @@ from xfrustum.scenes.model.scene import Scene
 class AloneNumbers:
     """How many pixels of one truth single tracers would have got wrong.
 
-    Attributes
-    ----------
-    judged
-        Number of pixels whose truth is no tie.
-    embree, mitsuba
-        Numbers of these pixels at which the tracer first meets another triangle than the truth, or none.
+    Of the `judged` pixels, whose truth is no tie, those at which a tracer first meets another triangle than
+    the truth, or none.
     """
 
     judged: int
@@ -35,28 +31,14 @@ class AloneNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AloneFound:
-    """What single tracers would have got wrong of one truth: in numbers, and pixel by pixel.
-
-    Attributes
-    ----------
-    numbers
-        How many pixels.
-    wrong
-        (H, W) which pixels, by the tracer's name.
-    """
+    """What single tracers would have got wrong of one truth: numbers, and (H, W) pixels by tracer's name."""
 
     numbers: AloneNumbers
     wrong: dict[str, Mask]
 
 
 class TracersAlone:
-    """Both ray tracers of a scene, each to be judged by the certified truth.
-
-    Parameters
-    ----------
-    scene
-        Scene that is traced.
-    """
+    """Both ray tracers of a scene, each to be judged by the certified truth."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -67,27 +49,21 @@ class TracersAlone:
 
         Parameters
         ----------
-        truth
-            Certified image, or a band of its rows.
-        first_row
-            Number of the band's first row.
+        truth, first_row
+            Certified image, or a band of its rows, and the number of the band's first row.
         """
         pencil = crossed_frustum(self._scene.frustum, truth.camera.aperture)
         rows = range(first_row, first_row + len(truth.triangle))
-        found = {}
-        for name, tracer in self._tracers.items():
-            found[name] = (proposed(tracer, self._scene, pencil, rows) != truth.triangle) & judged(truth)
-        return found
+        return {
+            name: (proposed(tracer, self._scene, pencil, rows) != truth.triangle) & judged(truth)
+            for name, tracer in self._tracers.items()
+        }
 
     def find(self, truth: HogelImage) -> AloneFound:
         """Return what each tracer alone would have got wrong of a whole truth."""
         wrong = self.wrong(truth)
-        numbers = AloneNumbers(
-            judged=int(judged(truth).sum()),
-            embree=int(wrong["embree"].sum()),
-            mitsuba=int(wrong["mitsuba"].sum()),
-        )
-        return AloneFound(numbers=numbers, wrong=wrong)
+        counts = {name: int(pixels.sum()) for name, pixels in wrong.items()}
+        return AloneFound(numbers=AloneNumbers(judged=int(judged(truth).sum()), **counts), wrong=wrong)
 
 
 def judged(truth: HogelImage) -> Mask:

@@ -31,17 +31,7 @@ TOLERANCE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Converged:
-    """An integral over an aperture, and its standard error.
-
-    Attributes
-    ----------
-    color
-        (H, W, 3) linear RGB.
-    standard_error
-        (H, W, 3) standard error of the color.
-    points
-        Points of the aperture that were averaged.
-    """
+    """An integral over an aperture, linear RGB (H, W, 3), from so many points, and its standard error."""
 
     color: Floats
     standard_error: Floats

@@ -84,16 +84,9 @@ def _limit_threads() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class MitsubaBackend:
-    """Mitsuba in this process, and what it computes with.
+    """Mitsuba in this process, with a variant set, and what it computes with.
 
-    Attributes
-    ----------
-    mitsuba, drjit
-        The two modules; Mitsuba's variant is set.
-    variant
-        Mitsuba's variant: `cuda_ad_rgb`, `llvm_ad_rgb`, `scalar_rgb`, or another that the program had set.
-    llvm
-        Version of the LLVM in use, or why there is none.
+    `llvm` is the version of the LLVM in use, or why there is none.
     """
 
     mitsuba: Any

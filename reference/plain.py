@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from xfrustum.reference.averages import averages
@@ -60,11 +59,6 @@ class PlainReference(Reference):
         image = replace(image, camera=camera)
         return replace(image, rendering=self.rendering(sampling)) if colored else image
 
-    def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
-        """Yield what the tracer shows of many apertures, in order; `colored` as for `Reference.stream`."""
-        for aperture in apertures:
-            yield self.trace(aperture, colored=colored)
-
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.
 
@@ -89,14 +83,7 @@ class PlainReference(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What decides which surface a pixel of the truth shows.
-
-    Attributes
-    ----------
-    by
-        One of `DECISIONS`.
-    tracer
-        Tracer that gives the certified truth a second opinion.
+    """What decides which surface a pixel shows, one of `DECISIONS`; `tracer` gives a second opinion.
 
     Raises
     ------
@@ -117,16 +104,7 @@ CERTIFIED_DECISION = Decision()
 
 
 def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
-    """Return the certified truth of a scene, or what a tracer shows alone.
-
-    Parameters
-    ----------
-    scene
-        Scene that is asked about.
-    decision
-        What decides.
-    effects
-        Effects of light that are evaluated; None for those that the scene calls for.
+    """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
 
     Raises
     ------

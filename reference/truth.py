@@ -95,14 +95,8 @@ class Reference:
     ) -> HogelImage:
         """Return the true image of an aperture (paper, section 3: one frustum that crosses itself).
 
-        Parameters
-        ----------
-        aperture
-            Aperture of the image.
-        sampling
-            Points over which color is averaged; None for the scene's own sampling.
-        colored
-            Whether the image has color; without it, it is made faster.
+        `sampling` says over which points color is averaged, None for the scene's own; without color
+        (`colored`) the image is made faster.
         """
         one_of(aperture, Aperture, "aperture")
         if colored and averages(self.scene.sampling if sampling is None else sampling):
@@ -194,12 +188,7 @@ class Reference:
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return the image that the cameras of these settings would draw without any rounding.
 
-        Parameters
-        ----------
-        aperture, settings
-            Aperture of the image, and the cameras.
-        shaded
-            Whether the image has normals and color; without them it is made faster.
+        Without normals and color (`shaded`) it is made faster.
         """
         settings.check_against(self.scene.frustum)
         width, height = self.scene.frustum.resolution

@@ -28,16 +28,11 @@ MAX_CHORD = 1.4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstAlong:
-    """The first surfaces along some lines.
+    """The first surfaces along N lines.
 
-    Attributes
-    ----------
-    triangle
-        (N,) int32 number of the triangle met first, the smallest of a tie; `NOTHING` where there is none.
-    s
-        (N,) place along the line, to the nearest double; NaN where it meets none.
-    ties
-        Numbers of the triangles that are first together, in ascending order, by the number of the line.
+    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the place along
+    the line, to the nearest double, NaN for none. `ties` has the numbers of the triangles that are first
+    together, in ascending order, by the number of the line.
     """
 
     triangle: Numbers

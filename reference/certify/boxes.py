@@ -161,7 +161,7 @@ class _FilmAxis:
         count, slack = pencil.resolution[axis], pixel_slack(pencil, axis)
         slack = margin + 2 * slack if margin else slack
         scale = count / (2 * pencil.half_extent[axis])
-        names = ("shear", "scale", "middle", "slack", "count", "first", "last", "border")
+        names = "shear", "scale", "middle", "slack", "count", "first", "last", "border"
         numbers = (
             pencil.shear[axis],
             scale,

@@ -96,16 +96,9 @@ class Certifier:
         return replace(found, companions=companions)
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
-        """Fill in the pixels that the narrow phase left open; return the companions of ties.
+        """Fill in the pixels of contested pairs; return the companions of ties.
 
-        Parameters
-        ----------
-        found
-            Arrays that are filled in.
-        contested
-            All pairs of the open pixels.
-        base
-            Number of the first pixel of these rows.
+        `base` is the number of the first pixel of the rows.
         """
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
         width = self.pencil.resolution[0]
@@ -153,12 +146,7 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 class _Groups:
     """Contested pairs, sorted by pixel and then by triangle number, with each triangle once.
 
-    Attributes
-    ----------
-    pairs
-        The pairs.
-    starts, sizes
-        (G,) place of the first pair of each pixel's group, and the number of its pairs.
+    There are (G,) places of the first pair of each pixel's group, and numbers of its pairs.
     """
 
     pairs: Pairs

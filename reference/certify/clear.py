@@ -137,17 +137,10 @@ def clear_triangles(triangles: Triangles, pencil: Pencil) -> ClearTriangles | No
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Flat:
-    """Triangles on the film.
+    """Triangles on the film: eight numbers each of `ClearTriangles` (`table`) and of `places`.
 
-    Attributes
-    ----------
-    places
-        (8 F,) column and row of each corner, which are not numbers where the triangle is not comparable, and
-        the smallest and the largest s.
-    table
-        (8 F,) numbers of `ClearTriangles`.
-    comparable
-        (F,) whether the triangle lies on one side of the center, and within the limit on the film.
+    These are column and row of each corner, which are not numbers where the triangle is not comparable, and
+    the smallest and the largest s. Comparable are triangles on one side of the center, within the limit.
     """
 
     places: Any

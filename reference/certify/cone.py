@@ -97,10 +97,8 @@ class Viewpoint:
 
     def depths(self, heights: Sequence[Any]) -> tuple[Any, Any]:
         """Return a lower and an upper bound of s over triangles, given q_z of their corners."""
-        low, high = (
-            -dr.maximum(dr.maximum(*heights[:2]), heights[2]),
-            -dr.minimum(dr.minimum(*heights[:2]), heights[2]),
-        )
+        low = -dr.maximum(dr.maximum(*heights[:2]), heights[2])
+        high = -dr.minimum(dr.minimum(*heights[:2]), heights[2])
         return low - self.slack * abs(low), high + self.slack * abs(high)
 
 

@@ -46,15 +46,9 @@ DOUBTFUL_WEIGHT = 2
 class Sifted:
     """The triangles that may be first in some rows of an image.
 
-    Attributes
-    ----------
-    triangle, s
-        (pixels,) number and place of the triangle that surely is first; `NOTHING` and NaN where the line
-        meets none, and where `contested` has pairs.
-    contested
-        All pairs of the pixels for which several triangles may be first, or one that is not surely met.
-    device
-        `triangle` and `s` as arrays of Dr.Jit.
+    Number and place (pixels,) are those of the triangle that surely is first; `NOTHING` and NaN where the
+    line meets none, and where `contested` has pairs: all of the pixels for which several triangles may be
+    first, or one that is not surely met. `device` is `triangle` and `s` as arrays of Dr.Jit.
     """
 
     triangle: Numbers
@@ -65,22 +59,10 @@ class Sifted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lanes:
-    """Rows of triangles' boxes, cut by their edges: one lane each.
+    """Rows of triangles' boxes, cut by their edges, one lane each: columns from `first` to `last`, if any.
 
-    Attributes
-    ----------
-    number, row
-        Triangle number, and row of the image.
-    planes, within
-        The triangle's plane along the row, and whether the triangle surely lies within the pencil's range.
-    first, last
-        First and last column; first > last where no column is left.
-    surely
-        Slopes dx between which coverage is certain; None where coverage is asked of `cones`.
-    cones
-        The triangles, for those that are not cut by their edges; None for all others.
-    holds
-        Whether the triangles hold the pencil's center.
+    Coverage is certain between the slopes dx of `surely`; of triangles that are not cut by their edges it is
+    asked of `cones`. `within` says whether a triangle surely lies within the pencil's range.
     """
 
     number: Any
@@ -301,10 +283,9 @@ def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _FilmRow:
-    """The map from slopes dx to columns, column = (dx - shear) scale + middle.
+    """The map from slopes dx to columns, (dx - shear) scale + middle, known to within `slack`.
 
-    `steepest` is the largest |dx|, `slack` a bound in columns on the rounding of this formula and of the
-    slopes themselves, and `width` the number of columns.
+    `steepest` is the largest |dx|, and `width` the number of columns.
     """
 
     steepest: Any
@@ -318,17 +299,10 @@ class _FilmRow:
     def of(cls, pencil: Pencil) -> _FilmRow:
         """Return the map of a pencil's film."""
         width = pencil.resolution[0]
-        steepest, shear, scale, middle, slack, columns = constants(
-            [
-                float(np.abs(pencil.dx).max()),
-                pencil.shear[0],
-                width / (2 * pencil.half_extent[0]),
-                (width - 1) / 2,
-                pixel_slack(pencil, 0),
-                float(width),
-            ]
-        )
-        return cls(steepest=steepest, shear=shear, scale=scale, middle=middle, slack=slack, width=columns)
+        names = "steepest", "shear", "scale", "middle", "slack", "width"
+        steepest, scale = float(np.abs(pencil.dx).max()), width / (2 * pencil.half_extent[0])
+        numbers = steepest, pencil.shear[0], scale, (width - 1) / 2, pixel_slack(pencil, 0), width
+        return cls(**dict(zip(names, constants(numbers), strict=True)))
 
     def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
         """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""

@@ -82,18 +82,10 @@ class SurfacePoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lines:
-    """The lines through points, sorted by the cells of the film.
+    """The lines through points, sorted by the cells of the film; `start` is the first line of each cell.
 
-    Attributes
-    ----------
-    line
-        (4 N,) slopes dx and dy, end, and the number of the point's own triangle, line by line.
-    point
-        (N,) numbers of the points.
-    start
-        First line of each cell.
-    positions
-        Coordinates x, y and z of all points, and their tolerances.
+    `line` has slopes dx and dy, end, and the number of the point's own triangle, (4 N,) line by line; `point`
+    the numbers of the points, and `positions` the coordinates x, y and z of all points, and their tolerances.
     """
 
     line: Any

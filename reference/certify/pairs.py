@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +12,10 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pairs:
-    """Pixels and triangles that their lines meet, or may meet.
+    """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
 
-    Attributes
-    ----------
-    pixel
-        (N,) pixel numbers, row * W + column.
-    triangle
-        (N,) triangle numbers.
-    s, error
-        (N,) place where the line meets the triangle's plane: the true s lies in s +- error.
-    sure
-        (N,) whether the line surely meets the triangle, inside the pencil's range.
+    The true place where the line meets the triangle's plane lies in s +- error; `sure` says whether the line
+    surely meets the triangle, inside the pencil's range.
     """
 
     pixel: Indices
@@ -33,13 +26,7 @@ class Pairs:
 
     def __getitem__(self, chosen: Mask | Indices) -> Pairs:
         """Return some of the pairs."""
-        return Pairs(
-            pixel=self.pixel[chosen],
-            triangle=self.triangle[chosen],
-            s=self.s[chosen],
-            error=self.error[chosen],
-            sure=self.sure[chosen],
-        )
+        return Pairs(**{name: values[chosen] for name, values in vars(self).items()})
 
     @property
     def nearest(self) -> Floats:
@@ -52,21 +39,12 @@ class Pairs:
         return self.s + self.error
 
     @staticmethod
-    def joined(parts: list[Pairs]) -> Pairs:
+    def joined(parts: Sequence[Pairs]) -> Pairs:
         """Return the pairs of all parts, one part after the other."""
         return Pairs(
-            pixel=np.concatenate([p.pixel for p in parts]),
-            triangle=np.concatenate([p.triangle for p in parts]),
-            s=np.concatenate([p.s for p in parts]),
-            error=np.concatenate([p.error for p in parts]),
-            sure=np.concatenate([p.sure for p in parts]),
+            **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
         )
 
 
-NO_PAIRS = Pairs(
-    pixel=np.zeros(0, dtype=np.int64),
-    triangle=np.zeros(0, dtype=np.int64),
-    s=np.zeros(0),
-    error=np.zeros(0),
-    sure=np.zeros(0, dtype=np.bool_),
-)
+_NONE = np.zeros(0, dtype=np.int64)
+NO_PAIRS = Pairs(pixel=_NONE, triangle=_NONE, s=np.zeros(0), error=np.zeros(0), sure=np.zeros(0, np.bool_))

@@ -7,7 +7,7 @@ u = (m - k) / t, for a hogel looks the same all over its cell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,42 +53,41 @@ def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Places:
-    """Hogel and film place that some rays meet along one axis.
+def _taken(scene: Scene, pencil: Pencil, axis: int, step: int | None) -> tuple[Indices, Indices, Floats]:
+    """Return the hogel and the pixel that each ray takes along one axis, and its weight.
 
-    Attributes
+    Parameters
     ----------
-    hogel
-        (N,) column or row on the plate; `NONE` beside it.
-    place
-        (N,) column or row on the film, where centers of pixels have whole numbers; NaN where there is none.
-    count
-        Number of columns or rows of the film.
+    scene, pencil
+        Scene with the plate and its hogels, and the rays.
+    axis
+        0 for columns, which count from the left, and 1 for rows, which count from the top.
+    step
+        None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
     """
-
-    hogel: Indices
-    place: Floats
-    count: int
-
-
-def _places(scene: Scene, pencil: Pencil, axis: int) -> _Places:
-    """Return where rays meet the plate and the film along one axis, 0 for columns and 1 for rows."""
-    slope = (pencil.dx, pencil.dy)[axis]
-    size, hogels = scene.plate.size[axis], scene.plate.hogels[axis]
+    slope, sign = (pencil.dx, pencil.dy)[axis], (1.0, -1.0)[axis]
+    size, hogels, count = scene.plate.size[axis], scene.plate.hogels[axis], scene.frustum.resolution[axis]
     met = pencil.center[axis] + pencil.center[2] * slope
-    # Columns count from the left, rows from the top.
-    sign = (1.0, -1.0)[axis]
     hogel = np.floor((size / 2 + sign * met) * hogels / size)
     hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
-    count = scene.frustum.resolution[axis]
+    # Places on the film, where centers of pixels have whole numbers; not a number beside it.
     place = np.full(len(slope), np.nan)
     for number in np.unique(hogel[hogel != NONE]).tolist():
         shear, half_extent = film_window(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
         here = hogel == number
         film = sign * (slope[here] - shear[axis]) / half_extent[axis]
         place[here] = np.where(np.abs(film) <= 1, ((film + 1) * count - 1) / 2, np.nan)
-    return _Places(hogel=np.where(np.isfinite(place), hogel, NONE), place=place, count=count)
+    inside = np.isfinite(place)
+    place = np.where(inside, place, 0.0)
+    if step is None:
+        pixel = np.clip(np.floor(place + 0.5), 0, count - 1).astype(np.int64)
+        weight = np.ones(len(place))
+    else:
+        pixel = np.floor(place).astype(np.int64) + step
+        weight = 1.0 - np.abs(place - pixel)
+        inside &= (pixel >= 0) & (pixel < count)
+    hogel, pixel = (np.where(inside, numbers, NONE) for numbers in (hogel, pixel))
+    return hogel, pixel, np.where(inside, weight, 0.0)
 
 
 def _on_axis(axis: int, number: int) -> tuple[int, int]:
@@ -96,33 +95,10 @@ def _on_axis(axis: int, number: int) -> tuple[int, int]:
     return (number, 0) if axis == 0 else (0, number)
 
 
-def _taken(places: _Places, step: int | None) -> tuple[Indices, Indices, Floats]:
-    """Return hogel, pixel and weight along one axis.
-
-    Parameters
-    ----------
-    places
-        Where the rays meet hogels and films.
-    step
-        None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
-    """
-    inside = places.hogel != NONE
-    place = np.where(inside, places.place, 0.0)
-    if step is None:
-        pixel = np.clip(np.floor(place + 0.5), 0, places.count - 1).astype(np.int64)
-        weight = np.ones(len(place))
-    else:
-        pixel = np.floor(place).astype(np.int64) + step
-        weight = 1.0 - np.abs(place - pixel)
-        inside = inside & (pixel >= 0) & (pixel < places.count)
-    weight = np.where(inside, weight, 0.0)
-    return np.where(inside, places.hogel, NONE), np.where(inside, pixel, NONE), weight
-
-
 def _hogel_pixels(
     scene: Scene, pencil: Pencil, steps: tuple[int | None, int | None] = (None, None)
 ) -> HogelPixels:
-    columns, rows = (_taken(_places(scene, pencil, axis), steps[axis]) for axis in range(2))
+    columns, rows = (_taken(scene, pencil, axis, steps[axis]) for axis in range(2))
     return HogelPixels(
         hogel_column=columns[0],
         film_column=columns[1],

@@ -53,12 +53,7 @@ class EyeReference:
     def true_view(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return what an eye sees of the scene itself: the first surface within the reach along each ray.
 
-        Parameters
-        ----------
-        eye
-            The eye.
-        shaded
-            Whether the picture has color; without it is made faster.
+        Without color (`shaded`) the picture is made faster.
         """
         pencil = self.pencil(eye)
         found = self._decided(pencil)
@@ -80,12 +75,7 @@ class EyeReference:
         Only the lines of the pixels that the eye is shown are traced; what they show is, bit for bit, what
         these pixels show in `Reference.trace` of their hogels.
 
-        Parameters
-        ----------
-        eye
-            The eye.
-        shaded
-            Whether the picture has color; without it is made faster.
+        Without color (`shaded`) the picture is made faster.
         """
         taken = self.replay(eye)
         width, height = eye.resolution

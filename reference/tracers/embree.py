@@ -32,15 +32,7 @@ def embree_versions() -> dict[str, str]:
 class EmbreeTracer:
     """A scene's acceleration structure, built once, in Embree's robust mode.
 
-    Parameters
-    ----------
-    scene
-        Scene whose triangle numbers are returned.
-
-    Attributes
-    ----------
-    scale
-        Factor by which lengths are multiplied before they are rounded to float32.
+    `scale` is the factor by which lengths are multiplied before they are rounded to float32.
     """
 
     name = "embree"
@@ -54,11 +46,6 @@ class EmbreeTracer:
             TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
             # The structure is built on the first ray; two threads must not both build it.
             self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
-
-    @property
-    def versions(self) -> dict[str, str]:
-        """Name and version of the tracer, for reports."""
-        return embree_versions()
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""

@@ -30,15 +30,7 @@ def mitsuba_versions() -> dict[str, str]:
 class MitsubaTracer:
     """A scene's acceleration structure in Mitsuba, built once; robust where Embree builds it.
 
-    Parameters
-    ----------
-    scene
-        Scene whose triangle numbers are returned.
-
-    Attributes
-    ----------
-    scale
-        Factor by which lengths are multiplied before they are rounded to float32.
+    `scale` is the factor by which lengths are multiplied before they are rounded to float32.
     """
 
     name = "mitsuba"
@@ -53,11 +45,6 @@ class MitsubaTracer:
         self._scene = None
         if len(scene.faces):
             self._scene = robust_scene(scene, self.scale)
-
-    @property
-    def versions(self) -> dict[str, str]:
-        """Name and version of the tracer, its variant and its LLVM, for reports."""
-        return self._backend.versions
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
@@ -102,16 +89,9 @@ def robust_scene(scene: Scene, scale: float) -> Any:
 
 
 def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
-    """Return a `mi.Mesh` whose primitive numbers are the rows of `faces`.
+    """Return a `mi.Mesh` of vertices, kept in float32, whose primitive numbers are the rows of `faces`.
 
-    Parameters
-    ----------
-    name
-        Name of the mesh in Mitsuba.
-    vertices, faces
-        (V, 3) and (F, 3), F at least 1; Mitsuba keeps the vertices in float32.
-    bsdf
-        A Mitsuba BSDF; None for Mitsuba's default.
+    There is at least one face; `bsdf` is a Mitsuba BSDF, None for Mitsuba's default.
     """
     mi = mitsuba_backend().mitsuba
     properties = mi.Properties()
@@ -126,15 +106,7 @@ def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None 
 
 
 def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Callable[[], object]:
-    """Return what intersects rays on the device with a scene each time it is called, and waits for it.
-
-    Parameters
-    ----------
-    scene
-        At least one triangle.
-    origins, directions
-        (N, 3) each, scene units.
-    """
+    """Return what intersects rays (N, 3) on the device with a scene at each call, and waits for it."""
     mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
     scale = unit_scale(scene.vertices)
     loaded = robust_scene(scene, scale)

@@ -85,18 +85,10 @@ def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbe
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SecondOpinion(Brief):
-    """The pixels at which a tracer contradicts decisions; calling it asks the tracer.
+    """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer.
 
-    Attributes
-    ----------
-    tracer
-        Function that returns the tracer of the scene.
-    scene
-        Scene with the triangles.
-    pencil, rows
-        Lines of the image, and those of its rows that were decided.
-    triangle, certainty
-        (rows, W) triangle numbers that were decided, and their `Certainty`.
+    `tracer` is a function that returns the tracer of the scene; triangle numbers and `Certainty` (rows, W)
+    are those that were decided.
     """
 
     tracer: Callable[[], Tracer]

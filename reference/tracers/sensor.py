@@ -86,18 +86,9 @@ def mitsuba_scene(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class _FilmLines:
-    """The lines of one aperture, in the types of the Mitsuba variant in use.
+    """The lines of one aperture, in the types of the Mitsuba variant with which the sensor was defined.
 
-    Attributes
-    ----------
-    mi, dr
-        Mitsuba and Dr.Jit, as the sensor was defined with them.
-    aperture
-        Point through which all lines pass.
-    shear, half_extent
-        Slopes of the film's center, and from there to its borders.
-    reach
-        Lengths along z on the viewer's side and behind the plate, scene units.
+    `reach` is the length along z on the viewer's side and behind the plate, scene units.
     """
 
     mi: Any

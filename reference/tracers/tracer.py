@@ -20,10 +20,6 @@ class Tracer(Protocol):
 
     name: str
 
-    @property
-    def versions(self) -> dict[str, str]:
-        """Names and versions for reports."""
-
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 

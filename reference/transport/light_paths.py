@@ -14,7 +14,7 @@ Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -48,17 +48,6 @@ MAX_BOUNCES = 128
 all light."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Coefficients:
-    """Material coefficients by object."""
-
-    ambient: Table
-    diffuse: Table
-    specular: Table
-    reflectivity: Table
-    exponent: Table
-
-
 class LightPaths:
     """A scene in Mitsuba, and the light paths through it.
 
@@ -73,11 +62,9 @@ class LightPaths:
         self._scene = robust_scene(scene, self.scale)
         self._surfaces = Surfaces(scene, self.scale)
         names = ("ambient", "diffuse", "specular", "reflectivity", "exponent")
-        tables = {
-            name: Table(np.array([getattr(m, name) for m in scene.materials], dtype=np.float64))
-            for name in names
-        }
-        self._material = _Coefficients(**tables)
+        self._material = SimpleNamespace(
+            **{name: Table(np.array([getattr(m, name) for m in scene.materials], float)) for name in names}
+        )
         self._lights = scene.appearance.lights
         environment = scene.appearance.environment
         self._surroundings = None if environment is None else Surroundings(environment)

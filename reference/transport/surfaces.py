@@ -123,19 +123,10 @@ class Surroundings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """A point of a surface as it is seen.
+    """A point of a surface as it is seen, in scaled scene units.
 
-    Attributes
-    ----------
-    position
-        The point, in scaled scene units.
-    side, normal, eye
-        Unit vectors: the triangle's own normal and the normal for shading, both turned to the side
-        that is seen, and the eye vector.
-    albedo
-        Vertex color times texture.
-    object
-        Object number.
+    `side`, `normal` and `eye` are unit vectors: the triangle's own normal and the normal for shading, both
+    turned to the side that is seen, and the eye vector. `albedo` is vertex color times texture.
     """
 
     position: Any

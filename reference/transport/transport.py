@@ -31,17 +31,10 @@ PATHS_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadianceEstimate:
-    """A picture from random light paths, and its noise.
+    """A picture (H, W, 3) in linear RGB from so many random light paths a pixel, and its noise.
 
-    Attributes
-    ----------
-    mean
-        (H, W, 3) linear RGB.
-    variance_of_mean
-        (H, W, 3) variance of the mean, estimated from its own samples: zero where all of them agree, as in
-        pixels that are not supersampled and without interreflection.
-    samples
-        Paths per pixel.
+    The variance of the mean (H, W, 3) is estimated from its own samples: zero where all of them agree, as in
+    pixels that are not supersampled and without interreflection.
     """
 
     mean: Floats

@@ -424,11 +424,11 @@ class TestLlvm:
 HITS = """
 import sys
 import numpy as np
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.scenes import open_scene
 rays = np.load(sys.argv[1])
 tracer = MitsubaTracer(open_scene("asymmetric"))
-np.savez(sys.argv[2], hits=tracer.first_hits(rays["o"], rays["d"]), **tracer.versions)
+np.savez(sys.argv[2], hits=tracer.first_hits(rays["o"], rays["d"]), **mitsuba_versions())
 """
 
 
