@@ -30,7 +30,7 @@ MAX_CHORD = 1.4
 class FirstAlong:
     """The first surfaces along N lines.
 
-    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the place along
+    Numbers are those of the triangle met first, the smallest of a tie, `NOTHING` for none; s is the place on
     the line, to the nearest double, NaN for none. `ties` has the numbers of the triangles that are first
     together, in ascending order, by the number of the line.
     """
