@@ -538,7 +538,9 @@ class _Loop(Generic[Result]):
         return start
 
     def _beside(self, hogel: _Hogel, first: Future[tuple[Drawn, float]]) -> PixelErrors:
-        return pixel_errors(hogel.truth.result()[0], first.result()[0].image, self._reference)
+        errors = pixel_errors(hogel.truth.result()[0], first.result()[0].image, self._reference)
+        errors.find_maps()
+        return errors
 
     def _judged(
         self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]

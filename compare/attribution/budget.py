@@ -317,6 +317,7 @@ class ChainStart(Brief):
         """Find what all budgets share, in the thread of the caller: other threads then only read it."""
         for name in ("exact_wrong", "surface_charge", "step_sizes", "rounding", "shear"):
             getattr(self, name)
+        self.exact.find_maps()
 
     def causes_of(self, link: int, after: HogelImage, pixels: Indices) -> Causes:
         """Return the causes of what a link that rounds has changed between two images, at pixels (N,)."""

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import (
     DrawnPoints,
@@ -68,12 +69,16 @@ class HeightError:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PixelErrors(Brief):
-    """The errors of an image.
+    """The errors of an image: numbers of displacement and height, and which pixels are wrong.
+
+    A survey reads numbers alone: maps of displacement and height are made when they are first asked for.
 
     Attributes
     ----------
-    moved
-        (H, W) lengths of the displacement in pixels, NaN where undefined.
+    judged, surface, outside, triangle
+        As in `ErrorMaps`.
+    spread, height_error
+        Spread of the displacement, and error of the height; None where there is no pixel to measure them at.
     changed
         Flat numbers of the pixels that show anything else than the image beside which this one was judged;
         None where there was none.
@@ -85,24 +90,34 @@ class PixelErrors(Brief):
     surface: Mask | None
     outside: Mask | None
     triangle: Mask
-    moved: Floats
-    height: Floats
+    spread: Spread | None
+    height_error: HeightError | None
     changed: Indices | None = None
-
-    @property
-    def spread(self) -> Spread | None:
-        """Spread of the displacement; None where the image shows no surface off the plate."""
-        return Spread.of(self.moved[self.raster.off_plate])
-
-    @property
-    def height_error(self) -> HeightError | None:
-        """Error of the height; None where no pixel shows the same triangle in both images."""
-        return HeightError.of(self.height[~np.isnan(self.height)])
 
     @property
     def at_plate(self) -> int:
         """Number of the image's pixels that show a surface in the plate, where displacement is undefined."""
         return int(np.count_nonzero(in_plate(self.raster)))
+
+    @cached_property
+    def moved(self) -> Floats:
+        """Lengths (H, W) of the displacement in pixels, NaN where it is undefined."""
+        points = DrawnPoints.of(self.raster, np.flatnonzero(self.raster.off_plate))
+        found = np.full(self.judged.shape, np.nan)
+        found.reshape(-1)[points.pixels] = _lengths(points, self.truth, points.pixels)[0]
+        return found
+
+    @cached_property
+    def height(self) -> Floats:
+        """Raster minus truth (H, W), NaN where judged pixels do not show the same triangle."""
+        found = np.full(self.judged.shape, np.nan)
+        pixels, rise = _rise(self.truth, self.raster, self.judged)
+        found.reshape(-1)[pixels] = rise
+        return found
+
+    def find_maps(self) -> None:
+        """Find the maps beside which other images are judged, in the thread of the caller."""
+        _ = self.moved, self.height
 
     @cached_property
     def maps(self) -> ErrorMaps:
@@ -125,6 +140,10 @@ def pixel_errors(
 
     Parameters
     ----------
+    truth, raster
+        Images of one size, aperture and scene.
+    reference
+        Reference of this scene; without it there is no `surface`.
     beside
         Errors of an image of the same cameras, by the same truth. What is found of a pixel depends on no
         other, so that pixels that show the same are not judged again.
@@ -132,13 +151,18 @@ def pixel_errors(
     if beside is not None:
         return _errors_beside(truth, raster, reference, beside)
     judged = judged_pixels(truth)
+    points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
+    moved, places = _lengths(points, truth, points.pixels)
+    errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
     return PixelErrors(
         truth=truth,
         raster=raster,
         judged=judged,
+        surface=errors.wrong & judged if errors else None,
+        outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & names_triangles(raster),
-        height=_height(truth, raster, judged),
-        **_located(truth, raster, reference, judged, np.arange(judged.size)),
+        spread=Spread.of(moved),
+        height_error=HeightError.of(_rise(truth, raster, judged)[1]),
     )
 
 
@@ -155,41 +179,50 @@ def _errors_beside(
     if not pixels.size:
         return replace(beside, raster=raster, changed=pixels)
     before, after, judged = truth.at(pixels), raster.at(pixels), beside.judged.reshape(-1)[pixels][None]
-    some: dict[str, Any] = {
-        "triangle": (before.triangle != after.triangle) & judged,
-        "height": _height(before, after, judged),
-        **_located(before, after, reference, judged, pixels),
-    }
-    for name, values in some.items():
-        whole = getattr(beside, name)
-        if values is not None and whole is not None:
-            some[name] = whole.copy()
-            some[name].reshape(-1)[pixels] = values[0]
-    return replace(beside, raster=raster, changed=pixels, **some)
-
-
-def _located(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, judged: Mask, pixels: Indices
-) -> dict[str, Any]:
-    """Return `moved`, `surface` and `outside` of images of the same pixels (N,) of the film."""
-    points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
-    places = points.places(true_lines(truth.camera))
-    width, here = truth.camera.resolution[0], pixels[points.pixels]
-    row = here // width
-    moved = np.full(raster.triangle.shape, np.nan)
-    moved.reshape(-1)[points.pixels] = np.hypot(places[0] - (here - row * width), places[1] - row)
-    if reference is None:
-        return {"moved": moved, "surface": None, "outside": None}
-    errors = surface_errors(truth, raster, reference, (points, places))
-    return {"moved": moved, "surface": errors.wrong & judged, "outside": errors.outside & judged}
-
-
-def _height(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
-    """Return raster minus truth, NaN where judged pixels do not show the same triangle."""
-    same = (truth.triangle == raster.triangle) & judged & truth.covered & np.isfinite(raster.height)
-    found = np.full(judged.shape, np.nan)
-    found[same] = raster.height[same].astype(np.float64) - truth.height[same]
+    points = DrawnPoints.of(after, np.flatnonzero(after.off_plate))
+    lengths, places = _lengths(points, truth, pixels[points.pixels])
+    errors = surface_errors(before, after, reference, (points, places)) if reference else None
+    moved = _with(beside.moved, pixels, np.nan)
+    moved.reshape(-1)[pixels[points.pixels]] = lengths
+    height = _with(beside.height, pixels, np.nan)
+    same, rise = _rise(before, after, judged)
+    height.reshape(-1)[pixels[same]] = rise
+    found = replace(
+        beside,
+        raster=raster,
+        surface=_with(beside.surface, pixels, errors.wrong & judged) if errors else None,
+        outside=_with(beside.outside, pixels, errors.outside & judged) if errors else None,
+        triangle=_with(beside.triangle, pixels, (before.triangle != after.triangle) & judged),
+        spread=Spread.of(moved[raster.off_plate]),
+        height_error=HeightError.of(height[~np.isnan(height)]),
+        changed=pixels,
+    )
+    # The maps are there already.
+    vars(found).update(moved=moved, height=height)
     return found
+
+
+def _with(whole: NDArray[Any] | None, pixels: Indices, values: Any) -> Any:
+    """Return a map (H, W) with other values at some pixels, given by their flat numbers."""
+    assert whole is not None, "both images were judged with the scene at hand"
+    found = whole.copy()
+    found.reshape(-1)[pixels] = values
+    return found
+
+
+def _lengths(points: DrawnPoints, truth: HogelImage, pixels: Indices) -> tuple[Floats, tuple[Floats, Floats]]:
+    """Return how far points (N,) are from where pixels of the film show them, and their places on it."""
+    width, places = truth.camera.resolution[0], points.places(true_lines(truth.camera))
+    row = pixels // width
+    return np.hypot(places[0] - (pixels - row * width), places[1] - row), places
+
+
+def _rise(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
+    """Return the judged pixels (N,) that show the same triangle, and raster minus truth of their heights."""
+    same = (truth.triangle == raster.triangle) & judged & truth.covered & np.isfinite(raster.height)
+    pixels = np.flatnonzero(same)
+    drawn, true = (image.height.reshape(-1)[pixels] for image in (raster, truth))
+    return pixels, drawn.astype(np.float64) - true
 
 
 def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
