@@ -66,8 +66,6 @@ class Diagnosis:
     faults, does_not_explain
         Faults of the renderer: the differences between this guess and what was asked; and those of the best
         guess where it explains too little to be a finding.
-    means
-        Words for the data and the method that led to the guess.
     refuted
         Whether the guess explains the hogels that were tested, and makes all judged hogels no better.
     """
@@ -105,8 +103,6 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
 
     Parameters
     ----------
-    evidence
-        Some of the renderer's hogels as found.
     of_views
         Whether the hogels were put together from views, which may have another shear.
     """

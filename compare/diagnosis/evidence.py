@@ -50,16 +50,12 @@ class Evidence:
 
     Attributes
     ----------
-    reference
-        Reference of the scene.
     images
         Some of the renderer's hogels as read from its files, before any correction, each with the camera of
         the aperture that its file is named after; at most `MAX_TESTED_HOGELS` of them are tested.
     nominal
         Model of the renderer by its author's statements; the pixels that are wrong under it need an
         explanation.
-    judging
-        Rules for what counts as wrong.
     known
         Wrong pixels of each tested image, for each guess and whether causes excuse them: a cache.
     """

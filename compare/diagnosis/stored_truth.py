@@ -240,10 +240,6 @@ class Restoring:
 
     Attributes
     ----------
-    kind, reading
-        Kind of the damage, and the stated reading of the images.
-    agreement
-        Conventions under which images were compared with the truth.
     bits
         Number of low bits of each number that were kept; only for `OVERFLOW`.
     """

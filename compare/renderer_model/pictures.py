@@ -174,16 +174,8 @@ def picture_of(
 
     Parameters
     ----------
-    reference
-        Reference of the scene.
-    model
-        Model of the renderer; all of its numbers but the near offset are used.
-    aperture
-        Aperture of the scene.
     finer
         Number of pixels for each pixel, along each side.
-    wider
-        Factor of the film's extent.
     """
     scene = reference.scene
     pencil = replace(model, near=0.0).pencil(scene, aperture, 0)

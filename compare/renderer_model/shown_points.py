@@ -66,12 +66,8 @@ def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, re
     ----------
     corners
         (N, 3, 3) corners of triangles that the pixels' lines miss.
-    pencils
-        Lines of C and of C*.
     cells
         (N, 2) column and row of the pixels.
-    reach
-        Distance to which surfaces are imaged, which sets the scale.
     """
     best, least = np.full((len(corners), 3), np.nan), np.full(len(corners), np.inf)
     for side, pencil in zip((1, -1), pencils, strict=True):

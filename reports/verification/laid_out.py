@@ -190,17 +190,7 @@ def _other_side(layout: Layout, *, downward: bool) -> Layout:
 def with_layout_named(
     found: Verification, source: Source, verified: Callable[[Source], Verification]
 ) -> Verification:
-    """Return a verification that names the layout of the files if it is another than the stated one.
-
-    Parameters
-    ----------
-    found
-        Verification of the files as they were stated.
-    source
-        Source of its images.
-    verified
-        Function that verifies the images of another source in the same way.
-    """
+    """Return a verification that names the layout of the files if it is another than the stated one."""
     named = {fault.fault for fault in found.diagnosis.faults}
     conventional = bool(named) and named <= CONVENTIONAL_FAULTS
     if not isinstance(source, LaidOut) or found.passed or conventional:

@@ -77,8 +77,6 @@ def as_given(text: str, named_from: Path | None) -> str:
 
     Parameters
     ----------
-    text
-        Text in which names of files are absolute.
     named_from
         Folder from which the user named them; None where the names that were given are absolute.
     """
@@ -226,8 +224,6 @@ class Command:
     folder, working
         Folder that {out} lies in, which is emptied file by file; and folder in which the program runs, None
         for that of this process.
-    timeout_s
-        A run that takes longer is ended, with all processes that it started.
     """
 
     template: str
@@ -349,8 +345,6 @@ def state_of_command(template: str, folder: Path) -> str:
 
     Parameters
     ----------
-    template
-        The command.
     folder
         Folder in which it runs, where files with relative names lie.
 
