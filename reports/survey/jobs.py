@@ -3,35 +3,24 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 from xfrustum.compare.run import Judge, JudgedFrame
+from xfrustum.reference import Reference
 from xfrustum.reports.blocks import device_index
-from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
 from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import HogelBlock, RowsJob
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
-from xfrustum.reports.verification.laid_out import is_place
-from xfrustum.reports.verification.sources import (
-    absolute_pattern,
-    folder_named_from,
-    require_same_images,
-    state_of_files,
-)
 from xfrustum.reports.verification.verdict import Limits
-from xfrustum.reports.verification.verification import HogelVerifier, checked_files
-from xfrustum.scenes.files.foreign_images import Encoding
-from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, pictures_at
+from xfrustum.reports.verification.verification import Question, Run, nominal_model, sampled
+from xfrustum.reports.verification.workers import ForeignRenderer
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Plate
 
 MAX_PICTURE_PX = 512
 """Longest side of a picture on the page; larger images are reduced."""
@@ -112,88 +101,11 @@ def data_url(content: bytes) -> str:
     return f"data:{media_type(content)};base64,{base64.b64encode(content).decode()}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ForeignPlate:
-    """The hogel images of another renderer, and what is known of them; see `verify`.
-
-    Attributes
-    ----------
-    pattern
-        Names of its files, with {i} for the column and {j} for the row; or a folder or picture in a layout.
-    encoding
-        What pictures mean; None for `rgb`.
-    near
-        Near offset that the renderer is known to have.
-    accept
-        Conventions that are no faults.
-    layout
-        Layout of a folder or picture; None for the one that it looks like.
-    named_from
-        Folder from which the user named the files, for what is written of them; None of absolute names.
-    """
-
-    pattern: str
-    encoding: Encoding | None = None
-    near: float | None = None
-    accept: tuple[str, ...] = ()
-    layout: str | None = None
-    named_from: Path | None = None
-
-    @property
-    def description(self) -> dict[str, Any]:
-        """The plate as the folder of a survey describes it, wherever its files were named from."""
-        return {name: value for name, value in json_object(self).items() if name != "named_from"}
-
-    def found(self, scene: Scene, told: Callable[[str], object]) -> ForeignPlate:
-        """Return the plate by its absolute path, with the layout in which its files are read.
-
-        Where no layout is stated, `told` is called with the one that a folder or picture looks like.
-
-        Raises
-        ------
-        InputError
-            There is no file of any hogel, or the files do not fit the layout.
-        """
-        named = is_place(self.pattern, scene.plate) or self.layout is not None
-        place = str(Path(self.pattern).absolute()) if named else absolute_pattern(self.pattern)
-        files = checked_files(scene, place, self.layout)
-        if files is not None and self.layout is None:
-            told(f"{self.pattern} looks like {files.words}")
-        return replace(
-            self,
-            pattern=place,
-            layout=None if files is None else files.layout.name,
-            named_from=folder_named_from(self.pattern),
-        )
-
-    def state(self, plate: Plate) -> str:
-        """Return a digest of the names, sizes and times of all image files: it changes when any is written.
-
-        Every row depends on images all over the plate, from which the renderer's faults are diagnosed.
-        """
-        if self.layout is None:
-            names = (self.pattern.format(i=one.column, j=one.row) for one in plate.apertures())
-            return state_of_files(names)
-        place = Path(self.pattern)
-        beside = (place if place.is_dir() else place.parent) / PARAMETERS_FILE
-        return state_of_files(map(str, (*pictures_at(place), beside)))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForeignJob(RowsJob):
-    """A survey of another renderer's plate.
+    """A survey of another renderer's files; `state` is their digest, by which others are refused."""
 
-    Attributes
-    ----------
-    plate
-        Images that are judged.
-    state
-        Digest of the images, `ForeignPlate.state`: a process that finds others refuses.
-    tolerance_px
-        Limit of the 99th percentile of displacement; that of wrong pixels is `verify`'s.
-    """
-
-    plate: ForeignPlate
+    renderer: ForeignRenderer
     state: str
     tolerance_px: float
     draws = False
@@ -212,37 +124,35 @@ class ForeignJob(RowsJob):
         InputError
             The images are others than those of the command.
         """
-        plate = self.plate
-        require_same_images(plate.pattern, plate.state(self.scene.plate), self.state)
-        verifier = HogelVerifier(
-            self.scene,
-            plate.pattern,
-            encoding=plate.encoding,
-            layout=plate.layout,
-            limits=Limits(displacement_px=self.tolerance_px),
-            near=plate.near,
-            accept=plate.accept,
-        )
-        yield ForeignSession(self, verifier)
+        scene, renderer, asked = self.scene, self.renderer, self.scene.plate.apertures()
+        renderer.require_state(asked, self.state)
+        reference, limits = Reference(scene), Limits(displacement_px=self.tolerance_px)
+        with renderer.opened(reference) as source:
+            run = Run(reference=reference, source=source, asked=asked, limits=limits)
+            nominal = nominal_model(scene, renderer.near, renderer.accept)
+            question = run.question(sampled(asked, scene), nominal, renderer.accept)
+            run.kept.clear()  # few hogels of the sample are this process's own: all are read anew
+            yield ForeignSession(self, run, question)
 
 
 class ForeignSession:
     """A judge of one renderer's hogels, for the blocks of one survey."""
 
-    def __init__(self, job: ForeignJob, verifier: HogelVerifier) -> None:
-        self._job, self._verifier = job, verifier
+    def __init__(self, job: ForeignJob, run: Run, question: Question) -> None:
+        self._job, self._run, self._question = job, run, question
 
     def make(self, block: HogelBlock) -> None:
         """Judge the hogels of a block, and write their rows."""
         job = self._job
-        hogels = map(self._verifier.hogel, block.apertures(job.scene.plate))
-        rows = [ForeignRow.of(one.told_from(job.plate.named_from)) for one in hogels]
+        judged = self._run.hogels(self._question, block.apertures(job.scene.plate))
+        rows = [ForeignRow.of(hogel.told_from(job.renderer.named_from)) for hogel, _ in judged]
         job.parts.write(block.number, table_of(ForeignRow, rows))
 
     def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
         """Return truth, image and errors of one hogel, as pictures and as channels."""
         del setting  # there is one
-        found = self._verifier.pictured(self._verifier.aperture(*index))
+        aperture = self._job.scene.plate.aperture(*index)
+        found = self._run.pictured(self._question, aperture, channels=True)
         if found is None:
             return ShownHogel(pictures={}, inspected=None)
         return ShownHogel(pictures=found.pictures, inspected=found.inspected)

@@ -16,9 +16,10 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
 from xfrustum.reports.parts import HogelBlock, Parts, hogel_blocks, hogels_per_block, scene_description
 from xfrustum.reports.survey.answer import Extent, Survey
-from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, ForeignPlate, shown_hogel
+from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, shown_hogel
 from xfrustum.reports.survey.page import FILES, write_survey
 from xfrustum.reports.survey.rows import Tally, add_rows
+from xfrustum.reports.verification.workers import ForeignRenderer
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -66,7 +67,7 @@ class Chosen:
 
 def survey(  # noqa: PLR0913 - one keyword for each option of the command
     scene: Scene,
-    settings: DoubleFrustum | Sequence[DoubleFrustum] | ForeignPlate,
+    settings: DoubleFrustum | Sequence[DoubleFrustum] | ForeignRenderer,
     out: Path,
     chosen: Chosen | None = None,
     *,
@@ -118,12 +119,12 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     require_seen(scene, scene.plate.apertures())
     parts = Parts(out=out.absolute(), name=ROWS)
     job: DrawnJob | ForeignJob
-    if isinstance(settings, ForeignPlate):
-        plate = settings.found(scene, told)
-        state = plate.state(scene.plate)
-        job = ForeignJob(scene=scene, parts=parts, plate=plate, state=state, tolerance_px=tolerance_px)
+    if isinstance(settings, ForeignRenderer):
+        renderer = settings.placed(scene, told)
+        state = renderer.state(scene.plate.apertures())
+        job = ForeignJob(scene=scene, parts=parts, renderer=renderer, state=state, tolerance_px=tolerance_px)
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work: dict[str, Any] = {"images": plate.description, "state of the images": state}
+        work: dict[str, Any] = {"images": renderer.description, "state of the images": state}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:

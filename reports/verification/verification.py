@@ -32,7 +32,6 @@ from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
-from xfrustum.scenes.files.plate_files import FileSet
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
@@ -333,82 +332,6 @@ class Run:
     ) -> Figures:
         points = shown_points(self.reference.scene, found, image)
         return judge(self.reference, asked, image, points, judging, explained=explained)
-
-
-def checked_files(scene: Scene, source: str, layout: str | None = None) -> FileSet | None:
-    """Return the files of a place and their layout; None for a pattern.
-
-    Raises
-    ------
-    InputError
-        The source has no file of any hogel, or is none; or the files do not fit the layout.
-    """
-    files = _files(Reference(scene), source, Encoding.RGB, layout)
-    files.check(scene.plate.apertures())
-    return files.files if isinstance(files, LaidOut) else None
-
-
-class HogelVerifier:
-    """Judge of single hogels of a renderer, after the diagnosis of a sample all over its plate.
-
-    Parameters
-    ----------
-    scene
-        Scene that was to be drawn.
-    source, encoding
-        Files named by {i} and {j}, or a place of files; and what pictures mean.
-    layout
-        Layout of a place of files; the one that they look like where None.
-    limits
-        Limits that every hogel is held to.
-    near, accept
-        As for `verify`.
-
-    Attributes
-    ----------
-    diagnosis
-        What was found wrong with the renderer.
-
-    Raises
-    ------
-    InputError
-        None of the files exists, or an option is not usable.
-    """
-
-    def __init__(  # noqa: PLR0913 - what is known of a renderer, as for `verify`
-        self,
-        scene: Scene,
-        source: str,
-        *,
-        encoding: Encoding | str | None = None,
-        layout: str | None = None,
-        limits: Limits | None = None,
-        near: float | None = None,
-        accept: Sequence[str] = (),
-    ) -> None:
-        meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
-        reference, asked = Reference(scene), scene.plate.apertures()
-        files = _files(reference, source, meant, layout)
-        files.check(asked)
-        self._run = Run(reference=reference, source=files, asked=asked, limits=limits or Limits())
-        self._question = self._run.question(
-            sampled(asked, scene), nominal_model(scene, near, accept), tuple(accept)
-        )
-        # Few hogels of the sample are this process's own: all are read anew.
-        self._run.kept.clear()
-        self.diagnosis = self._question.found.diagnosis
-
-    def aperture(self, column: int, row: int) -> Aperture:
-        """Return an aperture of the plate."""
-        return self._run.reference.scene.plate.aperture(column, row)
-
-    def hogel(self, aperture: Aperture) -> Hogel:
-        """Judge one hogel."""
-        return self._run.judged(self._question, aperture)[0]
-
-    def pictured(self, aperture: Aperture) -> Pictured | None:
-        """Return one hogel in pictures and with all its channels; None where it is missing."""
-        return self._run.pictured(self._question, aperture, channels=True)
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -33,7 +33,7 @@ from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.json_ready import json_object, json_ready
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.parts import Parts
-from xfrustum.reports.verification.laid_out import LaidOut
+from xfrustum.reports.verification.laid_out import LaidOut, is_place
 from xfrustum.reports.verification.sources import (
     Command,
     Source,
@@ -42,6 +42,7 @@ from xfrustum.reports.verification.sources import (
     require_same_command,
     require_same_images,
     state_of_command,
+    state_of_files,
     state_of_images,
 )
 from xfrustum.reports.verification.verdict import (
@@ -63,6 +64,7 @@ from xfrustum.reports.verification.worst_hogels import MAX_SHOWN_HOGELS, Picture
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, pictures_at
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.plate import Aperture
@@ -84,7 +86,7 @@ class ForeignRenderer:
     """Where the images of a renderer come from, and what is known of it; see `verify`.
 
     A command runs in `folder`, or in that of the process. Where `source` is absolute and the name that was
-    given is not, the user named the files from `named_from`.
+    given is not, the user named the files from `named_from`. Folders and pictures may state a `layout`.
     """
 
     source: str | None = None
@@ -95,6 +97,29 @@ class ForeignRenderer:
     timeout_s: float = 60.0
     folder: Path | None = None
     named_from: Path | None = None
+    layout: str | None = None
+
+    def placed(self, scene: Scene, told: Callable[[str], object]) -> ForeignRenderer:
+        """Return the renderer with absolute names of its files, and the layout in which they are read.
+
+        Where none is stated, `told` is called with the layout that a folder or picture looks like.
+
+        Raises
+        ------
+        InputError
+            There is no file of any hogel, or the files do not fit the layout.
+        """
+        assert self.source is not None
+        named = self.layout is not None or is_place(self.source, scene.plate)
+        place = str(Path(self.source).absolute()) if named else absolute_pattern(self.source)
+        found = replace(self, source=place, named_from=folder_named_from(self.source))
+        with found.opened(Reference(scene)) as source:
+            source.check(scene.plate.apertures())
+            if not isinstance(source, LaidOut):
+                return found
+            if self.layout is None:
+                told(f"{self.source} looks like {source.files.words}")
+            return replace(found, layout=source.files.layout.name)
 
     def for_workers(self, *, elsewhere: bool) -> ForeignRenderer:
         """Return the renderer as workers find it, who may have another working folder than the command."""
@@ -117,7 +142,11 @@ class ForeignRenderer:
         if self.command is not None:
             return state_of_command(self.command, self.folder or Path.cwd())
         assert self.source is not None
-        return state_of_images(self.source, apertures)
+        if self.layout is None:
+            return state_of_images(self.source, apertures)
+        place = Path(self.source)
+        beside = (place if place.is_dir() else place.parent) / PARAMETERS_FILE
+        return state_of_files(map(str, (*pictures_at(place), beside)))
 
     def require_state(self, apertures: Sequence[Aperture], state: str) -> None:
         """Raise InputError where this process finds other files than the command did."""
@@ -136,7 +165,7 @@ class ForeignRenderer:
     def opened(self, reference: Reference) -> Iterator[Source]:
         """Open where its images come from."""
         with opened_source(
-            reference, self.source, self.command, self.encoding, self.timeout_s, None
+            reference, self.source, self.command, self.encoding, self.timeout_s, self.layout
         ) as source:
             if isinstance(source, Command):
                 source.working = self.folder

@@ -13,8 +13,8 @@ from xfrustum.cli.options import option
 
 if TYPE_CHECKING:
     from xfrustum.reports.blocks import Engine
-    from xfrustum.reports.survey.jobs import ForeignPlate
     from xfrustum.reports.survey.survey import Chosen
+    from xfrustum.reports.verification.workers import ForeignRenderer
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
@@ -109,9 +109,9 @@ def _asked(
     encoding: str | None,
     layout: str | None,
     accept: tuple[str, ...] | None,
-) -> tuple[DoubleFrustum, ...] | ForeignPlate:
+) -> tuple[DoubleFrustum, ...] | ForeignRenderer:
     """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
-    from xfrustum.reports.survey.jobs import ForeignPlate
+    from xfrustum.reports.verification.workers import ForeignRenderer
     from xfrustum.scenes.files.foreign_images import Encoding
 
     if images is None:
@@ -124,8 +124,8 @@ def _asked(
         return settings
     if len(settings) > 1:
         raise click.UsageError("--images were drawn with one near offset: give --near, or none")
-    return ForeignPlate(
-        pattern=images,
+    return ForeignRenderer(
+        source=images,
         encoding=None if encoding is None else Encoding(encoding),
         near=settings[0].near if settings else None,
         accept=accept or (),
