@@ -27,8 +27,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, stacked
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering, stacked
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture

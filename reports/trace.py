@@ -17,8 +17,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import ImageWriter, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 

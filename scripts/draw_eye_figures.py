@@ -24,8 +24,7 @@ from xfrustum.reports.eye.view import Drawing
 from xfrustum.reports.planning import make_plan, make_viewer_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
-from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 FOLDER = Path("docs") / "images"

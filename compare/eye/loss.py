@@ -18,8 +18,7 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reference.lines.lines import pixel_places
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.eye import Eye, Replay
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene

@@ -16,8 +16,7 @@ from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 

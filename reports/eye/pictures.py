@@ -11,7 +11,7 @@ from PIL import Image
 from xfrustum.compare.eye.loss import LossMaps
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.arrays import Bytes, Floats
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import EyeImage
 from xfrustum.scenes.notebook.pictures import as_shown, marked
 
 SEEN_ARCMIN = 1.0

@@ -16,8 +16,7 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.view import Drawing, stereo_eyes
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum

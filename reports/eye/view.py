@@ -42,8 +42,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.eye import Eye, Replay
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent

@@ -27,10 +27,8 @@ from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.disk.durable import AllOrNothing, NewFile
 from xfrustum.scenes.disk.input_files import check_declared, check_image_file
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.eye_image import EyeImage
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.eye import Eye, EyeImage
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
 
 Described = TypeVar("Described")
 

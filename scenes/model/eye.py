@@ -13,8 +13,11 @@ import numpy as np
 
 from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import NOTHING, Labels, ShownImage
+from xfrustum.scenes.notebook.labels import Labelled
+from xfrustum.scenes.notebook.numbers import digits
 from xfrustum.scenes.notebook.shown import Brief
 
 RESOLUTION = (400, 300)
@@ -160,3 +163,48 @@ class Replay(Brief):
             rows = np.unique(pixels.hogel_row[pixels.rows]).tolist()
             found.update((column, row) for row in rows for column in columns)
         return tuple(sorted(found, key=lambda index: (index[1], index[0])))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class EyeImage(ShownImage):
+    """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
+
+    Attributes
+    ----------
+    eye
+        The eye.
+    triangle, object
+        int32 numbers of the surface on the ray through the pupil's center, `NOTHING` where there is none.
+    position
+        Surface point that is shown, scene units; NaN where there is none, and where it is not known.
+    color
+        Linear RGB, float32, averaged over the pupil and over beams; None where it is not known.
+    certainty
+        uint8 `Certainty` per pixel; None where nothing was certified.
+    """
+
+    eye: Eye
+    triangle: Numbers
+    object: Numbers
+    position: Floats
+    color: Singles | None = None
+    certainty: Bytes | None = None
+
+    @property
+    def covered(self) -> Mask:
+        """Pixels that show a surface."""
+        covered: Mask = (self.triangle != NOTHING) | (self.object != NOTHING)
+        return covered
+
+    def _said(self) -> str:
+        place = ", ".join(map(digits, self.eye.position))
+        color = "with" if self.color is not None else "without"
+        return f"what an eye at ({place}) scene units sees; {self._pixels()}; {color} color"
+
+    def _labels(self, units: str) -> Labels:
+        eye = self.eye
+        places = {
+            f"eye_{name}": Labelled(values=value, meaning=f"{name} of the eye", units=units)
+            for name, value in zip("xyz", eye.position, strict=True)
+        }
+        return {}, places, {"pupil": eye.pupil, "focus": eye.focus, "beam": str(eye.beam)}

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
 from enum import IntEnum
 from functools import cached_property, partial
-from typing import Any
+from json import dumps
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
-from xfrustum.scenes.model.image_facts import (
-    Labels,
-    ShownImage,
-    labels_of_hogel,
-    said_of_hogel,
-    table_of_hogel,
-)
-from xfrustum.scenes.model.rendering import Rendering
-from xfrustum.scenes.notebook.shown import Table
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.notebook.labels import NO_UNIT, SCENE_UNITS, Labelled, dataset
+from xfrustum.scenes.notebook.numbers import digits, percent, sides
+from xfrustum.scenes.notebook.pictures import as_shown, by_height, png
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+if TYPE_CHECKING:
+    import xarray
+
+Labels = tuple[dict[str, Labelled | None], dict[str, Labelled], dict[str, Any]]
+"""Further arrays of an image, coordinates that belong to all of it, and facts, by their names."""
 
 NOTHING = -1
 """Triangle and object number of a pixel that shows no surface."""
@@ -75,6 +79,109 @@ class HogelCamera:
     renderer: str
     settings: DoubleFrustum | None = None
     light_paths: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """The simulation that made the color of an image, as it was asked for.
+
+    Attributes
+    ----------
+    effects
+        Effects in the order of `Effect`, so that equal sets are written alike.
+    sampling
+        Points over which each color is averaged.
+    transport
+        Light transport that light paths simulated, and their number; None where none were traced.
+    """
+
+    effects: tuple[Effect, ...]
+    sampling: Sampling
+    transport: Transport | None = None
+
+    @classmethod
+    def of(
+        cls, effects: Iterable[Effect], sampling: Sampling, transport: Transport | None = None
+    ) -> Rendering:
+        """Return the rendering with its effects in order."""
+        asked = frozenset(effects)
+        return cls(
+            effects=tuple(effect for effect in Effect if effect in asked),
+            sampling=sampling,
+            transport=transport,
+        )
+
+
+class ShownImage(Shown):
+    """An image whose pixels show surfaces: a notebook shows its color and heights, and xarray labels it."""
+
+    triangle: Numbers
+    object: Numbers
+    position: NDArray[np.floating]
+    color: Singles | None
+    certainty: Bytes | None
+
+    @property
+    def covered(self) -> Mask:
+        """Pixels that show a surface."""
+        raise NotImplementedError
+
+    def _labels(self, units: str) -> Labels:
+        """Return further arrays, coordinates and facts of the image by name, lengths in some units."""
+        raise NotImplementedError
+
+    def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
+        """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
+
+        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
+        -1 to 1), and rgb or xyz. The place of a hogel's aperture, or of an eye, is a coordinate; the numbers
+        of the camera, and the scene's hash, are attributes. The film of an eye is the rectangle of the plate.
+
+        Parameters
+        ----------
+        units
+            Name of the scene's unit of length (`scene.units`), which images do not know.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        images, places, attributes = self._labels(units)
+        surfaces = {
+            "triangle": labelled(self.triangle, "triangle number, -1 for no surface"),
+            "object": labelled(self.object, "object number, -1 for no surface"),
+            "height": labelled(self.position[..., 2], "height above the plate", units),
+            "position": labelled(self.position, "visible surface point", units, last="xyz"),
+            "color": labelled(self.color, "linear radiance", NO_UNIT),
+            "certainty": labelled(self.certainty, "0 proven, 1 decided exactly, 2 tie, 3 not examined"),
+        }
+        return dataset({**surfaces, **images}, places, attributes)
+
+    def _figures(self) -> Sequence[Figure]:
+        covered, height = self.covered, self.position[..., 2]
+        shown = Figure(caption="height, dark to light", content=png(by_height(covered, height)))
+        if self.color is None:
+            return (shown,)
+        return Figure(caption="color, sRGB", content=png(as_shown(self.color, covered, height))), shown
+
+    def _pixels(self) -> str:
+        """Return the size of the image, how many pixels show a surface, and at which heights."""
+        rows, columns = self.covered.shape
+        count, height = int(np.count_nonzero(self.covered)), self.position[..., 2]
+        known = height[np.isfinite(height)]
+        where = ""
+        if known.size:
+            where = f" at heights {digits(float(known.min()))} to {digits(float(known.max()))} scene units"
+        share = percent(count / self.covered.size) if self.covered.size else "0 %"
+        return f"{sides((columns, rows))} pixels, {count:,} ({share}) show a surface{where}"
+
+
+def labelled(
+    values: NDArray[Any] | float | None, meaning: str, units: str | None = None, last: str = "rgb"
+) -> Labelled | None:
+    """Return an array with its meaning; None where there is none."""
+    return None if values is None else Labelled(values=values, meaning=meaning, units=units, last=last)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -178,13 +285,51 @@ class HogelImage(ShownImage):
         )
 
     def _said(self) -> str:
-        return said_of_hogel(self)
+        camera = self.camera
+        kind = "image" if self.certainty is None else "truth"
+        if camera.settings is not None:
+            kind = f"drawing with near {digits(camera.settings.near)} {camera.settings.depth_label}"
+        column, row = camera.aperture.index
+        whose = f"{kind} of aperture {column},{row} of {camera.scene or 'a scene'!r} by {camera.renderer}"
+        optional = ("color", "normal", "variance", "certainty")
+        has = ["surfaces", *(name for name in optional if getattr(self, name) is not None)]
+        return f"{whose}; {self._pixels()}; has {', '.join(has)}"
 
     def _tables(self) -> Sequence[Table]:
-        return (table_of_hogel(self),)
+        camera, rows = self.camera, [("renderer", self.camera.renderer)]
+        if camera.settings is not None:
+            rows.append(("settings", str(camera.settings)))
+        if self.certainty is not None:
+            counts = {one.name.lower(): np.count_nonzero(self.certainty == one) for one in Certainty}
+            rows.append(("certainty", ", ".join(f"{n:,} {name}" for name, n in counts.items() if n)))
+        return (Table(rows=rows),)
 
     def _labels(self, units: str) -> Labels:
-        return labels_of_hogel(self, units)
+        camera = self.camera
+        at = camera.aperture
+        places = {
+            "column": Labelled(values=at.column, meaning="column of the hogel, from the left"),
+            "row": Labelled(values=at.row, meaning="row of the hogel, from the top"),
+            "x": Labelled(values=at.x, meaning="x of the aperture", units=units),
+            "y": Labelled(values=at.y, meaning="y of the aperture", units=units),
+        }
+        attributes = {
+            "aperture": list(at.index),
+            "shear": list(camera.shear),
+            "half_extent": list(camera.half_extent),
+            "reach": list(camera.reach),
+            "scene": camera.scene,
+            "scene_hash": camera.scene_hash,
+            "renderer": camera.renderer,
+            "settings": None if camera.settings is None else dumps(asdict(camera.settings)),
+            "light_paths": camera.light_paths,
+        }
+        variance = "variance of the color, which is a mean over light paths"
+        images = {
+            "normal": labelled(self.normal, "unit normal by the mesh's winding", NO_UNIT, last="xyz"),
+            "variance": labelled(self.variance, variance, NO_UNIT),
+        }
+        return images, places, attributes
 
     def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}

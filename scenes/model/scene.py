@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property, reduce
+from pathlib import PurePath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,8 +21,8 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.surface_attributes import SurfaceAttributes
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook.numbers import counted, digits, sides
+from xfrustum.scenes.notebook.shown import Brief, Shown, Table
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
@@ -155,9 +157,80 @@ class SceneObject(Shown):
         object.__setattr__(self, "faces", read_only(faces))
 
     def _said(self) -> str:
-        from xfrustum.scenes.model.scene_facts import said_of_object  # noqa: PLC0415 - it knows this module
+        low, size, high = self._extent()
+        return (
+            f"{PurePath(self.name).name!r}, {counted(len(self.faces), 'triangle')}, "
+            f"{size} scene units, heights {low} to {high}"
+        )
 
-        return said_of_object(self)
+    def _extent(self) -> tuple[str, str, str]:
+        """Return the lowest height, the size and the largest height of what triangles show, in words."""
+        points = self.vertices[self.faces.ravel()]
+        low, high = points.min(axis=0), points.max(axis=0)
+        return digits(low[2]), " x ".join(map(digits, (high - low).tolist())), digits(high[2])
+
+
+UNTEXTURED = -1
+"""Number in `texture_of_triangle` of a triangle without a texture."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SurfaceAttributes(Brief):
+    """Attributes of the vertices and triangles of all objects; None where no object has any.
+
+    Attributes
+    ----------
+    vertex_normals
+        (V, 3) normals of any length, NaN where a vertex has none.
+    vertex_colors
+        (V, 3) linear RGB, one where an object has none.
+    uv
+        (V, 2) texture coordinates, v up; NaN where a vertex has none.
+    textures
+        (H, W, 4) uint8 sRGB each, row 0 at the top.
+    texture_of_triangle
+        (F,) index into `textures`, or `UNTEXTURED`.
+    """
+
+    vertex_normals: Floats | None
+    vertex_colors: Floats | None
+    uv: Floats | None
+    textures: tuple[Bytes, ...]
+    texture_of_triangle: Numbers | None
+
+    @classmethod
+    def of(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
+        """Return the attributes of all objects, joined."""
+        textures: list[Bytes] = []
+        numbers = []
+        for part in objects:
+            own = part.texture_of_triangle
+            if own is None or part.uv is None:
+                numbers.append(np.full(len(part.faces), UNTEXTURED, dtype=np.int32))
+                continue
+            # A triangle with a corner that has no coordinates shows no texture.
+            placed = np.isfinite(part.uv[part.faces]).all(axis=(1, 2))
+            numbers.append(np.where((own >= 0) & placed, own + len(textures), UNTEXTURED).astype(np.int32))
+            textures += part.textures
+        textured = bool(textures) and any((part >= 0).any() for part in numbers)
+        return cls(
+            vertex_normals=_joined(objects, "vertex_normals", 3, np.nan),
+            vertex_colors=_joined(objects, "vertex_colors", 3, 1.0),
+            uv=_joined(objects, "uv", 2, np.nan),
+            textures=tuple(textures) if textured else (),
+            texture_of_triangle=np.concatenate(numbers) if textured else None,
+        )
+
+
+def _joined(objects: Sequence[SceneObject], name: str, width: int, missing: float) -> Floats | None:
+    """Concatenate an attribute of all objects; None where no object has it."""
+    if all(getattr(part, name) is None for part in objects):
+        return None
+    parts = [
+        np.full((len(part.vertices), width), missing) if getattr(part, name) is None else getattr(part, name)
+        for part in objects
+    ]
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -346,16 +419,28 @@ class Scene(Shown):
         return tuple(dict.fromkeys(candidates))
 
     def _said(self) -> str:
-        from xfrustum.scenes.model.scene_facts import said_of_scene  # noqa: PLC0415 - it knows this module
-
-        return said_of_scene(self)
+        toward, back = map(digits, self.frustum.reach)
+        screen, fov, units = self.frustum.screen, self.frustum.fov, self.units
+        if screen is not None:
+            size, height = sides(screen.size), digits(screen.height)
+            lines = f"recentered on a screen of {size} {units} at height {height} {units}"
+        else:
+            lines = f"each {sides(math.degrees(angle) for angle in fov or ())} degrees"
+        triangles = sum(len(part.faces) for part in self.objects)
+        return (
+            f"{self.name!r}, a plate of {sides(self.plate.size)} {units} with {sides(self.plate.hogels)} "
+            f"hogels of {sides(self.frustum.resolution)} pixels, {lines}, "
+            f"reach {toward} {units} toward the viewer and {back} {units} behind; "
+            f"{counted(len(self.objects), 'object')}, {counted(triangles, 'triangle')}"
+        )
 
     def _tables(self) -> Sequence[Table]:
-        from xfrustum.scenes.model.scene_facts import tables_of_scene  # noqa: PLC0415 - likewise
-
-        return tuple(tables_of_scene(self))
-
-    def _figures(self) -> Sequence[Figure]:
-        from xfrustum.scenes.model.scene_facts import silhouettes  # noqa: PLC0415 - likewise
-
-        return tuple(silhouettes(self))
+        rows = []
+        for part in self.objects:
+            low, size, high = part._extent()
+            name, count = PurePath(part.name).name, f"{len(part.faces):,}"
+            rows.append((name, count, size, f"{low} to {high}", part.material or "default"))
+        head = ("object", "triangles", f"size, {self.units}", f"heights, {self.units}", "material")
+        objects = [Table(head=head, rows=rows)] if rows else []
+        facts = [("source", self.source or "made in memory"), *(("warning", one) for one in self.warnings)]
+        return (*objects, Table(rows=facts))

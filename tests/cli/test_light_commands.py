@@ -21,7 +21,7 @@ from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.exr import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.hogel_image import Rendering
 
 MATERIAL = """
 [material.shiny]

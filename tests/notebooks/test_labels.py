@@ -93,5 +93,5 @@ def test_without_xarray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
     scene = small_scene()
     truth = Reference(scene).trace(scene.plate.middle)
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match=r"pip install 'xfrustum\[notebook\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[notebook\]'"):
         truth.to_xarray()

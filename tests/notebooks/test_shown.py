@@ -186,27 +186,6 @@ def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(results: dict
     assert expected.any()
 
 
-def test_a_scene_is_seen_by_the_viewer_and_from_the_side(results: dict[str, Shown]) -> None:
-    """A box to the right, above, and before the plate is there in both pictures; the plate is blue."""
-    scene = results["Scene"]
-    assert isinstance(scene, Scene)
-    box = next(part for part in scene.objects if part.name == "box")
-    moved = replace(box, vertices=box.vertices - box.vertices.mean(axis=0) + np.array([20.0, 15.0, 60.0]))
-    front, side = (
-        np.asarray(Image.open(io.BytesIO(figure.content))).astype(int)
-        for figure in replace(scene, objects=(moved,))._figures()
-    )
-    for picture, right in ((front, 0.75), (side, 0.7)):
-        gray = (picture[..., 0] == picture[..., 2]) & (picture[..., 0] > 95)
-        rows, columns = np.nonzero(gray)
-        assert len(rows) > 20
-        assert np.mean(columns) / picture.shape[1] == pytest.approx(right, abs=0.06)
-        assert np.mean(rows) / picture.shape[0] == pytest.approx(0.25, abs=0.12)
-        blue = picture[..., 2] > picture[..., 0] + 50
-        middle = np.argwhere(blue).mean(axis=0) / blue.shape
-        assert middle == pytest.approx([0.5, 0.5], abs=0.02)
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Strange(Shown):
     """A result whose words hold what HTML means otherwise."""

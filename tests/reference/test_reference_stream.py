@@ -15,8 +15,7 @@ from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.hogel_image import HogelImage, Rendering
 
 APERTURES = [(40, 30), (0, 0), (80, 60), (29, 12), (41, 30), (40, 30), (3, 55)]
 

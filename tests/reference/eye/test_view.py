@@ -16,8 +16,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.eye import Eye, HogelPixels
-from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 EYE = Eye(position=(7.0, -4.0, 500.0), resolution=(60, 45))

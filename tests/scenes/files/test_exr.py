@@ -25,7 +25,7 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.exr import ImageWriter, read_image, write_image
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.hogel_image import Rendering
 
 WIDTH, HEIGHT = 37, 21
 
