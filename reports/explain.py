@@ -10,6 +10,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -17,14 +18,6 @@ import numpy as np
 
 from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.compare.extent_words import require_seen
-from xfrustum.compare.eye.noticeable import (
-    Display,
-    Viewer,
-    display_limits,
-    require_before_viewer,
-    resolved_crack,
-    surface_content,
-)
 from xfrustum.compare.prediction.band_limiting import (
     LEVEL,
     band_limit,
@@ -70,10 +63,8 @@ MEASURED_PATHS = 4
 
 PROCEDURE = (
     "each image with and without the effect, in turn, the first of a pair in alternation, after one of each "
-    "that "
-    "warms up; medians, of the differences for costs; color only, one sample unless samples are what is "
-    "measured; "
-    "light transport from its time for 4 paths a pixel"
+    "that warms up; medians, of the differences for costs; color only, one sample unless samples are what is "
+    "measured; light transport from its time for 4 paths a pixel"
 )
 """How costs are measured, in words."""
 
@@ -85,36 +76,13 @@ SINGLE_SAMPLE = Sampling()
 
 # Costs ---------------------------------------------------------------------------------------------------
 
-
-@dataclass(frozen=True, kw_only=True)
-class Cost:
-    """The seconds that an effect adds to an image: median, spread and interval of differences of pairs."""
-
-    seconds: float
-    spread: float
-    interval: tuple[float, float]
-    repetitions: int
-    without: float
-    """Median time of the image without the effect."""
-
-    @property
-    def resolved(self) -> bool:
-        """Whether the effect is told to take time, or to save it: the interval is on one side of zero."""
-        low, high = self.interval
-        return self.repetitions >= FEWEST_DIFFERENCES and (low > 0 or high < 0)
-
-    def times(self, factor: float) -> Cost:
-        """Return the cost of an effect that takes so many times as long."""
-        low, high = self.interval
-        return replace(
-            self,
-            seconds=factor * self.seconds,
-            spread=factor * self.spread,
-            interval=(factor * low, factor * high),
-        )
-
+Cost = dict[str, Any]
+"""Seconds that an effect adds to an image: median, `spread` and `interval` of the differences of pairs, whether
+it is `resolved` from zero, and the median of the image `without` it."""
 
 Image = Callable[[], object]
+Wanted = tuple[Sampling, frozenset[Effect] | None]
+"""Sampling and effects of an image that is timed; None for the effects that the scene calls for."""
 
 
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
@@ -123,23 +91,24 @@ def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
     After one pair that warms up, the images of a pair are made in alternating order: the second may find
     caches filled, or a processor slowed down.
     """
-    pairs = [_pair(with_it, without_it, swapped=turn % 2 == 0) for turn in range(repeat + 1)][1:]
-    differences = [one - other for one, other in pairs]
+    differences, plain = [], []
+    for turn in range(repeat + 1):
+        if turn % 2:
+            more, less = _seconds(with_it), _seconds(without_it)
+        else:
+            less, more = _seconds(without_it), _seconds(with_it)
+        differences.append(more - less)
+        plain.append(less)
+    differences, plain = differences[1:], plain[1:]
+    low, high = median_interval(differences)
     quartiles = statistics.quantiles(differences, n=4) if repeat > 1 else differences * 3
-    return Cost(
-        seconds=statistics.median(differences),
-        spread=(quartiles[2] - quartiles[0]) / 2,
-        interval=median_interval(differences),
-        repetitions=repeat,
-        without=statistics.median(other for _, other in pairs),
-    )
-
-
-def _pair(with_it: Image, without_it: Image, *, swapped: bool) -> tuple[float, float]:
-    if swapped:
-        other = _seconds(without_it)
-        return _seconds(with_it), other
-    return _seconds(with_it), _seconds(without_it)
+    return {
+        "seconds": statistics.median(differences),
+        "spread": (quartiles[2] - quartiles[0]) / 2,
+        "interval": (low, high),
+        "resolved": repeat >= FEWEST_DIFFERENCES and (low > 0 or high < 0),
+        "without": statistics.median(plain),
+    }
 
 
 def _seconds(image: Image) -> float:
@@ -148,55 +117,51 @@ def _seconds(image: Image) -> float:
     return time.perf_counter() - start
 
 
-@dataclass(frozen=True, kw_only=True)
-class EffectTimes:
-    """Measures the image of one aperture by both renderers, which are loaded only then."""
-
-    scene: Scene
-    aperture: Aperture
-    settings: DoubleFrustum
-    tracer: str
-    repeat: int
-
-    def of_effects(self, with_it: frozenset[Effect], without_it: frozenset[Effect]) -> dict[str, Cost]:
-        """Return the cost of one set of effects beyond another, by renderer."""
-        found = {"raster": self._cost("raster", (SINGLE_SAMPLE, with_it), (SINGLE_SAMPLE, without_it))}
-        # A true line meets the same surface first, whichever cameras would draw it.
-        if (with_it ^ without_it) - {Effect.C, Effect.C_STAR}:
-            found["reference"] = self._cost(
-                "reference", (SINGLE_SAMPLE, with_it), (SINGLE_SAMPLE, without_it)
-            )
-        return found
-
-    def of_sampling(self, sampling: Sampling) -> dict[str, Cost]:
-        """Return the cost of finer sampling beyond one sample, by renderer."""
-        return {name: self._cost(name, (sampling, None), (SINGLE_SAMPLE, None)) for name in RENDERERS}
-
-    def of_transport(self, transport: Transport) -> dict[str, Cost]:
-        """Return the cost of Mitsuba's light transport: the whole time of an image of its own."""
+def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, Cost]:
+    """Return the cost by renderer of an effect, added to those used or taken away, or of a setting."""
+    scene, repeat = plan.scene, plan.repeat
+    asked, transport = scene.sampling, scene.transport
+    if name in ("shadows", "interreflection"):
         from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415 - only where measured
 
-        tracer, few = PathTracer(self.scene), replace(transport, samples=MEASURED_PATHS)
-        found = cost(lambda: tracer.render(self.aperture, few), lambda: None, self.repeat)
-        return {"reference": found.times(transport.samples / MEASURED_PATHS)}
+        tracer = PathTracer(scene)
+        few = Transport(samples=MEASURED_PATHS, **{name: True})
+        found = cost(lambda: tracer.render(plan.aperture, few), lambda: None, repeat)
+        factor = transport.samples / MEASURED_PATHS
+        longer = {key: factor * found[key] for key in ("seconds", "spread")}
+        return {"reference": found | longer | {"interval": tuple(factor * end for end in found["interval"])}}
+    finer = {
+        "antialiasing": replace(asked, aperture=1)
+        if (asked.supersample > 1 or asked.multisample > 1)
+        else Sampling(supersample=2),
+        "band-limiting": Sampling(aperture=asked.aperture if asked.aperture > 1 else 4),
+    }
+    if name in finer:
+        return _measured(plan, (finer[name], None), (SINGLE_SAMPLE, None))
+    one = ALL_EFFECTS if name == "all" else used | {Effect(name)}
+    other = used if name == "all" else used - {Effect(name)}
+    # A true line meets the same surface first, whichever cameras would draw it.
+    renderers = RENDERERS if (one ^ other) - {Effect.C, Effect.C_STAR} else RENDERERS[:1]
+    return _measured(plan, (SINGLE_SAMPLE, one), (SINGLE_SAMPLE, other), renderers)
 
-    def _cost(self, renderer: str, *images: tuple[Sampling, frozenset[Effect] | None]) -> Cost:
-        from xfrustum.raster import Rasterizer  # noqa: PLC0415 - only where measured
-        from xfrustum.reference import Reference  # noqa: PLC0415 - likewise
 
-        (fine, more), (plain, fewer) = images
+def _measured(
+    plan: EffectsPlan, one: Wanted, other: Wanted, renderers: Sequence[str] = RENDERERS
+) -> dict[str, Cost]:
+    """Return the cost of one image beyond another, by renderer; these are loaded only here."""
+    from xfrustum.raster import Rasterizer  # noqa: PLC0415 - only where measured
+    from xfrustum.reference import Reference  # noqa: PLC0415 - likewise
+
+    def image(renderer: str, wanted: Wanted) -> Image:
+        sampling, effects = wanted
         if renderer == "reference":
-            one, other = (Reference(self.scene, self.tracer, some) for some in (more, fewer))
-            return cost(
-                lambda: one.trace(self.aperture, fine), lambda: other.trace(self.aperture, plain), self.repeat
-            )
-        with Rasterizer(self.scene, more) as first, Rasterizer(self.scene, fewer) as second:
-            asked = (self.aperture, self.settings)
-            return cost(
-                lambda: first.render(*asked, normals=False, sampling=fine),
-                lambda: second.render(*asked, normals=False, sampling=plain),
-                self.repeat,
-            )
+            reference = Reference(plan.scene, plan.tracer, effects)
+            return lambda: reference.trace(plan.aperture, sampling)
+        rasterizer = stack.enter_context(Rasterizer(plan.scene, effects))
+        return lambda: rasterizer.render(plan.aperture, plan.settings, normals=False, sampling=sampling)
+
+    with ExitStack() as stack:
+        return {name: cost(image(name, one), image(name, other), plan.repeat) for name in renderers}
 
 
 # What a scene calls for ----------------------------------------------------------------------------------
@@ -300,17 +265,7 @@ def explain(
     require_seen(scene, [aperture])
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
     rows = [_local(one) for one in decide(scene, question=question)] + _settings_of(scene, repeat > 0)
-    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
-    left_out: dict[str, Cost] = {}
-    if repeat:
-        times = EffectTimes(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
-        with progress_bar(len(rows) + 1, "explain", "effect", shown=progress) as bar:
-            for number, row in enumerate(rows):
-                rows[number] = replace(row, costs=_measured(row, used, times))
-                bar.update()
-            left_out = times.of_effects(ALL_EFFECTS, used)
-            bar.update()
-    return EffectsPlan(
+    plan = EffectsPlan(
         scene=scene,
         aperture=aperture,
         settings=settings,
@@ -318,9 +273,19 @@ def explain(
         rows=tuple(rows),
         slabs=slab_contents(scene, settings),
         depths=depths(scene, aperture, settings),
-        left_out=left_out,
+        left_out={},
         repeat=repeat,
     )
+    if not repeat:
+        return plan
+    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
+    names, costs = [*(row.name for row in rows), "all"], {}
+    with progress_bar(len(names), "explain", "effect", shown=progress) as bar:
+        for name in names:
+            costs[name] = _costs(plan, name, used)
+            bar.update()
+    measured = tuple(replace(row, costs=costs[row.name]) for row in rows)
+    return replace(plan, rows=measured, left_out=costs["all"])
 
 
 def _local(one: Decision) -> Row:
@@ -358,22 +323,6 @@ def _settings_of(scene: Scene, measured: bool) -> list[Row]:
         )
         for name, used, asked, cheap in rows
     ]
-
-
-def _measured(row: Row, used: frozenset[Effect], times: EffectTimes) -> dict[str, Cost]:
-    """Return the cost of an effect that is added to those used, or taken away from them, or of a setting."""
-    asked = times.scene.sampling
-    match row.name:
-        case "antialiasing":
-            return times.of_sampling(replace(asked, aperture=1) if row.used else Sampling(supersample=2))
-        case "band-limiting":
-            return times.of_sampling(Sampling(aperture=asked.aperture if row.used else 4))
-        case "shadows" | "interreflection":
-            samples = times.scene.transport.samples
-            return times.of_transport(Transport(samples=samples, **{row.name: True}))
-        case _:
-            effect = Effect(row.name)
-            return times.of_effects(used | {effect}, used - {effect})
 
 
 # What bounds errors at each depth --------------------------------------------------------------------------
@@ -489,7 +438,7 @@ def _effect(row: Row) -> dict[str, Any]:
 
 def _by_renderer(costs: dict[str, Cost], name: str) -> dict[str, Any]:
     """Return a number of the cost by each renderer; None where it was not measured or means nothing."""
-    return {one: getattr(costs[one], name) if one in costs else None for one in RENDERERS}
+    return {one: costs[one][name] if one in costs else None for one in RENDERERS}
 
 
 def _objects(plan: EffectsPlan) -> Iterator[dict[str, Any]]:
@@ -540,7 +489,7 @@ def table(plan: EffectsPlan) -> str:
     ]
     for name, cost_of_all in plan.left_out.items():
         text.append(
-            f"{name} {_duration(cost_of_all.without)} an image, all effects besides {_time(cost_of_all)}"
+            f"{name} {_duration(cost_of_all['without'])} an image, all effects besides {_time(cost_of_all)}"
         )
     if plan.left_out:
         text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
@@ -596,12 +545,9 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
 
 def _time(found: Cost | None) -> str:
     """Write a cost, or the interval of its repetitions where it cannot be told from nothing."""
-    if found is None:
-        return "-"
-    if not found.resolved:
-        low, high = found.interval
-        return f"not told ({_duration(low)} to {_duration(high)})"
-    return _duration(found.seconds)
+    if found is None or found["resolved"]:
+        return "-" if found is None else _duration(found["seconds"])
+    return f"not told ({' to '.join(map(_duration, found['interval']))})"
 
 
 def _duration(seconds: float) -> str:
@@ -622,7 +568,16 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
     InputError
         A surface within the reach lies behind the viewer.
     """
-    from xfrustum.compare.planning.viewer import EyeRequirement, binding  # noqa: PLC0415 - loads the reference
+    # Eyes are measured with the reference, which takes longer to load than all the rest takes to answer.
+    from xfrustum.compare.eye.noticeable import (  # noqa: PLC0415
+        Display,
+        Viewer,
+        display_limits,
+        require_before_viewer,
+        resolved_crack,
+        surface_content,
+    )
+    from xfrustum.compare.planning.viewer import EyeRequirement, binding  # noqa: PLC0415
 
     viewer, display, content = Viewer(distance=distance), Display.of(scene), surface_content(scene)
     require_before_viewer(scene, content, viewer)
