@@ -77,7 +77,7 @@ SINGLE_SAMPLE = Sampling()
 # Costs ---------------------------------------------------------------------------------------------------
 
 Cost = dict[str, Any]
-"""Seconds that an effect adds to an image: median, `spread` and `interval` of the differences of pairs, whether
+"""Seconds that an effect adds to an image: median, `spread` and `interval` of differences of pairs, whether
 it is `resolved` from zero, and the median of the image `without` it."""
 
 Image = Callable[[], object]

@@ -50,7 +50,6 @@ def explain(
     or an option here, asks for them.
     """
     opened = light.applied(options.open_scene(scene))
-    from xfrustum.compare.eye.noticeable import scene_length
     from xfrustum.reports import explain as explaining
 
     near = near or explaining.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach
@@ -67,6 +66,8 @@ def explain(
     )
     summary, text = explaining.summary(plan), explaining.table(plan)
     if viewer is not None:
+        from xfrustum.compare.eye.noticeable import scene_length
+
         record = explaining.viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
         summary, text = (
             {**summary, "viewer": record},
