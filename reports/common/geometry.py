@@ -20,13 +20,7 @@ from xfrustum.scenes.plate.frustum import Frustum
 
 @dataclass(frozen=True, kw_only=True)
 class CameraGeometry:
-    """Where the two cameras stand and what their films span, for any near and depth buffer.
-
-    Attributes
-    ----------
-    pivot, fit, offset, slabs
-        As in `DoubleFrustum`.
-    """
+    """Where the two cameras stand and what their films span, for any near and depth buffer."""
 
     pivot: Pivot = Pivot.APERTURE
     fit: Fit | float | None = None

@@ -117,8 +117,6 @@ class Light:
 
         Parameters
         ----------
-        scene
-            Scene whose images are made.
         apertures
             Apertures of the images; None for all of the plate.
         settings
@@ -139,8 +137,6 @@ class Light:
 
         Parameters
         ----------
-        scene
-            Scene with these settings applied.
         given
             Tracer that the command line names; None chooses one that can do what is asked for.
 

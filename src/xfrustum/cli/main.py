@@ -96,8 +96,9 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
         return 0
     elif isinstance(error, OSError) and error.errno in ADVICE:
-        place = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
-        say(f"error: {place}{os.strerror(error.errno)}; {ADVICE[error.errno]}")
+        # Files of ours have names: without one it is what was printed.
+        place = "standard output" if error.filename is None else os.fsdecode(error.filename)
+        say(f"error: {place}: {os.strerror(error.errno)}; {ADVICE[error.errno]}")
     elif isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
         say(interrupts.WORDS[signal.SIGINT])
         return 128 + signal.SIGINT

@@ -383,10 +383,6 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
 
     Parameters
     ----------
-    scene
-        Scene that the command is asked about.
-    apertures
-        Apertures that the command is asked about.
     black_is_right
         Whether the command's answer is a picture, which may be black: then apertures that see nothing are
         a warning as long as another one sees something, and in hard cases, which are empty on purpose.
@@ -432,12 +428,4 @@ def tell(as_json: bool, summary: Callable[[], Any], text: Callable[[], str]) -> 
 
 def echo(text: str) -> None:
     """Print text on standard output, its control characters escaped."""
-    try:
-        click.echo(printable(text))
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        reason = error.strerror or "I/O error"
-        raise click.ClickException(
-            f"standard output: cannot be written ({reason}); send it to a place that has room"
-        ) from error
+    click.echo(printable(text))
