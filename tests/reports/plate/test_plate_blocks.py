@@ -95,7 +95,7 @@ def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -
 
 def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Path, clean: Path) -> None:
     (plate / SHARD).unlink()
-    with pytest.raises(InputError, match=r"another layout \(block was 3, now 2"):
+    with pytest.raises(InputError, match=r"another layout \(block was"):
         write_plate(small(), SETTINGS, plate, content=ALL, block=(2, 2))
     assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
     assert tree(plate) == tree(clean)
@@ -211,7 +211,7 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
         (["--depth", "d16"], "give --near too"),
         (["--near", "0.1", "--shadows"], "add --truth"),
         (["--near", "0.1", "--channels", "color,depth"], "is not one of"),
-        (["--near", "0.1", "--block", "0x4"], "columns x rows"),
+        (["--near", "0.1", "--block", "0x4"], "COLUMNSxROWS"),
         (["--near", "0.1", "--channels", "certainty"], "certainty"),
     ],
 )
