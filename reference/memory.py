@@ -27,7 +27,7 @@ def bands(width: int, rows: range, pixels: int = BAND_PIXELS) -> Iterator[range]
 
 
 PADDING = 64
-"""Values behind the end of an array that kernels may read. They load whole packets of up to 16 lanes, and
+"""Values behind the end of an array that kernels may read. They load whole vectors of up to 16 lanes, and
 gather single bytes four at a time; NumPy's arrays end where their last value does."""
 
 ALIGNMENT = 64
