@@ -329,7 +329,8 @@ def check_folder(folder: Path) -> None:
 def accepted_runs(folder: Path) -> list[Run]:
     """Return all accepted runs of a folder; what was begun last comes last, and of that the last run."""
     found = []
-    for path in sorted((folder / ACCEPTED).glob("*")):
+    # Hidden names are those of files that other processes are about to put there.
+    for path in sorted((folder / ACCEPTED).glob("[!.]*")):
         try:
             found.append(_RUN.validate_json(path.read_bytes()))
         except (OSError, ValidationError) as error:
