@@ -3,8 +3,7 @@
 best         The recommendation: which depth buffer and near planes are best, and the sentence that says so
 causes       Causes of wrong surfaces over near: a stacked figure for each depth buffer, and which one
              dominates
-figures      The curves of a report, as plotly figures: error against near, prediction drawn in, time
-             per stage
+figures      The curves of a report, as plotly figures: error against near, prediction drawn in
 geometries   Camera geometries of a report side by side: curves over near, and what the shear alone
              does to points
 images       Pictures for people: encoded, small, with scales that stay the same over a whole report

@@ -1,4 +1,4 @@
-"""The curves of a report, as plotly figures: error against near, prediction drawn in, time per stage."""
+"""The curves of a report, as plotly figures: error against near, prediction drawn in."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.reports.common.figure_style import COLORS, INK, log_axis, look, style
 from xfrustum.reports.error_report.measurement import Measurement
-from xfrustum.reports.error_report.sweep import Sweep
 
 Number = Callable[[Measurement], float | None]
 
@@ -34,48 +33,11 @@ def curves(rows: Sequence[tuple[int, Measurement]], reach: float) -> dict[str, g
     }
 
 
-def stage_times(sweep: Sweep) -> go.Figure:
-    """Return a bar per stage: seconds added up over all frames, the device's part of `raster` apart."""
-    stages = list(sweep.times_s)
-    parts = dict.fromkeys(stages, 0.0) | {"raster": sweep.gpu_s}
-    names = {stage: stage for stage in stages} | {"raster": "raster, of it gpu"}
-    figure = go.Figure()
-    for seconds, label, color in (
-        ([parts[stage] for stage in stages], "part", COLORS[2]),
-        ([sweep.times_s[stage] - parts[stage] for stage in stages], "stage", COLORS[1]),
-    ):
-        whole = label == "stage"
-        figure.add_bar(
-            x=seconds,
-            y=stages,
-            orientation="h",
-            marker={"color": color},
-            text=[f"{sweep.times_s[stage]:.2f} s" if whole else "" for stage in stages],
-            textposition="outside" if whole else "none",
-            cliponaxis=False,
-            customdata=[sweep.times_s[stage] if whole else parts[stage] for stage in stages],
-            hovertext=stages if whole else [names[stage] for stage in stages],
-            hovertemplate="%{hovertext}: %{customdata:.3f} s<extra></extra>",
-            showlegend=False,
-        )
-    style(figure)
-    figure.update_layout(
-        barmode="stack", height=70 + 34 * len(stages), margin={"l": 90, "r": 70, "t": 10, "b": 50}
-    )
-    figure.update_xaxes(title_text="seconds, added up over all frames", rangemode="tozero")
-    figure.update_yaxes(autorange="reversed", showgrid=False)
-    return figure
-
-
 def number_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
 ) -> go.Figure:
     """Draw a number of each row against near, one line for each depth buffer; zeros are left out."""
-    figure = go.Figure()
-    _add_depth_lines(figure, rows, reach, number)
-    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
-    _log_axes(figure, title)
-    return figure
+    return grouped_figure(_by_depth(rows), reach, number, title)
 
 
 def grouped_figure(

@@ -73,7 +73,6 @@ def render_page(sweep: Sweep, light: LightReport | None = None) -> str:
         "triangle_color": images.TRIANGLE_COLOR,
         "shading": light,
         "equally_good": best.equally_good_sentence(sweep.rows),
-        "total_s": sweep.wall_s,
         "cost": sweep.cost_sentence,
         "geometries": geometries.context(sweep),
         "dominant": _dominant(sweep),
@@ -108,7 +107,6 @@ def _page_data(sweep: Sweep, light: LightReport | None) -> dict[str, Any]:
             [_curves(sweep, light, aperture, one) for one in sweep.geometries] for aperture in sweep.apertures
         ],
         "eye": light and light.eye_figure,
-        "times": figures.stage_times(sweep),
         "scout": map_figures(sweep.auto) if sweep.auto else (),
     }
 

@@ -123,11 +123,6 @@ class Sweep:
         """Return the sweep with one more stage, which was done after all others."""
         return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
 
-    @property
-    def gpu_s(self) -> float:
-        """Seconds in which the device drew all frames, by its own clock."""
-        return sum(row.parts_s.raster.gpu for row in self.rows)
-
     @cached_property
     def geometries(self) -> tuple[CameraGeometry, ...]:
         """Camera geometries of all settings, each once."""

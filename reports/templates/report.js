@@ -209,5 +209,4 @@ get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 
 
 for (const name of Object.keys(data.curves[0][0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
 data.scout.forEach((map, place) => Plotly.newPlot(get("plot-scout").children[place], map.data, map.layout, { ...config, displayModeBar: false }));
-Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
 choose(data.rows[data.start]);
