@@ -214,7 +214,7 @@ def _opened(path: Path) -> Iterator[OpenEXR.InputFile]:
             if not file.isComplete():
                 raise OSError("rows are missing")
             yield file
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
+    except (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError) as error:
         raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
 
 

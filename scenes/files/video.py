@@ -49,6 +49,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     try:
         with av.open(str(path)) as video:
             stream = video.streams.video[0]
+            if stream.codec_context is None:
+                raise ValueError("its codec is not known")
             width, height = stream.width, stream.height
             check_allowed(
                 path, DECODER_BYTES_PER_PIXEL * width * height, f"a frame of {width} x {height} pixels"

@@ -275,6 +275,16 @@ def test_missing_other_and_cut_off_files_are_input_errors(tmp_path: Path) -> Non
             read_image(tmp_path / "cut.exr")
 
 
+def test_a_line_order_of_two_bytes_is_damage(tmp_path: Path) -> None:
+    path = tmp_path / "image.exr"
+    write_image(path, an_image())
+    name = b"lineOrder\0lineOrder\0"
+    before, after = path.read_bytes().split(name)
+    path.write_bytes(before + name + b"\2\0\0\0" + b"\2\0" + after[5:])
+    with pytest.raises(InputError, match="damaged"):
+        read_image(path)
+
+
 def test_of_a_damaged_file_openexr_itself_prints_nothing(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,3 +56,10 @@ def test_more_frames_than_hogels_are_allowed_are_refused(tmp_path: Path) -> None
     declaring(written(tmp_path / "HogelRow_0.avi", 2), 30_000_000)
     with pytest.raises(InputError, match=r"--max-hogels|2 frames"):
         find_files(tmp_path).rows().row(0)
+
+
+def test_a_codec_that_nobody_knows_is_one_line(tmp_path: Path) -> None:
+    path = written(tmp_path / "HogelRow_0.avi", 2)
+    path.write_bytes(path.read_bytes().replace(b"FFV1", b"\1\2\3\4"))
+    with pytest.raises(InputError, match="is not a video that can be read"):
+        find_files(tmp_path).rows()
