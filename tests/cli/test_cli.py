@@ -158,7 +158,7 @@ def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
     for name in images:
         Path(name).rename(tmp_path / "moved" / name)
     assert main(["compare", *(f"moved/{name}" for name in images)]) == 0
-    assert "(moved/boxes.toml: plate must be" in capsys.readouterr().err
+    assert "(moved/boxes.toml: plate: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("change", ["gone", "other", "broken"])
@@ -297,9 +297,9 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
     [
         ("cost boxes.toml", "cost.cost.measure_cost"),
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
-        ("budget boxes.toml --near 1", "commands.budgeting.budget_of"),
-        ("compare a.exr b.exr", "commands.comparison.compare_files"),
-        ("figure7 boxes.toml", "commands.figure7.draw_figure"),
+        ("budget boxes.toml --near 1", "budget.budget_of"),
+        ("compare a.exr b.exr", "comparison.compare_files"),
+        ("figure7 boxes.toml", "figure7.draw_figure"),
     ],
 )
 @pytest.mark.usefixtures("scene")
