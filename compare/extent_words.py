@@ -65,60 +65,65 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
         f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
         for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
     ]
-    more = len(scene.objects) - len(named)
-    where = "; ".join([*named, f"and {more} more objects are not in sight"] if more else named)
-    return f"{scene.name}: {_none_of(scene, apertures)} of the scene: {where}"
+    if more := len(scene.objects) - len(named):
+        named.append(f"and {more} more objects are not in sight")
+    who = f"none of the {len(apertures)} apertures asked for sees anything"
+    if len(apertures) >= np.prod(scene.plate.hogels):
+        who = "no aperture of the plate sees anything"
+    elif len(apertures) == 1:
+        who = f"aperture {apertures[0].column},{apertures[0].row} sees nothing"
+    return f"{scene.name}: {who} of the scene: {'; '.join(named)}"
+
+
+def _seen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> bool:
+    """Return whether any of the apertures can show some of an object."""
+    if len(apertures) > MAX_SINGLE_APERTURES:
+        flags = apertures_in_sight(part, scene.frustum, scene.plate)
+        apertures = [one for one in apertures if flags[one.row, one.column]]
+    return any(in_sight(part, scene.frustum, one) for one in apertures)
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object that the reach cuts, and for each object that is tiny."""
-    return (*reach_warnings(scene), *scale_warnings(scene))
-
-
-def reach_warnings(scene: Scene) -> tuple[str, ...]:
-    """Return a sentence for each object that the reach cuts: which part of the object is beyond."""
-    found = (_reach_warning(scene, number, part) for number, part in enumerate(scene.objects))
-    return _first([text for text in found if text is not None])
-
-
-def _first(found: Sequence[str]) -> tuple[str, ...]:
-    """Return the first few sentences; the last one ends with the number of sentences that are left out."""
-    more = len(found) - MAX_NAMED_OBJECTS
-    if more <= 0:
-        return tuple(found)
-    return (
-        *found[: MAX_NAMED_OBJECTS - 1],
-        f"{found[MAX_NAMED_OBJECTS - 1]}; and so for {more} more objects",
-    )
-
-
-def scale_warnings(scene: Scene) -> tuple[str, ...]:
-    """Return a sentence for each object that is tiny beside the plate: its units may not be the scene's."""
-    side = max(scene.plate.size)
-    found = []
+    (toward, back), units, side = scene.frustum.reach, scene.units, max(scene.plate.size)
+    cut, tiny = [], []
     for number, part in enumerate(scene.objects):
-        low, high = box(part)
-        if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
-            found.append(
-                f"{_name(number, part)} is {_size(low, high, scene.units)}, and the plate is {length(side)} "
-                f"{scene.units} wide: give it a scale if it is in other units"
+        name, (low, high) = _name(number, part), box(part)
+        if low[2] < -back or high[2] > toward:
+            share = share_in_reach(part, scene.frustum)
+            beyond = (
+                "" if share is None else f": {_percent(1 - share)} of its surface is beyond and is not imaged"
             )
-    return _first(found)
+            reach = f"{length(back)} {units} behind the plate and {length(toward)} before it"
+            cut.append(f"{name} {_spans(low[2], high[2], units)}, and the reach is {reach}{gone}")
+        if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
+            tiny.append(
+                f"{name} is {_size(low, high, units)}, and the plate is {length(side)} {units} wide: give it "
+                "a scale if it is in other units"
+            )
+    return (*_first(cut), *_first(tiny))
 
 
 def plate_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object with triangles in the plate, where displacement is undefined."""
-    found = []
-    for number, part in enumerate(scene.objects):
-        count = in_plate(part)
-        if count:
-            verb = "lies" if count == 1 else "lie"
-            found.append(
-                f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles {verb} in the plate, "
-                "within rounding: displacement is undefined there, and no plan holds for apertures that show "
-                "it; move it before or behind the plate"
-            )
-    return _first(found)
+    counts = [(number, part, in_plate(part)) for number, part in enumerate(scene.objects)]
+    return _first(
+        [
+            f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in the plate, within "
+            "rounding: displacement is undefined there, and no plan holds for apertures that show it; move it "
+            "before or behind the plate"
+            for number, part, count in counts
+            if count
+        ]
+    )
+
+
+def _first(found: Sequence[str]) -> tuple[str, ...]:
+    """Return the first few sentences; the last one ends with the number of sentences that are left out."""
+    named, more = list(found[:MAX_NAMED_OBJECTS]), len(found) - MAX_NAMED_OBJECTS
+    if more > 0:
+        named[-1] += f"; and so for {more} more objects"
+    return tuple(named)
 
 
 def length(value: float) -> str:
@@ -156,23 +161,6 @@ def _name(number: int, part: SceneObject) -> str:
 
 def _size(low: Point, high: Point, units: str) -> str:
     return " x ".join(length(b - a) for a, b in zip(low, high, strict=True)) + f" {units}"
-
-
-def _none_of(scene: Scene, apertures: Sequence[Aperture]) -> str:
-    columns, rows = scene.plate.hogels
-    if len(apertures) >= columns * rows:
-        return "no aperture of the plate sees anything"
-    if len(apertures) == 1:
-        return f"aperture {apertures[0].column},{apertures[0].row} sees nothing"
-    return f"none of the {len(apertures)} apertures asked for sees anything"
-
-
-def _seen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> bool:
-    """Return whether any of the apertures can show some of an object."""
-    if len(apertures) > MAX_SINGLE_APERTURES:
-        flags = apertures_in_sight(part, scene.frustum, scene.plate)
-        apertures = [one for one in apertures if flags[one.row, one.column]]
-    return any(in_sight(part, scene.frustum, one) for one in apertures)
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
@@ -218,20 +206,6 @@ def _why_aside(scene: Scene, low: Point, high: Point, apertures: Sequence[Apertu
                     f"at its height the lines end {length(limit)} {scene.units} from there"
                 ).replace("  ", " ")
     return text
-
-
-def _reach_warning(scene: Scene, number: int, part: SceneObject) -> str | None:
-    """Say which part of an object lies beyond the reach; None where none does."""
-    (toward, back), units = scene.frustum.reach, scene.units
-    low, high = box(part)
-    if low[2] >= -back and high[2] <= toward:
-        return None
-    share = share_in_reach(part, scene.frustum)
-    beyond = "" if share is None else f": {_percent(1 - share)} of its surface is beyond and is not imaged"
-    return (
-        f"{_name(number, part)} {_spans(low[2], high[2], units)}, and the reach is {length(back)} "
-        f"{units} behind the plate and {length(toward)} before it{beyond}"
-    )
 
 
 def _percent(share: float) -> str:

@@ -22,6 +22,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import assert_never
 
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.share import Slab
@@ -196,8 +197,18 @@ class Attempt:
     @property
     def price(self) -> tuple[bool, int]:
         """What its depth buffer costs: whether fragments write it, which costs the early test, then bytes."""
-        written = self.settings.mapping in (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR)
-        return written, BYTES[self.settings.depth]
+        return _written_by_fragments(self.settings.mapping), BYTES[self.settings.depth]
+
+
+def _written_by_fragments(mapping: DepthMapping) -> bool:
+    """Return whether fragments write a mapping's depth."""
+    match mapping:
+        case DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
+            return True
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.REVERSED:
+            return False
+        case _:
+            assert_never(mapping)
 
 
 class Search:

@@ -37,7 +37,7 @@ class DepthMapping(StrEnum):
 
     A new mapping needs a member here and a case in every `match` on a mapping: in
     `raster/cameras/depth_formats.py`, in `depth.py` and `share.py` of `compare/prediction`, in `depth.py` and
-    `edges.py` of `compare/rounding`, and in `compare/planning/robust.py`. mypy finds these places: it reports
+    `edges.py` of `compare/rounding`, and in `compare/planning/search.py`. mypy finds these places: it reports
     every `match` that lacks a member.
     """
 
