@@ -91,7 +91,7 @@ def warnings(scene: Scene) -> tuple[str, ...]:
         name, (low, high) = _name(number, part), box(part)
         if low[2] < -back or high[2] > toward:
             share = share_in_reach(part, scene.frustum)
-            beyond = (
+            gone = (
                 "" if share is None else f": {_percent(1 - share)} of its surface is beyond and is not imaged"
             )
             reach = f"{length(back)} {units} behind the plate and {length(toward)} before it"
@@ -107,11 +107,13 @@ def warnings(scene: Scene) -> tuple[str, ...]:
 def plate_warnings(scene: Scene) -> tuple[str, ...]:
     """Return a sentence for each object with triangles in the plate, where displacement is undefined."""
     counts = [(number, part, in_plate(part)) for number, part in enumerate(scene.objects)]
+    told = (
+        "lie in the plate, within rounding: displacement is undefined there, and no plan holds for apertures "
+        "that show it; move it before or behind the plate"
+    )
     return _first(
         [
-            f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles lie in the plate, within "
-            "rounding: displacement is undefined there, and no plan holds for apertures that show it; move it "
-            "before or behind the plate"
+            f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}"
             for number, part, count in counts
             if count
         ]
