@@ -139,7 +139,7 @@ class Parts:
                 write_file(path, json.dumps(wanted, indent=1).encode(), host=self.out)
         try:
             found = json.loads(_regular(path) or b"")
-        except ValueError:
+        except (ValueError, RecursionError):
             found = None
         if found != wanted:
             raise InputError(

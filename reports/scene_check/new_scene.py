@@ -13,8 +13,8 @@ from xfrustum.compare.extent import PLATE_ROUNDING, box, in_plate
 from xfrustum.compare.extent_words import heights, length
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.meshes.meshes import load_mesh
-from xfrustum.scenes.files.meshes.patches import load_patches
+from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.files.patches import load_patches
 from xfrustum.scenes.model.scene import SceneObject
 
 FOV_DEG = 60.0

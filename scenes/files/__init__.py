@@ -1,7 +1,10 @@
 """Scenes from files: tables, meshes, maps and images.
 
 layouts           Layouts: the ways in which people store the pictures of a plate, as a table
-meshes/           mesh files: what is checked, what is read, and nothing that is made up
+meshes            Mesh files through trimesh, and nothing that it makes up
+mesh_colors       Colors and textures of mesh files, and a warning for each that is not shown
+mesh_source       Checks of a mesh file before trimesh reads it
+patches           Bezier patch files (`.bpt`), tessellated to a chord tolerance
 environment       Environment maps from OpenEXR and Radiance HDR files
 exr               Hogel images and other pictures as OpenEXR files
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR

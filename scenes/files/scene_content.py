@@ -73,13 +73,13 @@ def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: Floats) -> SceneO
         return build_shape(str(entry.shape), material=entry.material)
     file = path.parent / entry.mesh
     if not entry.is_patches:
-        from xfrustum.scenes.files.meshes.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
+        from xfrustum.scenes.files.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
 
         return load_mesh(file, material=entry.material)
     # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
     tolerance = entry.chord_tolerance
     own = None if tolerance is None else tolerance / magnification(scene_from_mesh)
-    from xfrustum.scenes.files.meshes.patches import load_patches  # noqa: PLC0415 - loads SciPy's graphs
+    from xfrustum.scenes.files.patches import load_patches  # noqa: PLC0415 - loads SciPy's graphs
 
     return load_patches(file, chord_tolerance=own, material=entry.material)
 

@@ -53,7 +53,7 @@ def read_parts(out: Path) -> None:
     described = read_small(parts.folder / DESCRIPTION, "description", 1 << 20)
     try:
         description = json.loads(described)
-    except ValueError:
+    except (ValueError, RecursionError):
         description = {}
     if isinstance(description, dict):
         parts.open(description)

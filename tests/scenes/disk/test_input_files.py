@@ -19,8 +19,8 @@ from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, inp
 from xfrustum.scenes.files.environment import read_environment
 from xfrustum.scenes.files.exr import check_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.files.meshes.meshes import load_mesh
-from xfrustum.scenes.files.meshes.patches import load_patches
+from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.files.patches import load_patches
 from xfrustum.scenes.files.rgb_pictures import read_rgb
 
 GIBIBYTE = 1 << 30

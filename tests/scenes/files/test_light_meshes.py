@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as npst
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.geometry.placement import magnification, place, placement
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.geometry.shapes import build_shape

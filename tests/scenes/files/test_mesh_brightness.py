@@ -23,7 +23,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes import load_mesh
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5

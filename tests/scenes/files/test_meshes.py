@@ -13,7 +13,7 @@ from trimesh.exceptions import ExceptionWrapper
 from trimesh.exchange.load import mesh_loaders
 
 from xfrustum.scenes import InputError
-from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.geometry.placement import place
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.meshes.meshes import load_mesh
-from xfrustum.scenes.files.meshes.patches import load_patches, read_patches
+from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.files.patches import load_patches, read_patches
 from xfrustum.scenes.geometry.bezier import evenly, normals, second_derivative_bounds, steps_for, surface
 from xfrustum.scenes.geometry.tessellation import cut, matched_steps, tessellate
 

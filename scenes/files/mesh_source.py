@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import bz2
 import json
-import math
 import struct
-import tarfile
 import zipfile
-import zlib
-from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +13,6 @@ from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
 from xfrustum.scenes.disk.input_files import (
-    allowed_memory,
     check_declared,
     check_mesh_file,
     check_picture_size,
@@ -27,9 +22,6 @@ from xfrustum.scenes.errors import InputError
 
 MEMORY_PER_UNPACKED_BYTE = 16
 """Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies."""
-
-_PIECE = 1 << 20
-"""Bytes that are unpacked at once where a format does not declare its size."""
 
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """glTF 2.0, table 5.1.1.3: bytes of a component by its type's code."""
@@ -110,32 +102,16 @@ def check_mesh_source(path: Path) -> None:
     name = path.name.lower()
     try:
         if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):
-            _check_unpacked(path, (info.file_size for info in _zip_members(path)))
-        elif name.endswith((".tar.gz", ".tar.bz2")):
-            with tarfile.open(path) as archive:
-                _check_unpacked(path, (member.size for member in archive))
-        elif name.endswith(".bz2"):
-            with bz2.open(path) as unpacked:
-                _check_unpacked(path, (len(piece) for piece in iter(lambda: unpacked.read(_PIECE), b"")))
+            with zipfile.ZipFile(path) as archive:
+                total = sum(info.file_size for info in archive.infolist())
+            check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
+        elif name.endswith((".gz", ".bz2")):
+            raise InputError(f"{path}: is packed in a way that does not say how large it is; unpack it first")
         elif name.endswith((".gltf", ".glb")):
             check_declared(path, _declared_by_gltf(_gltf_json(path)), "arrays")
-    except (OSError, EOFError, zlib.error, tarfile.TarError, zipfile.BadZipFile, RuntimeError) as error:
+    except (OSError, EOFError, zipfile.BadZipFile, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise InputError(f"{path}: cannot be unpacked ({reason}); pack it again") from error
-
-
-def _zip_members(path: Path) -> list[zipfile.ZipInfo]:
-    with zipfile.ZipFile(path) as archive:
-        return archive.infolist()
-
-
-def _check_unpacked(path: Path, sizes: Iterable[int]) -> None:
-    """Refuse an archive as soon as its members together take too much."""
-    total, allowed = 0, allowed_memory(regular_size(path, "file"))
-    for size in sizes:
-        total += size
-        if total * MEMORY_PER_UNPACKED_BYTE > allowed:
-            check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
 
 
 def _gltf_json(path: Path) -> object:
@@ -151,26 +127,12 @@ def _gltf_json(path: Path) -> object:
 
 
 def _declared_by_gltf(tree: object) -> int:
-    """Return the bytes of memory that all accessors of a glTF file ask for."""
+    """Return the bytes of memory that all accessors of a glTF file ask for; trimesh refuses what is none."""
     accessors = tree.get("accessors") if isinstance(tree, dict) else None
-    if not isinstance(accessors, list):
-        return 0
-    return MEMORY_PER_UNPACKED_BYTE * sum(
-        _count(accessor.get("count"))
-        * _looked_up(_COMPONENT_BYTES.get, accessor.get("componentType"), 4)
-        * _looked_up(_COMPONENTS.get, accessor.get("type"), 1)
-        for accessor in accessors
-        if isinstance(accessor, dict)
-    )
-
-
-def _count(value: object) -> int:
-    """Return a declared count; 0 for a value that is no number, which trimesh will refuse."""
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return 0
-    return max(0, int(value))
-
-
-def _looked_up(table: Callable[[Any], int | None], key: object, otherwise: int) -> int:
-    known = table(key) if isinstance(key, int | str) else None
-    return otherwise if known is None else known
+    total = 0
+    for accessor in accessors if isinstance(accessors, list) else ():
+        with suppress(AttributeError, TypeError, ValueError, OverflowError):
+            count = max(0, int(accessor["count"])) if "count" in accessor else 0
+            size = _COMPONENT_BYTES.get(accessor.get("componentType"), 4)
+            total += count * size * _COMPONENTS.get(accessor.get("type"), 1)
+    return MEMORY_PER_UNPACKED_BYTE * total
