@@ -7,12 +7,11 @@ geometry/    Surfaces as triangles: shapes, patches, placement, refinement, norm
 library/     The built-in scenes, made by code
 model/       The scene that is asked about, and the image that every renderer returns
 notebook/    What objects say of themselves, and how a notebook shows them
-opening/     Scenes by name or path
 plate/       The plate, its apertures, their crossed frustum, and the settings of the two cameras
 arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all
 arrays       Arrays by what they hold: the one place that names their types
 errors       The one exception that means "the user can fix this"
-room         Arrays with room behind their end, which kernels read without a copy
+opening      Scenes by name or path
 
 Words: see the glossary in CONVENTIONS.md.
 """
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.errors import InputError
     from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
     from xfrustum.scenes.model.scene import Scene, SceneObject
-    from xfrustum.scenes.opening.catalogue import open_scene
+    from xfrustum.scenes.opening import open_scene
     from xfrustum.scenes.plate.double_frustum import (
         Camera,
         Cull,
@@ -83,7 +82,7 @@ _MODULES = {
     "Scene": "model.scene",
     "SceneObject": "model.scene",
     "Screen": "plate.frustum",
-    "open_scene": "opening.catalogue",
+    "open_scene": "opening",
 }
 """Module of each name. They are imported when first used: the command line reads `tolerances` before it knows
 whether any command runs, and must not load meshes and images for that."""

@@ -10,7 +10,6 @@ exr               Hogel images and other pictures as OpenEXR files
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
 pictures          Pictures as arrays, read and written without a change of any bit
 plate_files       The pixels of a plate in files of any layout: found, read row by row, and written
-rgb_pictures      Pictures of 8 bits, PNG and the like: their red, green and blue as the file stores them
 scene_content     The content of a scene file: its checked tables turned into objects, materials and lights
 scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, checked key by key
 video             Rows of hogels as videos, through PyAV

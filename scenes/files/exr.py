@@ -58,23 +58,9 @@ _VERSION, _LONG_NAMES, _DEEP, _SEVERAL_PARTS = 2, 0x400, 0x800, 0x1000
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)
 """Types of pixels, in the order of their codes."""
 
-_KNOWN_TYPES = frozenset(
-    (
-        *("box2i", "box2f", "chlist", "chromaticities", "compression", "double", "envmap", "float"),
-        *(
-            "floatvector",
-            "int",
-            "keycode",
-            "lineOrder",
-            "m33f",
-            "m33d",
-            "m44f",
-            "m44d",
-            "preview",
-            "rational",
-        ),
-        *("string", "stringvector", "tiledesc", "timecode", "v2i", "v2f", "v2d", "v3i", "v3f", "v3d"),
-    )
+_KNOWN_TYPES = (
+    " box2i box2f chlist chromaticities compression double envmap float floatvector int keycode lineOrder "
+    "m33f m33d m44f m44d preview rational string stringvector tiledesc timecode v2i v2f v2d v3i v3f v3d "
 )
 """Attribute types of the format; the binding raises an obscure error at any other."""
 
@@ -157,7 +143,7 @@ def _declared_bytes(header: _Header) -> int:
     while name := header.text():
         kind, (length,) = header.text(), header.whole("i")
         value = _Header(header.take(length), header.longest)
-        if kind not in _KNOWN_TYPES:
+        if not kind or f" {kind} " not in _KNOWN_TYPES:
             raise _Damaged(f"its attribute {name} has the unknown type {kind[:40]}")
         if kind == "string":
             _decoded(value.data, f"its attribute {name}")

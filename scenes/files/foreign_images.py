@@ -13,7 +13,7 @@ from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, read_image
-from xfrustum.scenes.files.rgb_pictures import read_rgb
+from xfrustum.scenes.files.pictures import read_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.notebook.shown import Brief
 

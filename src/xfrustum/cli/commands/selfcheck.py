@@ -17,7 +17,7 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
     and edges, and the scene files in the folder of test data beside the checkout.
     """
-    from xfrustum.scenes.opening.catalogue import check_scene
+    from xfrustum.scenes.opening import check_scene
 
     for name in scenes:
         check_scene(name)
