@@ -7,7 +7,7 @@ nothing of what lies inside: it may be hidden, or be shown by no aperture.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,14 +33,8 @@ ROUNDING_MARGIN = 2.0**-16
 """Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
 eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much."""
 
-FIRST_TRIANGLES = 1 << 6
-"""Triangles that are tried first: in most objects that are shown, one of them is."""
-
-CHUNK_GROWTH = 8
-"""Factor by which each further chunk is larger than the one before, up to `MAX_TRIANGLES_IN_CHUNK`."""
-
-MAX_TRIANGLES_IN_CHUNK = 1 << 15
-"""Largest number of triangles that are tried together. This bounds the memory, some 500 bytes for each."""
+TRIANGLES_AT_ONCE = 1 << 15
+"""Triangles that are tried together. This bounds the memory, some 500 bytes for each."""
 
 Rectangle = tuple[tuple[float, float], tuple[float, float]]
 
@@ -167,7 +161,8 @@ class Region:
         counted = part.faces if faces is None else faces
         box = part.vertices.min(axis=0)[None], part.vertices.max(axis=0)[None]
         return bool(self.holds(*box)[0]) and any(
-            bool(self.holds(*_boxes(corners)).any()) for corners in _in_chunks(part.vertices, counted)
+            bool(self.holds(*_boxes(part.vertices[counted[start : start + TRIANGLES_AT_ONCE]])).any())
+            for start in range(0, len(counted), TRIANGLES_AT_ONCE)
         )
 
 
@@ -201,11 +196,3 @@ def _boxes(corners: Floats) -> tuple[Floats, Floats]:
     # Corner by corner, because numpy reduces over so short an axis several times slower.
     a, b, c = corners.transpose(1, 0, 2)
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-
-
-def _in_chunks(vertices: Floats, faces: Indices) -> Iterator[Floats]:
-    """Yield (F, 3, 3) corners of triangles, some at a time."""
-    start, size = 0, FIRST_TRIANGLES
-    while start < len(faces):
-        yield vertices[faces[start : start + size]]
-        start, size = start + size, min(size * CHUNK_GROWTH, MAX_TRIANGLES_IN_CHUNK)
