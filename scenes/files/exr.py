@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import struct
-import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -179,15 +178,13 @@ _SILENT = threading.Lock()
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Hold back standard error, where OpenEXR prints its errors, and show it unless something is raised."""
-    with _SILENT, os.fdopen(os.dup(2), "wb") as shown, tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
+    """Drop what is written to standard error: OpenEXR prints its errors too, and repairs that it makes."""
+    with _SILENT, os.fdopen(os.dup(2), "wb") as shown, Path(os.devnull).open("wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
         try:
             yield
         finally:
             os.dup2(shown.fileno(), 2)
-        said.seek(0)
-        shown.write(said.read())
 
 
 @contextmanager
