@@ -144,7 +144,9 @@ class Files:
         return Path(self.pattern.format(i=aperture.column, j=aperture.row))
 
     def check(self, apertures: Sequence[Aperture]) -> None:
-        """Raise InputError where none of the files exists."""
+        """Raise InputError where there are apertures, and none of their files exists."""
+        if not apertures:  # such as those of an eye that sees no hogel
+            return
         # On a plate of millions it is enough that some file has such a name.
         some = next(iglob(self._any_name()), None) is not None  # noqa: PTH207 - names are no paths of ours
         if some and len(apertures) <= MAX_NAMES_TRIED:
