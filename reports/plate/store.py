@@ -1,9 +1,10 @@
 """A plate on disk: a Zarr group whose shards are blocks of hogels, and what it says of itself.
 
-This is the only place that opens, makes, writes and reads the Zarr group of a plate. Zarr writes every file
-aside and renames it. The array `finished` says which hogels are there; its part of a block is written after
-all others, so that whatever ends a process, a hogel that it calls finished is. What a process that was killed
-may leave is a file `*.partial`, which the next command on the plate removes.
+This is the only place that opens the Zarr group of a plate, and that draws into one; `rows` writes a
+converted plate row by row. Zarr writes every file aside and renames it. The array `finished` says which
+hogels are there; its part of a block is written after all others, so that whatever ends a process, a hogel
+that it calls finished is. What a process that was killed may leave is a file `*.partial`, which the next
+command on the plate removes.
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a block is
 read, completed and written under a lock on the group's description that nobody shares; whole blocks, of which
