@@ -218,7 +218,8 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
     try:
         tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
     except ValueError as error:  # the file is no UTF-8 or no TOML
-        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
+        hint = "" if path.suffix == ".toml" else "; for a mesh, write a scene file first: xfrustum new MESH"
+        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}{hint}") from error
     except RecursionError as error:
         raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
     try:

@@ -148,6 +148,12 @@ def test_a_mistake_is_one_line_with_file_key_and_what_is_allowed(
         assert words in message
 
 
+def test_a_mesh_in_place_of_a_scene_file_is_told_to_need_one(tmp_path: Path) -> None:
+    (tmp_path / "beetle.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match="write a scene file first: xfrustum new"):
+        open_scene(str(tmp_path / "beetle.obj"))
+
+
 def test_unreadable_files_are_input_errors(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
