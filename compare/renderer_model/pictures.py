@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
+from xfrustum.compare.renderer_model.orientations import UPRIGHT
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
@@ -156,10 +157,8 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
     """
     aperture = answer.camera.aperture
-    right = DrawnModel()
-    nominal = question.parameters.tolist() == right.parameters.tolist()
-    nominal &= question.recentering is right.recentering
-    if question.plain and question.conjugated and nominal:
+    # Orientation and order turn pictures as wholes: nothing else may differ from the truth.
+    if replace(question, orientation=UPRIGHT, order=UPRIGHT) == DrawnModel():
         return replace(answer, color=reference.trace(aperture).color)
     shared = replace(question, near=0.0).one_pencil
     if not (averages(reference.scene.sampling) and question.conjugated and shared):

@@ -12,9 +12,9 @@ from xfrustum.compare.diagnosis.diagnosis import diagnose
 from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
-from xfrustum.compare.renderer_model.pictures import trace_drawn
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.scenes import HogelImage
+from xfrustum.scenes import NOTHING, HogelImage
 
 SIZE = 32
 SOME = [(0, 0), (4, 1), (2, 3)]
@@ -51,6 +51,18 @@ def test_a_fault_of_one_camera_is_named_and_no_other(
         if size is not None:
             assert fault.low is not None and fault.high is not None
             assert fault.low <= size <= fault.high
+
+
+def test_a_mirrored_camera_is_named_from_its_colors_and_no_number_beside_it() -> None:
+    reference, model, images = Reference(small("asymmetric", SIZE)), DrawnModel(one_camera=UNTURNED), []
+    for index in SOME:
+        image = trace_drawn(reference, model, reference.scene.plate.aperture(*index))
+        picture = colored(reference.scene, model, image)
+        nothing = np.full_like(image.triangle, NOTHING)
+        nowhere = np.full_like(image.position, np.nan)
+        images.append(replace(picture, triangle=nothing, object=nothing, position=nowhere))
+    (fault,) = diagnose(Evidence(reference=reference, images=images, nominal=DrawnModel())).diagnosis.faults
+    assert (fault.fault, fault.explains) == ("front-unturned", 1.0)
 
 
 @pytest.mark.slow
