@@ -57,9 +57,9 @@ def test_what_exceeds_one_level_is_counted_by_pixels_not_channels() -> None:
     error = np.zeros((100, 3))
     error[:3] = 1.01 * STEP
     error[3:50] = 0.99 * STEP
-    spread = RadianceSpread.of(error)
+    spread = RadianceSpread.of(error.T)
     assert spread and spread.above_step == 0.03 and spread.pixels == 100
-    assert RadianceSpread.of(np.zeros((0, 3))) is None
+    assert RadianceSpread.of(np.zeros((3, 0))) is None
 
 
 def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:

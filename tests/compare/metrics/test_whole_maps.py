@@ -102,15 +102,19 @@ def test_colors_are_those_of_whole_images(compared: Compared) -> None:
 
 
 def assert_plain(found: RadianceSpread, error: Floats) -> None:
-    """Compare a spread, bit by bit, with that of NumPy's own functions over errors (N, 3)."""
+    """Compare a spread with that of NumPy's own functions over errors (N, 3)."""
     size = np.abs(error)
     worst = size.max(axis=1)
-    squares = np.mean(error**2, axis=0)
-    assert (found.pixels, found.rms, found.mean) == (len(error), np.sqrt(squares.mean()), error.mean())
+    # Sums of other orders: each addition of n terms is off by 2^-53 of the sum of their sizes.
+    order = len(error) * 2**-53
+    squares, mean_size = np.mean(error**2, axis=0), float(size.mean())
+    assert found.pixels == len(error)
+    assert found.rms == pytest.approx(float(np.sqrt(squares.mean())), rel=order)
+    assert found.mean == pytest.approx(float(error.mean()), rel=0, abs=3 * order * mean_size)
     assert (found.p99, found.max) == (np.percentile(worst, 99), worst.max())
     assert found.above_step == np.mean(worst > STEP)
     channels = found.channels
-    assert channels.rms == tuple(np.sqrt(squares))
-    assert channels.mean == tuple(error.mean(axis=0))
+    assert channels.rms == pytest.approx(tuple(np.sqrt(squares)), rel=order)
+    assert channels.mean == pytest.approx(tuple(error.mean(axis=0)), rel=0, abs=3 * order * mean_size)
     assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
     assert channels.max == tuple(size.max(axis=0))
