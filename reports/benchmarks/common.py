@@ -20,7 +20,7 @@ Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
 
 RELATIVE_NEAR = 1e-3
-"""The step back from the plate, as a fraction of the reach."""
+"""The near offset, as a fraction of the reach."""
 
 
 def scene_record(scene: Scene) -> Record:
@@ -32,9 +32,8 @@ def machine_record(*, tracers: bool = False) -> Record:
     """Return the machine and the versions of the libraries, those of the tracers included if asked for."""
     versions = provenance.versions()
     if tracers:
-        versions |= mitsuba_backend().versions | {
-            name: version(name) for name in ("drjit", "embreex", "trimesh")
-        }
+        versions |= mitsuba_backend().versions
+        versions |= {name: version(name) for name in ("drjit", "embreex", "trimesh")}
     return {"machine": provenance.machine(), "versions": versions}
 
 
@@ -44,13 +43,7 @@ def settings_of(scene: Scene) -> DoubleFrustum:
 
 
 def sized(scene: Scene, resolution: int) -> Scene:
-    """Return a scene with a square film of so many pixels a side, and one sample a pixel.
-
-    Raises
-    ------
-    InputError
-        The scene has no triangles, or the resolution is not positive.
-    """
+    """Return a scene with a square film and one sample a pixel; InputError where it has no triangles."""
     if not len(scene.faces):
         raise InputError(f"scene {scene.name}: has no triangles to measure; choose one that has")
     film = replace(scene.frustum, resolution=(positive(resolution),) * 2)
@@ -58,13 +51,7 @@ def sized(scene: Scene, resolution: int) -> Scene:
 
 
 def positive(count: int) -> int:
-    """Return a resolution, a number of hogels or of repetitions.
-
-    Raises
-    ------
-    InputError
-        It is not positive.
-    """
+    """Return a resolution, a number of hogels or of repetitions; InputError where it is not positive."""
     if count < 1:
         raise InputError("bench: resolutions, hogels and repetitions must be positive; give such as 256")
     return count
@@ -72,10 +59,8 @@ def positive(count: int) -> int:
 
 def rate_of(amount: float, seconds: Timing) -> Timing:
     """Return the amount per second, given the seconds that all of it took."""
-    lowest, highest = amount / seconds.highest, amount / seconds.lowest
-    return replace(
-        seconds, median=amount / seconds.median, lowest=lowest, highest=highest, low=None, high=None
-    )
+    lowest, median, highest = (amount / each for each in (seconds.highest, seconds.median, seconds.lowest))
+    return replace(seconds, median=median, lowest=lowest, highest=highest, low=None, high=None)
 
 
 def ratios_of(rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]) -> dict[str, float | None]:
@@ -94,9 +79,7 @@ def exhaust(images: Iterable[object]) -> None:
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows of cells as lines of text, all columns as wide as their widest cell."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
 
 
 def spread(lowest_median_highest: tuple[float, float, float] | None) -> str:

@@ -19,28 +19,15 @@ from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_image
 from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
+from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
-from xfrustum.reports.benchmarks.common import (
-    Record,
-    columns,
-    exhaust,
-    machine_record,
-    number,
-    positive,
-    rate_of,
-    ratios_of,
-    scene_record,
-    settings_of,
-    sized,
-    spread,
-)
+from xfrustum.reports.benchmarks import common
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import race
 from xfrustum.scenes.library.globes import globes
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -98,15 +85,21 @@ def globes_through_a_plate(triangles: int) -> Scene:
 def spread_over(scene: Scene, count: int) -> list[Aperture]:
     """Return so many apertures, evenly spread over the plate row by row; some twice where it has fewer."""
     across, rows = scene.plate.hogels
-    numbers = np.linspace(0, across * rows - 1, positive(count)).astype(int)
+    numbers = np.linspace(0, across * rows - 1, common.positive(count)).astype(int)
     return [scene.plate.aperture(int(n) % across, int(n) // across) for n in numbers]
+
+
+def judged_in_stream(judge: Judge, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
+    """Judge hogels with truths and frames made side by side."""
+    stream = judge.stream(apertures, [common.settings_of(judge.scene)], radiance=False)
+    return [hogel.drawings[0].comparison for hogel in stream]
 
 
 def judged_in_loop(
     reference: Reference, rasterizer: Rasterizer, apertures: Sequence[Aperture]
 ) -> list[ComparisonNumbers]:
-    """Judge hogels one after the other."""
-    settings, found = settings_of(reference.scene), []
+    """Judge the same hogels one after the other."""
+    settings, found = common.settings_of(reference.scene), []
     for aperture in apertures:
         truth = reference.trace(aperture)
         drawn = rasterizer.render(aperture, settings, normals=False, color=False)
@@ -114,63 +107,47 @@ def judged_in_loop(
     return found
 
 
-def judged_in_stream(judge: Judge, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
-    """Judge the same hogels with truths and frames made side by side."""
-    stream = judge.stream(apertures, [settings_of(judge.scene)], radiance=False)
-    return [hogel.drawings[0].comparison for hogel in stream]
+def judged_plainly(
+    scene: Scene, rasterizer: Rasterizer, mesh: RayMeshIntersector, apertures: Sequence[Aperture]
+) -> list[tuple[float, float]]:
+    """Judge hogels as a user would with trimesh and NumPy; nothing that it finds is proven.
 
-
-class PlainLoop:
-    """The loop that a user would write with trimesh and NumPy; nothing that it finds is proven."""
-
-    def __init__(self, scene: Scene, rasterizer: Rasterizer) -> None:
-        self._scene, self._rasterizer = scene, rasterizer
-        self._mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
-        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
-
-    def judge(self, apertures: Sequence[Aperture]) -> list[tuple[float, float]]:
-        """Return the share of pixels with another object and the p99 of displacement, px, of each hogel."""
-        return [self._judged(one) for one in apertures]
-
-    def _judged(self, aperture: Aperture) -> tuple[float, float]:
-        settings = settings_of(self._scene)
-        drawn = self._rasterizer.render(aperture, settings, normals=False, color=False)
-        pencil = crossed_frustum(self._scene.frustum, aperture)
-        first = self._mesh.intersects_first(*pixel_rays(self._scene, pencil, range(pencil.resolution[1])))
-        wrong = self._object_of_number[first] != drawn.object.ravel()
-        return float(wrong.mean()), _displacement_p99(drawn, pencil)
-
-
-def _displacement_p99(drawn: HogelImage, pencil: Pencil) -> float:
-    """Return the 99th percentile of the distance between where points are drawn and where they belong, px."""
-    width, height = pencil.resolution
-    point = drawn.position.reshape(-1, 3).astype(np.float64)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        place = pixel_places(point, pencil)
-    row, column = np.divmod(np.arange(width * height), width)
-    moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
-    moved = moved[np.isfinite(moved)]
-    return float(np.percentile(moved, 99)) if moved.size else 0.0
+    Each has the share of pixels with another object, and the 99th percentile of displacement, px.
+    """
+    object_of_number, found = np.append(scene.object_of_triangle, np.int32(NOTHING)), []
+    for aperture in apertures:
+        drawn = rasterizer.render(aperture, common.settings_of(scene), normals=False, color=False)
+        pencil = crossed_frustum(scene.frustum, aperture)
+        width, height = pencil.resolution
+        first = mesh.intersects_first(*pixel_rays(scene, pencil, range(height)))
+        wrong = object_of_number[first] != drawn.object.ravel()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), pencil)
+        row, column = np.divmod(np.arange(width * height), width)
+        moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
+        moved = moved[np.isfinite(moved)]
+        found.append((float(wrong.mean()), float(np.percentile(moved, 99)) if moved.size else 0.0))
+    return found
 
 
 @contextmanager
 def judge_contestants(scene: Scene, apertures: Sequence[Aperture]) -> Iterator[dict[str, Run]]:
     """Open the contestants that there are here, by the names in `MEANINGS`; leaving frees them."""
+    settings = common.settings_of(scene)
+    mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     with Judge(scene) as judge, Rasterizer(scene) as rasterizer:
-        plain, settings = PlainLoop(scene, rasterizer), settings_of(scene)
         found: dict[str, Run] = {
             STREAM: lambda: judged_in_stream(judge, apertures),
             LOOP: lambda: judged_in_loop(judge.reference, rasterizer, apertures),
-            PLAIN: lambda: plain.judge(apertures),
-            RENDER: lambda: exhaust(
+            PLAIN: lambda: judged_plainly(scene, rasterizer, mesh, apertures),
+            RENDER: lambda: common.exhaust(
                 rasterizer.render(one, settings, normals=False, color=False) for one in apertures
             ),
         }
         if not mitsuba_backend().scalar:
             pencil = crossed_frustum(scene.frustum, scene.plate.middle)
-            rays = pixel_rays(scene, pencil, range(pencil.resolution[1]))
-            bare = bare_intersection(scene, *rays)
-            found[MITSUBA] = lambda: exhaust(bare() for _ in apertures)
+            bare = bare_intersection(scene, *pixel_rays(scene, pencil, range(pencil.resolution[1])))
+            found[MITSUBA] = lambda: common.exhaust(bare() for _ in apertures)
         yield found
 
 
@@ -182,11 +159,11 @@ def judging_stages(scene: Scene, aperture: Aperture) -> Iterator[dict[str, Run]]
     `RADIANCE` a comparison with colors.
     """
     with Rasterizer(scene) as rasterizer:
-        reference, settings = Reference(scene), settings_of(scene)
+        reference, settings = Reference(scene), common.settings_of(scene)
         truth = reference.trace(aperture)
         frame = rasterizer.render(aperture, settings, normals=False)
         yield {
-            DECIDING: lambda: exhaust(reference.decide(aperture)),
+            DECIDING: lambda: common.exhaust(reference.decide(aperture)),
             SECOND_OPINION: lambda: reference.trace(aperture).overruled,
             POINTS: lambda: reference.trace(aperture),
             DRAWN: lambda: rasterizer.draw_only(aperture, settings),
@@ -221,61 +198,51 @@ def benchmark_judge(
     repeat: int = REPEAT,
     *,
     progress: bool = False,
-) -> Record:
-    """Measure how fast hogels of some scenes are judged, beside loops and bare renderers.
+) -> common.Record:
+    """Measure how fast hogels, spread over the plates of some scenes, are judged; W = H of each race.
 
-    Each run judges so many hogels, spread over the plate, W = H of each race; the scenes' own resolution and
-    sampling do not matter. Contestants, and then stages, take `repeat` turns after a warm-up.
-
-    Raises
-    ------
-    InputError
-        A scene has no triangles, a number is not positive, or there is no usable OpenGL.
+    Contestants, and then stages, take `repeat` turns after a warm-up. Raises InputError where a scene has no
+    triangles, a number is not positive, or there is no usable OpenGL.
     """
-    films = [[sized(scene, side) for side in resolutions] for scene in scenes]
-    turns = len(scenes) * len(resolutions) * (positive(repeat) + 1) * (len(MEANINGS) + len(STAGES))
+    films = [[common.sized(scene, side) for side in resolutions] for scene in scenes]
+    turns = len(scenes) * len(resolutions) * (common.positive(repeat) + 1) * (len(MEANINGS) + len(STAGES))
     with progress_bar(turns, "bench", "run", shown=progress) as bar:
         judged = [
             {
-                "scene": scene_record(scene),
-                "settings": settings_of(scene),
-                "races": [_race(film, positive(hogels), repeat, bar) for film in sizes],
+                "scene": common.scene_record(scene),
+                "settings": common.settings_of(scene),
+                "races": [_race(film, common.positive(hogels), repeat, bar) for film in sizes],
             }
             for scene, sizes in zip(scenes, films, strict=True)
         ]
-    return {
-        "hogels": hogels,
-        "repeat": repeat,
-        "meanings": MEANINGS,
-        "stages": STAGES,
-        "scenes": judged,
-        **machine_record(tracers=True),
-    }
+    asked = {"hogels": hogels, "repeat": repeat, "meanings": MEANINGS, "stages": STAGES}
+    return {**asked, "scenes": judged, **common.machine_record(tracers=True)}
 
 
-def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
+def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> common.Record:
     with judge_contestants(scene, spread_over(scene, hogels)) as runs:
-        rates = {name: rate_of(hogels, taken) for name, taken in race(runs, repeat, bar.update).items()}
-    taken: dict[str, list[float]] = {stage: [] for stage in STAGES}
+        taken = race(runs, repeat, bar.update)
+    rates = {name: common.rate_of(hogels, seconds) for name, seconds in taken.items()}
+    cpu: dict[str, list[float]] = {stage: [] for stage in STAGES}
     with judging_stages(scene, scene.plate.middle) as runs:
         for turn in range(repeat + 1):
             for stage, run in runs.items():
                 begun = time.process_time()
                 run()
                 if turn:
-                    taken[stage].append(time.process_time() - begun)
+                    cpu[stage].append(time.process_time() - begun)
                 bar.update()
-    cpu_s = stages_of({stage: statistics.median(values) for stage, values in taken.items()})
+    cpu_s = stages_of({stage: statistics.median(values) for stage, values in cpu.items()})
     return {
         "resolution": scene.frustum.resolution,
         "hogels_per_second": {name: rates.get(name) for name in MEANINGS},
-        "ratios": ratios_of(rates, RATIOS),
+        "ratios": common.ratios_of(rates, RATIOS),
         "cpu_s": cpu_s,
         "judging_over_drawing": judging_over_drawing(cpu_s),
     }
 
 
-def table(found: Record) -> str:
+def table(found: common.Record) -> str:
     """Return rates, ratios and stages as text, one column for each resolution."""
     machine = found["machine"]
     lines = [
@@ -283,23 +250,21 @@ def table(found: Record) -> str:
         f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
     ]
     for judged in found["scenes"]:
-        scene = judged["scene"]
-        lines += ["", f"{scene['name']}, {scene['triangles']:,} triangles", *_lines(judged["races"])]
+        scene, races = judged["scene"], judged["races"]
+        heads = ["{} x {}".format(*one["resolution"]) for one in races]
+        rows = [["judged hogels per second", *heads]]
+        for name in MEANINGS:
+            rates = [one["hogels_per_second"][name] for one in races]
+            ends = (rate and (rate.lowest, rate.median, rate.highest) for rate in rates)
+            rows.append([name, *map(common.spread, ends)])
+        rows += [
+            [pair, *(common.number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]
+        ]
+        rows.append(["CPU ms of one hogel", *heads])
+        rows += [[stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES]
+        for how in races[0]["judging_over_drawing"]:
+            shares = (common.number(one["judging_over_drawing"][how]) for one in races)
+            rows.append([f"(truth + comparing)/drawing {how}", *shares])
+        lines += ["", f"{scene['name']}, {scene['triangles']:,} triangles", *common.columns(rows)]
     legend = (f"{name}: {meaning}" for name, meaning in (MEANINGS | STAGES).items())
     return "\n".join((*lines, "", *legend))
-
-
-def _lines(races: Sequence[Record]) -> list[str]:
-    heads = ["{} x {}".format(*one["resolution"]) for one in races]
-    rows = [["judged hogels per second", *heads]]
-    for name in MEANINGS:
-        rates = [one["hogels_per_second"][name] for one in races]
-        rows.append([name, *(spread(rate and (rate.lowest, rate.median, rate.highest)) for rate in rates)])
-    rows += [[pair, *(number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]]
-    rows += [["CPU ms of one hogel", *heads]]
-    rows += [[stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES]
-    rows += [
-        [f"(truth + comparing)/drawing {how}", *(number(one["judging_over_drawing"][how]) for one in races)]
-        for how in races[0]["judging_over_drawing"]
-    ]
-    return columns(rows)

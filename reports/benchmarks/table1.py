@@ -14,11 +14,11 @@ from xfrustum.raster.rasterizer import SINGLE_SAMPLE
 from xfrustum.reports.benchmarks.common import Record, exhaust, machine_record, positive, settings_of
 from xfrustum.reports.benchmarks.plate import COLOR_ONLY
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Timing, race
+from xfrustum.reports.common.timing import race
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture
 
 RESOLUTION = 512
 """W = H; the paper does not say what it drew."""
@@ -58,14 +58,12 @@ class Database:
 
 
 def _both(reality_engine: tuple[float, float], maximum_impact: tuple[float, float]) -> dict[str, Machine]:
-    (one_frames, one_polygons), (other_frames, other_polygons) = reality_engine, maximum_impact
+    rates = {REALITY_ENGINE: reality_engine, MAXIMUM_IMPACT: maximum_impact}
     return {
-        REALITY_ENGINE: Machine(
-            frames_per_second=one_frames, polygons_per_second=one_polygons, antialiasing=True
-        ),
-        MAXIMUM_IMPACT: Machine(
-            frames_per_second=other_frames, polygons_per_second=other_polygons, antialiasing=False
-        ),
+        name: Machine(
+            frames_per_second=frames, polygons_per_second=polygons, antialiasing=name == REALITY_ENGINE
+        )
+        for name, (frames, polygons) in rates.items()
     }
 
 
@@ -85,10 +83,7 @@ def benchmark_table1(
 ) -> Record:
     """Measure table 1 on the project's own car, W = H pixels, `repeat` times after a warm-up.
 
-    Raises
-    ------
-    InputError
-        There is no usable OpenGL, or a database is smaller than the car.
+    Raises InputError where there is no usable OpenGL, or a database is smaller than the car.
     """
     with progress_bar(3 * len(databases) * (repeat + 1), "table 1", "run", shown=progress) as bar:
         rows, devices = zip(*(_row(one, positive(resolution), repeat, bar) for one in databases), strict=True)
@@ -103,52 +98,34 @@ def benchmark_table1(
 
 
 def _row(database: Database, resolution: int, repeat: int, bar: tqdm[Any]) -> tuple[Record, str]:
+    """Return a row of the table, whose polygons a second are the database's as in the paper; and the device.
+
+    Submitted are those in an image's frusta on average, the reflective ones twice.
+    """
     car = tessellated_car(database.polygons, database.reflective_share)
     scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
-    settings = settings_of(builtin.build("car"))
-    apertures, middle = (_neighbors(scene.plate, count) for count in (COLUMNS, ANTIALIASED_COLUMNS))
+    settings, plate = settings_of(builtin.build("car")), scene.plate
+
+    def neighbors(count: int) -> list[Aperture]:
+        first = plate.middle.column - count // 2
+        return [plate.aperture(column, plate.middle.row) for column in range(first, first + count)]
+
+    apertures, few = neighbors(COLUMNS), neighbors(ANTIALIASED_COLUMNS)
     with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
-
-        def one_by_one(sampling: Sampling) -> None:
-            for aperture in middle:
-                rasterizer.render_color(aperture, settings, sampling)
-
         runs = {
             PLATE: lambda: exhaust(renderer.hogels(apertures)),
-            PLAIN: lambda: one_by_one(SINGLE_SAMPLE),
-            ON: lambda: one_by_one(ANTIALIASED),
+            PLAIN: lambda: exhaust(rasterizer.render_color(one, settings, SINGLE_SAMPLE) for one in few),
+            ON: lambda: exhaust(rasterizer.render_color(one, settings, ANTIALIASED) for one in few),
         }
-        drawn = {PLATE: len(apertures), PLAIN: len(middle), ON: len(middle)}
+        drawn = {PLATE: len(apertures), PLAIN: len(few), ON: len(few)}
         taken = race(runs, repeat, bar.update)
-        seconds = {name: whole.divided_by(drawn[name]) for name, whole in taken.items()}
         submitted = renderer.drawn_triangles(apertures) / len(apertures)
         device = renderer.device["renderer"]
-    row = _row_record(database, seconds, submitted)
-    return {**row, "reflective_share": float(car.reflective.mean())}, device
-
-
-def _neighbors(plate: Plate, count: int) -> list[Aperture]:
-    """Return so many neighbors in the middle of the plate's middle row."""
-    first, row = plate.middle.column - count // 2, plate.middle.row
-    return [plate.aperture(column, row) for column in range(first, first + count)]
-
-
-def _row_record(database: Database, seconds: dict[str, Timing], submitted: float) -> Record:
-    """Return a row of the table: polygons a second are the database's, as in the paper.
-
-    Parameters
-    ----------
-    database
-        The line of table 1.
-    seconds
-        Wall seconds of one image by both cameras, reflections included, its color read back, by contestant.
-    submitted
-        Polygons that an image submits on average: those in its frusta, the reflective ones twice.
-    """
+    seconds = {name: whole.divided_by(drawn[name]) for name, whole in taken.items()}
     rate, antialiased_rate = 1 / seconds[PLATE].median, 1 / seconds[ON].median
-    return {
+    row = {
         "polygons": database.polygons,
-        "reflective_share": database.reflective_share,
+        "reflective_share": float(car.reflective.mean()),
         "frames_per_second": rate,
         "polygons_per_second": database.polygons * rate,
         "submitted_polygons_per_second": submitted * rate,
@@ -165,20 +142,28 @@ def _row_record(database: Database, seconds: dict[str, Timing], submitted: float
             "factor": antialiased_rate / database.machines[REALITY_ENGINE].frames_per_second,
         },
     }
+    return row, device
 
 
 def table(found: Record) -> str:
     """Return table 1 as text, one line for each machine."""
     machine, rows = found["machine"], found["rows"]
-    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
     lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
+
+    def add(row: Record, rates: Record, factor: str, drawn_by: str) -> None:
+        lines.append(
+            f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%{rates['frames_per_second']:>11.3g}"
+            f"{rates['polygons_per_second']:>13,.0f}{factor:>9}  {drawn_by}"
+        )
+
     for row in rows:
         on = row["antialiased"]
-        there = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
-        lines += [_line(row, row, "", here), _line(row, on, "", there)]
+        here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+        add(row, row, "", here)
+        add(row, on, "", f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)")
         for name, old in row["paper"].items():
             drawn_by = f"{name} (1996), antialiasing {'on' if old.antialiasing else 'off'}"
-            lines.append(_line(row, vars(old), f"{row['factors'][name]:,.1f}", drawn_by))
+            add(row, vars(old), f"{row['factors'][name]:,.1f}", drawn_by)
     width, height = found["resolution"]
     factors = " and ".join(f"{row['antialiased']['factor']:.1f}" for row in rows)
     slower = " and ".join(f"{row['antialiased']['slowdown']:.2f}" for row in rows)
@@ -197,10 +182,3 @@ def table(found: Record) -> str:
         f"{ANTIALIASED_COLUMNS} where they are drawn one after the other.",
     ]
     return "\n".join(lines)
-
-
-def _line(row: Record, rates: Record, factor: str, drawn_by: str) -> str:
-    return (
-        f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%{rates['frames_per_second']:>11.3g}"
-        f"{rates['polygons_per_second']:>13,.0f}{factor:>9}  {drawn_by}"
-    )

@@ -7,9 +7,7 @@ costs: a triangle number in float32, a point, or a number, a place along the lin
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
-from tqdm import tqdm
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
@@ -19,18 +17,7 @@ from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reference.truth import Reference
-from xfrustum.reports.benchmarks.common import (
-    Record,
-    columns,
-    machine_record,
-    number,
-    positive,
-    rate_of,
-    ratios_of,
-    scene_record,
-    sized,
-    spread,
-)
+from xfrustum.reports.benchmarks import common
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import race
 from xfrustum.scenes.errors import InputError
@@ -79,71 +66,56 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
 
 def benchmark_truth(
     scene: Scene, resolutions: Sequence[int] = RESOLUTIONS, repeat: int = REPEAT, *, progress: bool = False
-) -> Record:
-    """Measure the certified truth of a scene's middle aperture beside bare tracers.
+) -> common.Record:
+    """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
 
-    W = H of each race; the scene's own resolution does not matter. Each contestant warms up, and then runs
-    `repeat` times.
-
-    Raises
-    ------
-    InputError
-        The scene has no triangles, or a resolution or the number of repetitions is not positive.
+    Raises InputError where the scene has no triangles, or a number is not positive.
     """
     if not resolutions:
         raise InputError("bench: there is no resolution; give such as 512,1024")
-    scenes, repeat = [sized(scene, resolution) for resolution in resolutions], positive(repeat)
+    scenes, races = [common.sized(scene, side) for side in resolutions], []
+    common.positive(repeat)
     with progress_bar(len(scenes) * len(MEANINGS), "bench", "contestant", shown=progress) as bar:
-        races = [_race(one, repeat, bar) for one in scenes]
+        for one in scenes:
+            (width, height), rates = one.frustum.resolution, {}
+            # One at a time, so that none pays for what another leaves behind in caches and heap.
+            for name, run in truth_contestants(one, one.plate.middle).items():
+                rates[name] = common.rate_of(width * height / 1e6, race({name: run}, repeat)[name])
+                bar.update()
+            ends = {
+                name: {"median": rate.median, "slowest": rate.lowest, "fastest": rate.highest}
+                for name, rate in rates.items()
+            }
+            races.append(
+                {
+                    "resolution": (width, height),
+                    "mpixel_per_s": {name: ends.get(name) for name in MEANINGS},
+                    "ratios": common.ratios_of(rates, RATIOS),
+                }
+            )
     return {
-        "scene": {**scene_record(scene), "aperture": scene.plate.middle.index},
+        "scene": {**common.scene_record(scene), "aperture": scene.plate.middle.index},
         "repeat": repeat,
         "meanings": MEANINGS,
         "races": races,
-        **machine_record(tracers=True),
+        **common.machine_record(tracers=True),
     }
 
 
-def _race(scene: Scene, repeat: int, bar: tqdm[Any]) -> Record:
-    width, height = scene.frustum.resolution
-    rates = {}
-    # One at a time, so that none pays for what another leaves behind in caches and heap.
-    for name, run in truth_contestants(scene, scene.plate.middle).items():
-        rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
-        bar.update()
-    return {
-        "resolution": (width, height),
-        "mpixel_per_s": {
-            name: {
-                "median": rates[name].median,
-                "slowest": rates[name].lowest,
-                "fastest": rates[name].highest,
-            }
-            if name in rates
-            else None
-            for name in MEANINGS
-        },
-        "ratios": ratios_of(rates, RATIOS),
-    }
-
-
-def table(found: Record) -> str:
+def table(found: common.Record) -> str:
     """Return the rates and ratios as text, one column for each resolution."""
     machine, scene, races = found["machine"], found["scene"], found["races"]
     rows = [["million pixels per second", *("{} x {}".format(*one["resolution"]) for one in races)]]
     for name in MEANINGS:
         rates = [one["mpixel_per_s"][name] for one in races]
         ends = [rate and (rate["slowest"], rate["median"], rate["fastest"]) for rate in rates]
-        rows.append([name, *map(spread, ends)])
-    rows += [[pair, *(number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]]
-    return "\n".join(
-        (
-            f"{scene['name']}, {scene['triangles']:,} triangles, middle aperture; "
-            f"{machine['cores']} cores of {machine['processor']}",
-            f"median of {found['repeat']} after a warm-up (slowest to fastest)",
-            "",
-            *columns(rows),
-            "",
-            *(f"{name}: {meaning}" for name, meaning in MEANINGS.items()),
-        )
-    )
+        rows.append([name, *map(common.spread, ends)])
+    rows += [[pair, *(common.number(one["ratios"][pair]) for one in races)] for pair in races[0]["ratios"]]
+    head = f"{scene['name']}, {scene['triangles']:,} triangles, middle aperture"
+    lines = [
+        f"{head}; {machine['cores']} cores of {machine['processor']}",
+        f"median of {found['repeat']} after a warm-up (slowest to fastest)",
+        *("", *common.columns(rows), ""),
+        *(f"{name}: {meaning}" for name, meaning in MEANINGS.items()),
+    ]
+    return "\n".join(lines)

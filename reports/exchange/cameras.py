@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,12 +19,10 @@ import numpy as np
 
 from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
+from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.exchange.blender.export import write_blender
 from xfrustum.scenes.arguments import choice
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
@@ -66,21 +65,11 @@ def write_cameras(
     settings: DoubleFrustum | None = None,
     apertures: Sequence[Aperture] | None = None,
 ) -> CameraFiles:
-    """Write the cameras of a scene for another renderer.
+    """Write the cameras of a scene for another renderer into a folder.
 
-    Parameters
-    ----------
-    scene
-        Scene whose plate and frustum the cameras belong to.
-    renderer
-        `json`, `gltf`, `mitsuba`: C and C* of some settings; `blender`: the crossed frustum itself.
-    out
-        Folder of the files.
-    settings
-        Settings of C and C*; not for Blender, whose camera needs none.
-    apertures
-        Apertures whose cameras are written; the default apertures of a report where None. For Blender, those
-        that the script renders unless it is told others.
+    For `json`, `gltf` and `mitsuba` they are C and C* of some settings, by default of a report's apertures.
+    For `blender` it is the crossed frustum itself, which needs no settings; the apertures are those that its
+    script renders unless it is told others.
 
     Raises
     ------
@@ -111,6 +100,48 @@ def write_cameras(
     return CameraFiles(renderer=chosen, files=files, next_step=f"read CONVENTIONS.md, and {files[0]}")
 
 
+SCRIPTS = ("render.py", "pixel_files.py")
+"""The script that Blender runs, and what it imports: in the folder `blender` beside this module."""
+
+
+def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None) -> tuple[Path, ...]:
+    """Write the script that renders a scene's hogels in Blender, with plate and numbered triangles beside it.
+
+    The script renders these apertures where nobody names others; the whole plate where None.
+    """
+    frustum, screen, objects = scene.frustum, scene.frustum.screen, scene.objects
+    described = {
+        "scene": scene.name,
+        "scene_hash": scene.content_hash,
+        "units": scene.units,
+        "size": scene.plate.size,
+        "hogels": scene.plate.hogels,
+        "resolution": frustum.resolution,
+        "reach": frustum.reach,
+        "fov": frustum.fov,
+        "screen": screen and {"height": screen.height, "center": screen.center, "size": screen.size},
+        "apertures": None if apertures is None else [aperture.index for aperture in apertures],
+        "objects": [one.name for one in objects],
+        "colors": [material.diffuse for material in scene.materials],
+        "lights": [{"direction": light.direction, "color": light.color} for light in scene.appearance.lights],
+    }
+    first = np.cumsum([0, *(len(one.vertices) for one in objects)])
+    faces = [one.faces + start for one, start in zip(objects, first[:-1], strict=True)]
+    with Staging(out, (*SCRIPTS, "plate.json", "scene.npz")) as staging:
+        for name in SCRIPTS:
+            shutil.copyfile(Path(__file__).with_name("blender") / name, staging.folder / name)
+        text = json.dumps(described, allow_nan=False, indent=1)
+        (staging.folder / "plate.json").write_text(text + "\n", encoding="utf-8")
+        np.savez(
+            staging.folder / "scene.npz",
+            vertices=np.concatenate([np.zeros((0, 3)), *(one.vertices for one in objects)]),
+            faces=np.concatenate([np.zeros((0, 3), np.int64), *faces]),
+            first_vertex=first,
+            first_triangle=np.cumsum([0, *(len(one.faces) for one in objects)]),
+        )
+        return staging.commit()
+
+
 DEPTH_FUNCTIONS = {
     DepthMapping.STANDARD: "f (w - n) / (w (f - n))",
     DepthMapping.GL: "f (w - n) / (w (f - n))",
@@ -124,13 +155,12 @@ CONVENTIONS = (
     "Scene coordinates are right-handed: the plate is z = 0, +z points to the viewer, x right, y up.",
     "Matrices are row-major, named target-from-source, and multiply column vectors.",
     "Clip x/w and y/w are the film coordinates u (to the right) and v (up), both in [-1, 1]; the flips of "
-    "C* are in its "
-    "matrix. The center of pixel (column c, row r; row 0 at the top) is u = (2c + 1)/W - 1, v = 1 - (2r + "
-    "1)/H.",
+    "C* are in its matrix. The center of pixel (column c, row r; row 0 at the top) is u = (2c + 1)/W - 1, "
+    "v = 1 - (2r + 1)/H.",
     "Clip w is the distance from the camera along its axis. Only points with near <= w <= far are drawn.",
     "Passes are drawn in the order given, each with its depth buffer cleared to `clear`, over those before "
-    "it. Depth tests "
-    "are strict: of equal depths the one drawn first stays. Nothing is culled unless `culled_face` says so.",
+    "it. Depth tests are strict: of equal depths the one drawn first stays. Nothing is culled unless "
+    "`culled_face` says so.",
 )
 """What a reader of the file must know, in the words of CONVENTIONS.md."""
 
@@ -140,12 +170,7 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
     It has the question as the scene file and the command line put it, angles in radians, and the passes of
     each aperture in drawing order, the farthest from the viewer first. Slabs in which the scene has nothing
-    are left out, as `raster` leaves them out.
-
-    Raises
-    ------
-    InputError
-        The settings make no sense for the scene.
+    are left out, as `raster` leaves them out. Raises InputError where the settings make no sense.
     """
     settings.check_against(scene.frustum)
     slabs = cameras_in_order(scene, settings)
@@ -169,60 +194,43 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
 
 
 def _camera_pass(scene: Scene, settings: DoubleFrustum, aperture: Aperture, slab: SlabCamera) -> Record:
-    """Return one camera of one aperture, and what it draws.
-
-    `film_flipped` says whether the film is flipped left-right and up-down against the ordinary picture of a
-    camera that looks that way with its y axis up and its x axis to the right as the viewer sees them; `shear`
-    and `half_extent` are k and t of the film in slopes about the center of projection, the factor of the fit
-    included; `heights` the lowest and highest z between the two planes; `front_face` is the window winding of
-    faces that are turned to the camera, `culled_face` those that are left out, as OpenGL names them.
-    """
+    """Return one camera of one aperture, and what it draws."""
     drawn = pass_of(scene, aperture, settings, slab)
-    window = FilmWindow.of(scene.frustum, aperture)
+    window, mapping = FilmWindow.of(scene.frustum, aperture), MAPPINGS[settings.mapping]
+    rows = drawn.clip_from_scene[(0, 1, 3), :]
+    # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
+    x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
     return {
         "camera": "c" if slab.orthoscopic else "c-star",
         "clip_from_scene": drawn.clip_from_scene,
-        "position": center_of_projection(drawn.clip_from_scene),
+        "position": (float(x), float(y), float(z)),
         "looks_to": "-z" if slab.orthoscopic else "+z",
+        # Left-right and up-down, against the ordinary picture of a camera that looks that way, its y axis up.
         "film_flipped": not slab.orthoscopic,
+        # k and t of the film, slopes about the center of projection, the factor of the fit included.
         "shear": (-window.axis[0], -window.axis[1]),
         "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
         "near": slab.near,
         "far": slab.far,
         "heights": drawn.heights,
         "wins": "nearest" if slab.orthoscopic else "farthest",
-        "depth": _depth(settings, drawn),
+        "depth": {
+            "format": settings.depth,
+            "mapping": settings.mapping,
+            "function": DEPTH_FUNCTIONS[settings.mapping],
+            "near_value": mapping.stored_near,
+            "far_value": mapping.stored_far,
+            # Depths over w between which the pass clips.
+            "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
+            # No interpolation gives such a depth.
+            "written_by_fragment": bool(mapping.fragment_depth),
+            "test": drawn.test.function,
+            "clear": drawn.test.clear,
+        },
+        # Window winding of faces that are turned to the camera, and of those left out, as OpenGL names them.
         "front_face": drawn.front_face,
         "culled_face": drawn.culled_face,
     }
-
-
-def _depth(settings: DoubleFrustum, drawn: Pass) -> Record:
-    """Return the depth buffer of a pass.
-
-    What is stored at both planes, between which depths over w it clips, whether the fragment writes it
-    because no interpolation gives it, and its test and clear value.
-    """
-    mapping = MAPPINGS[settings.mapping]
-    return {
-        "format": settings.depth,
-        "mapping": settings.mapping,
-        "function": DEPTH_FUNCTIONS[settings.mapping],
-        "near_value": mapping.stored_near,
-        "far_value": mapping.stored_far,
-        "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
-        "written_by_fragment": bool(mapping.fragment_depth),
-        "test": drawn.test.function,
-        "clear": drawn.test.clear,
-    }
-
-
-def center_of_projection(clip_from_scene: Floats) -> tuple[float, float, float]:
-    """Return the point at which clip x, y and w are all zero."""
-    rows = clip_from_scene[(0, 1, 3), :]
-    x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3])
-    # Adding zero turns a negative zero into a positive one.
-    return float(x) + 0.0, float(y) + 0.0, float(z) + 0.0
 
 
 # glTF and Mitsuba
@@ -236,76 +244,51 @@ HALF_TURN_ABOUT_Y = (0.0, 1.0, 0.0, 0.0)
 
 GLTF_NOTE = (
     "A glTF camera has neither an off-axis film nor a film that is flipped: each camera here is the "
-    "smallest ordinary one "
-    "that contains the film. From its picture (x to the right, y up, both from -1 to 1) cut the rectangle "
-    "`film`, and "
-    "reverse the rows where `rows_reversed` says so. In passes where the farthest surface wins, reverse the "
-    "depth test and "
-    "clear depth to the near plane."
+    "smallest ordinary one that contains the film. From its picture (x to the right, y up, both from -1 to "
+    "1) cut the rectangle `film`, and reverse the rows where `rows_reversed` says so. In passes where the "
+    "farthest surface wins, reverse the depth test and clear depth to the near plane."
 )
 """What a reader of the glTF file must know."""
 
 
-def _passes(cameras: Record) -> Iterator[tuple[tuple[int, int], int, Record]]:
-    """Yield aperture, number and camera of every pass."""
+def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
+    """Yield every camera, and what entries of both formats say of it."""
     for one in cameras["apertures"]:
         for number, camera in enumerate(one["passes"]):
-            yield one["aperture"], number, camera
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ordinary:
-    """An ordinary camera that contains the film of a pass.
-
-    Half-extents of its picture, slopes; left, right, bottom and top of the film in its picture, which runs
-    from -1 to 1; and whether the film's rows run upward in it.
-    """
-
-    half_extent: tuple[float, float]
-    film: tuple[float, float, float, float]
-    rows_reversed: bool
-
-
-def ordinary(camera: Record) -> Ordinary:
-    """Return the smallest camera with a centered picture that contains the film of a pass.
-
-    A camera that looks to +z is an ordinary one turned about its y axis: the film of C* is that picture with
-    its rows reversed, for slopes k + u t grow with its x, and k + v t against its y.
-    """
-    (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
-    half = abs(kx) + tx, abs(ky) + ty
-    middle = -ky if camera["film_flipped"] else ky
-    film = ((kx - tx) / half[0], (kx + tx) / half[0], (middle - ty) / half[1], (middle + ty) / half[1])
-    return Ordinary(half_extent=half, film=film, rows_reversed=camera["film_flipped"])
+            told = {"aperture": one["aperture"], "pass": number, "rows_reversed": camera["film_flipped"]}
+            yield camera, told | {"wins": camera["wins"]}
 
 
 def gltf(cameras: Record) -> Record:
-    """Return a glTF 2.0 document with a camera and a node for each pass."""
+    """Return a glTF 2.0 document with a camera and a node for each pass.
+
+    The camera is the smallest with a centered picture that contains the film. One that looks to +z is an
+    ordinary one turned about its y axis: the film of C* is that picture with its rows reversed, for slopes
+    k + u t grow with its x, and k + v t against its y.
+    """
     lenses: list[Record] = []
     nodes: list[Record] = []
-    for aperture, number, camera in _passes(cameras):
-        lens = ordinary(camera)
-        name = f"{camera['camera']} {aperture[0]},{aperture[1]} pass {number}"
+    for camera, told in _passes(cameras):
+        (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
+        across, up = abs(kx) + tx, abs(ky) + ty
+        middle = -ky if camera["film_flipped"] else ky
+        sides = ((kx - tx) / across, (kx + tx) / across, (middle - ty) / up, (middle + ty) / up)
+        column, row = told["aperture"]
+        name = f"{camera['camera']} {column},{row} pass {told['pass']}"
         perspective = {
-            "yfov": 2 * math.atan(lens.half_extent[1]),
-            "aspectRatio": lens.half_extent[0] / lens.half_extent[1],
+            "yfov": 2 * math.atan(up),
+            "aspectRatio": across / up,
             "znear": camera["near"],
             "zfar": camera["far"],
         }
-        told = {
-            "aperture": aperture,
-            "pass": number,
-            "film": dict(zip(("left", "right", "bottom", "top"), lens.film, strict=True)),
-            "rows_reversed": lens.rows_reversed,
-            "wins": camera["wins"],
-            "clip_from_scene": camera["clip_from_scene"],
-        }
-        node = {"name": name, "camera": len(lenses), "translation": camera["position"], "extras": told}
+        film = dict(zip(("left", "right", "bottom", "top"), sides, strict=True))
+        extras = told | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
+        node = {"name": name, "camera": len(lenses), "translation": camera["position"], "extras": extras}
         lenses.append({"name": name, "type": "perspective", "perspective": perspective})
         nodes.append(node | ({"rotation": HALF_TURN_ABOUT_Y} if camera["looks_to"] == "+z" else {}))
-    told = {"note": GLTF_NOTE, "units": cameras["units"]}
+    noted = {"note": GLTF_NOTE, "units": cameras["units"]}
     return {
-        "asset": {"version": "2.0", "generator": "xfrustum", "extras": told},
+        "asset": {"version": "2.0", "generator": "xfrustum", "extras": noted},
         "scene": 0,
         "scenes": [{"name": cameras["scene"], "nodes": list(range(len(nodes)))}],
         "nodes": nodes,
@@ -316,50 +299,34 @@ def gltf(cameras: Record) -> Record:
 def mitsuba(cameras: Record) -> Record:
     """Return a sensor plugin of Mitsuba 3 as a dict for each pass.
 
-    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`.
-
-    Raises
-    ------
-    InputError
-        The pixels of the film are not square, which Mitsuba's sensor takes for granted.
+    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`. Raises
+    InputError where pixels of the film are not square, which Mitsuba's sensor takes for granted.
     """
-    sensors = [
-        {
-            "aperture": aperture,
-            "pass": number,
-            "camera": camera["camera"],
-            "wins": camera["wins"],
-            "rows_reversed": camera["film_flipped"],
-            "sensor": _sensor(camera, cameras["frustum"].resolution),
+    width, height = cameras["frustum"].resolution
+    sensors = []
+    for camera, told in _passes(cameras):
+        (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
+        if abs(ty * width / (tx * height) - 1) > MAX_PIXEL_ASPECT_DEVIATION:
+            raise InputError(
+                f"a pixel of this film is {tx / width / (ty / height):.6g} times as wide as high, and "
+                "Mitsuba's sensors have square pixels; choose another resolution, or --for json"
+            )
+        to_world = np.eye(4)
+        # In the sensor's own coordinates z points forward, y up and x to the left.
+        forward = -1.0 if camera["looks_to"] == "-z" else 1.0
+        to_world[:3, :3] = np.diag([forward, 1.0, forward])
+        to_world[:3, 3] = camera["position"]
+        sensor = {
+            "type": "perspective",
+            "fov_axis": "x",
+            "fov": math.degrees(2 * math.atan(tx)),
+            # The film may lie off the center.
+            "principal_point_offset_x": kx / (2 * tx),
+            "principal_point_offset_y": (ky if camera["film_flipped"] else -ky) / (2 * ty),
+            "near_clip": camera["near"],
+            "far_clip": camera["far"],
+            "to_world": to_world,
+            "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
         }
-        for aperture, number, camera in _passes(cameras)
-    ]
+        sensors.append(told | {"camera": camera["camera"], "sensor": sensor})
     return {"scene": cameras["scene"], "units": cameras["units"], "sensors": sensors}
-
-
-def _sensor(camera: Record, resolution: tuple[int, int]) -> Record:
-    """Return the dict of a `perspective` sensor, which may have its principal point off the center."""
-    (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
-    width, height = resolution
-    if abs(ty * width / (tx * height) - 1) > MAX_PIXEL_ASPECT_DEVIATION:
-        raise InputError(
-            f"a pixel of this film is {tx / width / (ty / height):.6g} times as wide as high, and Mitsuba's "
-            "sensors have square pixels; choose another resolution, or --for json"
-        )
-    up = -ky if camera["film_flipped"] else ky
-    to_world = np.eye(4)
-    # In the sensor's own coordinates z points forward, y up and x to the left.
-    forward = -1.0 if camera["looks_to"] == "-z" else 1.0
-    to_world[:3, :3] = np.diag([forward, 1.0, forward])
-    to_world[:3, 3] = camera["position"]
-    return {
-        "type": "perspective",
-        "fov_axis": "x",
-        "fov": math.degrees(2 * math.atan(tx)),
-        "principal_point_offset_x": kx / (2 * tx),
-        "principal_point_offset_y": -up / (2 * ty),
-        "near_clip": camera["near"],
-        "far_clip": camera["far"],
-        "to_world": to_world,
-        "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
-    }

@@ -1,4 +1,4 @@
-"""Plates from one layout into another, and from and into Zarr."""
+"""Plates from one layout into another, from and into Zarr, and as they are drawn."""
 
 from __future__ import annotations
 
@@ -33,11 +33,8 @@ from xfrustum.scenes.files.plate_files import (
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 from xfrustum.scenes.model.scene import Scene
 
-ZARR = "zarr"
-"""Name under which a Zarr group counts as a layout."""
-
-ZARR_SUFFIX = ".zarr"
-"""Suffix of folders that are taken for Zarr groups."""
+ZARR, ZARR_SUFFIX = "zarr", ".zarr"
+"""Name under which a Zarr group counts as a layout, and suffix of folders that are taken for groups."""
 
 ONE_PICTURE = ("mosaic", "quilt", "cubevi")
 """Names of layouts of a single picture, which may be written under the name of a file."""
@@ -45,63 +42,29 @@ ONE_PICTURE = ("mosaic", "quilt", "cubevi")
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """What a conversion did.
-
-    Attributes
-    ----------
-    source, out
-        What was read, and the folder or file that was written.
-    read_as
-        Layout in which the source was read.
-    reasons
-        What speaks for this layout.
-    written_as
-        Layout in which it was written.
-    hogels, resolution
-        Numbers of hogels, and of the pixels of each as they were read.
-    files
-        Number of files that were written; of Zarr groups, of hogels.
-    losses
-        What was lost, one clause each; none where every bit was kept.
-    notes
-        What readers may expect and the files do not have.
-    """
+    """What a conversion did."""
 
     source: Path
-    out: Path
+    out: Path  # folder or file that was written
     read_as: str
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...]  # what speaks for the layout that was read
     written_as: str
     hogels: tuple[int, int]
-    resolution: tuple[int, int]
-    files: int
-    losses: tuple[str, ...]
-    notes: tuple[str, ...]
+    resolution: tuple[int, int]  # pixels of each hogel as they were read
+    files: int  # of Zarr groups, the number of hogels
+    losses: tuple[str, ...]  # one clause each; none where every bit was kept
+    notes: tuple[str, ...]  # what readers may expect and the files do not have
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionOptions:
-    """Facts that files may not state themselves.
+    """Facts that files may not state themselves."""
 
-    Attributes
-    ----------
-    hogels
-        Numbers of columns and rows of hogels, which a mosaic does not state.
-    tiles
-        Columns and rows of tiles of a quilt to be written.
-    suffix
-        Suffix of the pictures to be written; None for that of the layout, and .exr for floating point.
-    array
-        Array of a Zarr group to be read or written: `color` or `triangle`.
-    aspect
-        Width of the plate over its height, which quilts state; None for that of the numbers of hogels.
-    """
-
-    hogels: tuple[int, int] | None = None
-    tiles: tuple[int, int] | None = None
-    suffix: str | None = None
-    array: PlateArray | str | None = None
-    aspect: float | None = None
+    hogels: tuple[int, int] | None = None  # columns and rows, which a mosaic does not state
+    tiles: tuple[int, int] | None = None  # columns and rows of tiles of a quilt to be written
+    suffix: str | None = None  # of pictures to be written; None for the layout's, .exr for floating point
+    array: PlateArray | str | None = None  # of a Zarr group to be read or written
+    aspect: float | None = None  # width of the plate over its height; None for that of the hogels
 
 
 def convert(
@@ -113,19 +76,9 @@ def convert(
     *,
     progress: bool = False,
 ) -> Conversion:
-    """Write the plate of a folder, picture or Zarr group in another layout.
+    """Write the plate of a folder, picture or Zarr group (NAME.zarr) in another layout.
 
-    Parameters
-    ----------
-    source, out
-        What is read, and what is written: a folder, a picture, or a Zarr group (NAME.zarr).
-    read_as, write_as
-        Names of layouts, or `zarr`; None for what the source looks like, and for `zarr` or `hogels` by the
-        name of `out`.
-    options
-        Facts that files do not state.
-    progress
-        Whether to draw a bar on standard error.
+    Layouts are named, or `zarr`; None for what the source looks like, and for `zarr` by the name of `out`.
 
     Raises
     ------
@@ -140,10 +93,22 @@ def convert(
         )
     array = None if options.array is None else choice(PlateArray, options.array, "array")
     read = _read(source, read_as, options, array)
-    work = _Work(source=source, out=out, read=read, progress=progress)
+    done = Conversion(
+        source=source,
+        out=out,
+        read_as=read.layout,
+        reasons=read.reasons,
+        written_as=target,
+        hogels=read.plate.shape.hogels,
+        resolution=read.plate.shape.resolution,
+        files=0,
+        losses=(),
+        notes=read.notes,
+    )
     if target == ZARR:
-        return _into_group(work, array)
-    return _into_files(work, layouts_named(target)[0].name, options)
+        return _into_group(done, read.plate, array or PlateArray.COLOR, progress=progress)
+    done = replace(done, written_as=layouts_named(target)[0].name)
+    return _into_files(done, read.plate, options, progress=progress)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,41 +121,7 @@ class _Read:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Work:
-    """A conversion under way."""
-
-    source: Path
-    out: Path
-    read: _Read
-    progress: bool
-
-    def done(
-        self,
-        written: Path,
-        layout: str,
-        files: int,
-        losses: tuple[str, ...] = (),
-        notes: tuple[str, ...] = (),
-    ) -> Conversion:
-        """Return what the conversion did."""
-        read = self.read
-        return Conversion(
-            source=self.source,
-            out=written,
-            read_as=read.layout,
-            reasons=read.reasons,
-            written_as=layout,
-            hogels=read.plate.shape.hogels,
-            resolution=read.plate.shape.resolution,
-            files=files,
-            losses=losses,
-            notes=(*read.notes, *notes),
-        )
-
-
 def _read(source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None) -> _Read:
-    """Read a source."""
     if read_as == ZARR or (read_as is None and is_group(source)):
         plate = open_plate(source, array)
         missing = missing_hogels(plate)
@@ -198,8 +129,7 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
         reasons = (f"array {plate.array}", plate.shape.words, *told)
         return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)
     shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
-    layouts = LAYOUTS if read_as is None else layouts_named(read_as)
-    found = find_files(source, shape, layouts)
+    found = find_files(source, shape, LAYOUTS if read_as is None else layouts_named(read_as))
     if found.missing:
         raise InputError(
             f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
@@ -214,77 +144,72 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
     return _Read(plate=found.rows(), layout=found.layout.name, reasons=found.reasons)
 
 
-def _into_group(work: _Work, array: PlateArray | None) -> Conversion:
-    plate, source, out = work.read.plate, work.source, work.out
-    chosen = array or PlateArray.COLOR
-    if chosen is PlateArray.TRIANGLE and plate.levels is None:
+def _into_group(done: Conversion, plate: PlateRows, array: PlateArray, *, progress: bool) -> Conversion:
+    source, out = done.source, done.out
+    if array is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
-        plate = WithLevels(plate=plate, levels=BYTE_LEVELS if chosen is PlateArray.TRIANGLE else None)
+        plate = WithLevels(plate=plate, levels=BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
     if out.exists() or out.is_symlink():
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
     columns, rows = plate.shape.hogels
-    described: dict[str, object] = {"source": str(source), "layout": work.read.layout}
+    described: dict[str, object] = {"source": str(source), "layout": done.read_as}
     try:
         with (
             Aside(out.absolute().parent, folder=True) as aside,
-            progress_bar(columns * rows, "convert", "hogel", shown=work.progress) as bar,
+            progress_bar(columns * rows, "convert", "hogel", shown=progress) as bar,
         ):
             made = aside.path / "group"
-            write_group(plate, made, chosen, described, bar.update)
+            write_group(plate, made, array, described, bar.update)
             made.rename(out)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
-    return work.done(out, ZARR, columns * rows)
+    return replace(done, files=columns * rows)
 
 
-def _into_files(work: _Work, layout_name: str, options: ConversionOptions) -> Conversion:
-    plate, out = work.read.plate, work.out
-    single = layout_name in ONE_PICTURE and out.suffix.lower() in PICTURE_SUFFIXES
+def _into_files(
+    done: Conversion, plate: PlateRows, options: ConversionOptions, *, progress: bool
+) -> Conversion:
+    out, shape = done.out, plate.shape
+    single = done.written_as in ONE_PICTURE and out.suffix.lower() in PICTURE_SUFFIXES
     suffix = out.suffix.lower() if single else options.suffix
-    layout = layout_for(layout_name, suffix)
+    layout = layout_for(done.written_as, suffix)
+    # What follows in the names of quilts is their own.
+    stem = out.stem.partition("_qs")[0] if layout.name == "quilt" else out.stem
     naming = Naming(
         suffix=suffix or layout.suffix,
-        stem=_stem(out, layout) if single else "",
+        stem=stem if single else "",
         aspect=options.aspect,
         tiles=options.tiles,
     )
     floating = replace(naming, suffix=".exr")
-    if suffix is None and plate.levels is None and _is_named(layout, plate.shape, floating):
+    if suffix is None and plate.levels is None and _is_named(layout, shape, floating):
         naming = floating
-    if not _is_named(layout, plate.shape, naming):
+    if not _is_named(layout, shape, naming):
         raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
     target = Target(layout=layout, naming=naming)
-    files, losses = layout.file_count(plate.shape), target.losses(plate)
+    files, losses = layout.file_count(shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
-        with progress_bar(files, "convert", "file", shown=work.progress) as bar:
+        with progress_bar(files, "convert", "file", shown=progress) as bar:
             write_files(plate, target, staging.folder, bar.update)
         if layout.name == "hci":
-            (staging.folder / PARAMETERS_FILE).write_text(_parameters(plate.shape), encoding="ascii")
+            # The part of a parameters.cfg that the pictures decide.
+            (columns, rows), (width, height) = shape.hogels, shape.resolution
+            parameters = (
+                "[intrinsics]\n"
+                f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
+                f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
+            )
+            (staging.folder / PARAMETERS_FILE).write_text(parameters, encoding="ascii")
         written = staging.commit()
-    place = written[0] if single else out
-    return work.done(place, layout.name, files, losses, target.notes(plate.shape))
+    notes = (*done.notes, *target.notes(shape))
+    return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
 
 
 def _is_named(layout: Layout, shape: PlateShape, naming: Naming) -> bool:
     """Return whether files under these names are files of the layout: `pleno` has no other than .ppm."""
     name = Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
     return layout.read_name(name) is not None
-
-
-def _stem(out: Path, layout: Layout) -> str:
-    """Return the beginning of the name of a single picture: what follows in quilts' names is their own."""
-    return out.stem.partition("_qs")[0] if layout.name == "quilt" else out.stem
-
-
-def _parameters(shape: PlateShape) -> str:
-    """Return the part of a parameters.cfg that the pictures decide."""
-    (columns, rows), (width, height) = shape.hogels, shape.resolution
-    return (
-        "[intrinsics]\n"
-        f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
-        f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
-    )
 
 
 DRAWING_SUFFIX = ".drawing.zarr"
@@ -296,13 +221,8 @@ with it."""
 class LaidOutPlate:
     """The places of a plate that is drawn into a Zarr group and written in a layout.
 
-    Attributes
-    ----------
-    out
-        Place that was asked for: NAME.zarr for a group, with the files beside it in NAME-LAYOUT; any other
-        name for the files alone.
-    layout
-        Name of the layout.
+    Asked for was NAME.zarr, for a group with the files beside it in NAME-LAYOUT; or any other name, for the
+    files alone.
     """
 
     out: Path
@@ -324,17 +244,7 @@ class LaidOutPlate:
         return self.out.with_name(f"{self.out.stem}-{self.layout}") if self.keeps_group else self.out
 
     def check(self, scene: Scene, content: PlateContent, *, judged: bool) -> None:
-        """Raise InputError where the files could not be written, or would lose what was asked for.
-
-        Parameters
-        ----------
-        scene
-            Scene of the plate.
-        content
-            Images that are stored.
-        judged
-            Whether measures are stored beside them.
-        """
+        """Raise InputError where the files could not be written, or would lose images or measures."""
         if not {Channel.COLOR, Channel.TRIANGLE} & {*content.channels}:
             raise InputError(
                 "--layout writes colors or triangle numbers: ask for color or triangle among --channels"
@@ -352,13 +262,7 @@ class LaidOutPlate:
         check_writable_folder(self.files.absolute().parent if single else self.files)
 
     def write(self, scene: Scene) -> Conversion:
-        """Write the files of a plate that is drawn, and remove the group unless it is to be kept.
-
-        Raises
-        ------
-        InputError
-            The files cannot be written.
-        """
+        """Write the files of a plate that is drawn, and remove the group unless it is to be kept."""
         width, height = scene.plate.size
         options = ConversionOptions(aspect=width / height)
         done = convert(self.group, self.files, ZARR, self.layout, options)

@@ -108,33 +108,13 @@ def exr_planes(content: bytes) -> dict[str, Array]:
 
 
 def encoded(
-    planes: Mapping[str, Array],
-    plate: Mapping[str, Any],
-    to_plate: Array,
-    encoding: str,
-    mesh: Path,
+    planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Array, encoding: str, mesh: Path
 ) -> bytes:
-    """Return a hogel's file from the passes that Cycles wrote.
+    """Return a hogel's file from the passes that Cycles wrote, by the names of their channels.
 
-    Surfaces beyond the reach are left out: no other surface can lie before them on the pixel's line.
-
-    Parameters
-    ----------
-    planes
-        Passes by the names of their channels.
-    plate
-        Description of the plate, as plate.json has it.
-    to_plate
-        (4, 4) matrix to the plate's frame from the world.
-    encoding
-        `triangle-id` for a PNG file, `exr` for OpenEXR.
-    mesh
-        Path of the scene's triangles.
-
-    Raises
-    ------
-    UnreadableError
-        There are no numbers of triangles.
+    It is PNG for the encoding `triangle-id`, OpenEXR for `exr`; `to_plate` takes the world to the plate's
+    frame, `mesh` is the file of the scene's triangles. Surfaces beyond the reach are left out: no other
+    surface can lie before them on the pixel's line. Raises UnreadableError where numbers are missing.
     """
     world = np.stack(_named(planes, "Position.X", "Position.Y", "Position.Z"), axis=-1).astype(np.float64)
     position = world @ to_plate[:3, :3].T + to_plate[:3, 3]

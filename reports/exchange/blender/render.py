@@ -19,6 +19,7 @@ import argparse
 import json
 import math
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -31,7 +32,6 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # Blender runs scripts without their folder in the path.
 
-from long_run import hide_known_complaints, interruptions, progress  # type: ignore[import-not-found]  # noqa: E402
 from pixel_files import OBJECT, TRIANGLE, UnreadableError, encoded, exr_planes  # type: ignore[import-not-found]  # noqa: E402
 
 Array = np.ndarray[Any, Any]
@@ -57,6 +57,9 @@ sample to the center of its pixel; so none lies so near to the next pixel that i
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as of programs that a shell sees end by it."""
+
+TOLD_EVERY_S = 10.0
+"""Time between two lines on how many hogels are done and how long the others take."""
 
 SHADER = """
 shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
@@ -145,6 +148,59 @@ def put(path: Path, content: bytes) -> None:
     aside.replace(path)
 
 
+# ---------------------------------------------------------------- a run of hours
+
+
+def interruptions() -> list[int]:
+    """Return a list that Ctrl-C adds to from now on, and ends nothing by itself.
+
+    Cycles calls back into Python while it renders, and a KeyboardInterrupt that is raised there is lost.
+    """
+    pressed: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        pressed.append(number)
+        os.write(2, b"this hogel is finished first\n")
+
+    signal.signal(signal.SIGINT, note)
+    return pressed
+
+
+def hide_known_complaints() -> None:
+    """Leave out two harmless tracebacks of Blender as a Python module.
+
+    It lacks oslquery, which finds parameters of shaders, of which the camera has none; and renderers are
+    asked for a session after they were removed.
+    """
+    shown, unraisable = sys.excepthook, sys.unraisablehook
+
+    def show(kind: Any, error: BaseException, trace: Any) -> None:
+        if not (isinstance(error, ImportError) and error.name == "oslquery"):
+            shown(kind, error, trace)
+
+    def show_unraisable(told: Any) -> None:
+        if not (isinstance(told.exc_value, ReferenceError) and "CyclesRender" in str(told.exc_value)):
+            unraisable(told)
+
+    sys.excepthook, sys.unraisablehook = show, show_unraisable
+
+
+def progress(hogels: int, say: Callable[[str], None]) -> Callable[[int], None]:
+    """Return a function of the number of hogels that are done, which says at times how long the rest is."""
+    start = time.monotonic()
+    told = start
+
+    def step(done: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if done < hogels and now - told >= TOLD_EVERY_S:
+            told = now
+            left = (now - start) / done * (hogels - done)
+            say(f"{done} of {hogels} hogels done, about {left:.0f} s left")
+
+    return step
+
+
 # ---------------------------------------------------------------- Blender
 
 
@@ -168,6 +224,8 @@ def blender_modules() -> tuple[Any, Any]:
 
 def build_scene(bpy: Any, plate: Mapping[str, Any]) -> None:
     """Make the scene of the scene file: its meshes with numbers of triangles and objects, and its lights."""
+    import mathutils  # noqa: PLC0415 - it comes with Blender
+
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with np.load(HERE / "scene.npz") as stored:
         mesh = {name: stored[name] for name in stored.files}
@@ -198,15 +256,12 @@ def build_scene(bpy: Any, plate: Mapping[str, Any]) -> None:
         strength = max(*light["color"], 1e-9)
         sun.energy, sun.color = math.pi * strength, [part / strength for part in light["color"]]
         lamp = bpy.data.objects.new(sun.name, sun)
-        lamp.rotation_euler = _toward(light["direction"])
+        lamp.rotation_euler = mathutils.Vector(light["direction"]).to_track_quat("Z", "Y").to_euler()
         collection.objects.link(lamp)
-    add_passes(bpy)
-
-
-def _toward(direction: Sequence[float]) -> Any:
-    import mathutils  # noqa: PLC0415 - it comes with Blender
-
-    return mathutils.Vector(direction).to_track_quat("Z", "Y").to_euler()
+    for layer in bpy.context.scene.view_layers:
+        for name in (TRIANGLE, OBJECT):
+            passed = layer.aovs.add()
+            passed.name, passed.type = name, "VALUE"
 
 
 def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
@@ -225,14 +280,6 @@ def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
         written.aov_name = attribute
         tree.links.new(number.outputs["Fac"], written.inputs["Value"])
     return made
-
-
-def add_passes(bpy: Any) -> None:
-    """Add the passes of numbers to the view layer."""
-    for layer in bpy.context.scene.view_layers:
-        for name in (TRIANGLE, OBJECT):
-            made = layer.aovs.add()
-            made.name, made.type = name, "VALUE"
 
 
 def plate_empty(bpy: Any, plate: Mapping[str, Any]) -> Any:
@@ -293,39 +340,29 @@ def set_renderer(
             image.use_exr_interleave = True
     camera = bpy.data.cameras.new("xfrustum aperture")
     camera.type, camera.clip_start = "CUSTOM", CLIP_START
-    (_, back), slopes = plate["reach"], _steepest(plate)
-    camera.clip_end = FAR_FACTOR * scale * (plate["reach"][0] + back) * slopes
+    # The largest length of a line per unit of depth is at one of the plate's corners.
+    columns, rows = plate["hogels"]
+    corners = ((0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1))
+    films = (film(plate, aperture_center(plate, *index)) for index in corners)
+    lengths = (math.hypot(abs(kx) + tx, abs(ky) + ty, 1.0) for (kx, ky), (tx, ty) in films)
+    camera.clip_end = FAR_FACTOR * scale * sum(plate["reach"]) * max(lengths)
     eye = bpy.data.objects.new(camera.name, camera)
     scene.collection.objects.link(eye)
     scene.camera = eye
 
 
-def _steepest(plate: Mapping[str, Any]) -> float:
-    """Return the largest length of a line per unit of depth, over the plate's corners."""
-    columns, rows = plate["hogels"]
-    lengths = []
-    for index in ((0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1)):
-        shear, half = film(plate, aperture_center(plate, *index))
-        lengths.append(math.hypot(*(abs(k) + t for k, t in zip(shear, half, strict=True)), 1.0))
-    return max(lengths)
-
-
 def aim(bpy: Any, cycles: Any, shader: str, matrix: Array, folder: Path, number: int) -> None:
     """Give the camera the shader of an aperture and its place."""
+    import mathutils  # noqa: PLC0415 - it comes with Blender
+
     source, compiled = folder / f"{number}.osl", folder / f"{number}.oso"
     source.write_text(shader, encoding="ascii")
     if not cycles.osl_compile(str(source), str(compiled)):
         raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
     eye = bpy.context.scene.camera
-    eye.matrix_world = _matrix(matrix)
+    eye.matrix_world = mathutils.Matrix(matrix.tolist())
     eye.data.custom_mode = "EXTERNAL"
     eye.data.custom_filepath = str(compiled)
-
-
-def _matrix(matrix: Array) -> Any:
-    import mathutils  # noqa: PLC0415 - it comes with Blender
-
-    return mathutils.Matrix(matrix.tolist())
 
 
 # ---------------------------------------------------------------- hogels
@@ -368,7 +405,9 @@ def render_hogels(
             began = time.monotonic()
             if pressed:
                 raise KeyboardInterrupt
-            stands = matrix @ _shifted(*aperture_center(plate, *index))
+            shifted = np.eye(4)
+            shifted[:2, 3] = aperture_center(plate, *index)
+            stands = matrix @ shifted
             stands[:3, :3] /= scale
             turned = arguments.layout == "burnett"
             shader = shader_of(plate, index, scale, centered=encoding != "picture", turned=turned)
@@ -384,10 +423,6 @@ def render_hogels(
             say(f"hogel {index[0]},{index[1]}: {time.monotonic() - began:.3f} s  {paths[index]}")
             done(number + 1)
     return len(wanted)
-
-
-def _shifted(x: float, y: float) -> Array:
-    return np.array([[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
 def _paths(

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from tests.support.views import view
 from xfrustum import Judge
@@ -139,7 +141,8 @@ def test_all_contestants_for_judging_find_the_same_and_a_plain_loop_nearly() -> 
     with Judge(scene) as judging, Rasterizer(scene) as rasterizer:
         streamed = judge.judged_in_stream(judging, apertures)
         assert streamed == judge.judged_in_loop(judging.reference, rasterizer, apertures)
-        plain = judge.PlainLoop(scene, rasterizer).judge(apertures)
+        mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+        plain = judge.judged_plainly(scene, rasterizer, mesh, apertures)
     for (wrong, p99), judged in zip(plain, streamed, strict=True):
         assert judged.displacement_px is not None
         assert p99 == pytest.approx(judged.displacement_px.p99, abs=1e-3)

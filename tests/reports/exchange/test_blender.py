@@ -26,7 +26,7 @@ from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.reports.exchange.blender import long_run, pixel_files, render
+from xfrustum.reports.exchange.blender import pixel_files, render
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
@@ -106,7 +106,7 @@ def test_the_script_tells_mistakes_in_one_line(
 def test_ctrl_c_is_noted_and_ends_nothing_by_itself() -> None:
     before = signal.getsignal(signal.SIGINT)
     try:
-        pressed = long_run.interruptions()
+        pressed = render.interruptions()
         signal.raise_signal(signal.SIGINT)
     finally:
         signal.signal(signal.SIGINT, before)
@@ -128,9 +128,9 @@ def test_the_script_ends_with_130_when_it_is_interrupted(
 
 def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
-    monkeypatch.setattr(long_run, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(render, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     said: list[str] = []
-    done = long_run.progress(6, said.append)
+    done = render.progress(6, said.append)
     for number in range(1, 7):
         done(number)
     assert said == ["3 of 6 hogels done, about 12 s left"]
