@@ -7,7 +7,5 @@ certify          The decision: pixels that `filter` settles are proven; all othe
 exact            Decisions in integers: whether and where a line meets a triangle
 pairs            Pixels and the triangles that their lines meet, or may meet
 occlusion        The occlusion query: which drawn points another surface hides on their own lines
-cells            Cells of a film, and the triangles that reach into them
-clear            Clear triangles: nothing hides them well inside their outlines
 arbitrary_lines  First surfaces along any lines through one point; all decided in integers
 """

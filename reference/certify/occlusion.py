@@ -6,15 +6,18 @@ before the point by more than half of the tolerance within which the point is kn
 farther from the triangle's plane than this tolerance: a point nearer to the plane may as well lie on its
 other side, where the triangle does not hide it. What doubles leave open is decided in rational numbers.
 
-Points on clear triangles are seen (`clear`). The others are sorted by the cells of their lines (`cells`).
-There is one lane for each row of cells of a triangle's box: it walks the points in these cells, which lie one
-behind the other, and notes those before which it may be met.
+Points are sorted by the cells of the film that their lines pass: one cell about each pixel's center, with a
+border for all that lies beside it. A triangle's box of cells holds every cell in which a line may meet it, so
+that what shares no cell with a point cannot hide it. There is one lane for each row of cells of a triangle's
+box: it walks the points in these cells, which lie one behind the other, and notes those before which it may
+be met.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -37,20 +40,15 @@ from xfrustum.reference.backend import (
     vectors_on_device,
 )
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
-from xfrustum.reference.certify.cells import Rows, film_places, rows_of_cells
-from xfrustum.reference.certify.clear import ClearTriangles, clear_triangles
+from xfrustum.reference.certify.boxes import bounding_boxes
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Cones, Planes, Triangles, Viewpoint, in_range
+from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
-FEWEST_QUERIES = 3
-"""Number of a pencil's queries from which on its clear triangles are known. To find them takes about as long
-as two queries of all points of a picture; most of that is saved from then on."""
-
-MAX_TRIANGLES_PER_PIXEL = 1 / 4
-"""Largest number of triangles for each pixel of the film with which clear triangles are searched for: of
-triangles that are as small as pixels, few have points that are well inside."""
+HALF_CELL = 0.5
+"""Distance, in pixels, of a cell's sides from its center."""
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
@@ -94,22 +92,40 @@ class _Lines:
     positions: list[Any]
 
 
-class _Film:
-    """A pencil's film: rows of cells and, as soon as they are worth finding, its clear triangles."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rows:
+    """Rows of cells that triangles reach into, one lane each; `behind` is the cell after the last."""
 
-    def __init__(self, triangles: Triangles, pencil: Pencil) -> None:
-        self.pencil, self._triangles = pencil, triangles
-        self.rows = rows_of_cells(triangles, pencil)
-        few = len(triangles) <= MAX_TRIANGLES_PER_PIXEL * math.prod(pencil.resolution)
-        self._left = FEWEST_QUERIES if few else -1
-        self._clear: ClearTriangles | None = None
+    first: Any
+    behind: Any
+    number: Any
+    holds: Any  # whether the triangle holds the center, where all lines meet it; None where none does
 
-    def clear(self) -> ClearTriangles | None:
-        """Return the clear triangles for one more query; None for the first few."""
-        self._left -= 1
-        if self._left == 0:
-            self._clear = clear_triangles(self._triangles, self.pencil)
-        return self._clear
+
+def _rows_of_cells(triangles: Triangles, pencil: Pencil) -> list[_Rows]:
+    """Return the cells in which a pencil's lines may meet triangles, from its first s on."""
+    # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
+    endless = replace(pencil, s_range=(pencil.s_range[0], math.inf))
+    exact = ExactPencil(triangles.corners, pencil)
+    width, height = (side + 2 for side in pencil.resolution)
+    found = []
+    for boxes in bounding_boxes(triangles, endless, exact, HALF_CELL, 1):
+        reaching = boxes.rows(range(height))
+        if reaching is None:
+            continue
+        box, row = reaching
+        number = dr.gather(UInt32, boxes.number, box)
+        left, right = (dr.gather(Int32, boxes.box[k], box) for k in (0, 1))
+        start = UInt32(row) * dr.opaque(UInt32, width)
+        rows = _Rows(
+            first=start + UInt32(left),
+            behind=start + UInt32(right) + 1,
+            number=number,
+            holds=None if boxes.holds is None else dr.gather(Bool, boxes.holds, box),
+        )
+        dr.eval(rows.first, rows.behind, rows.number, rows.holds)
+        found.append(rows)
+    return found
 
 
 class Occlusion:
@@ -117,8 +133,8 @@ class Occlusion:
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
-        # The settings of one aperture share its film, and several threads judge an aperture each.
-        self._film = lru_cache(maxsize=worker_count() + 1)(lambda pencil: _Film(triangles, pencil))
+        # The settings of one aperture share its rows, and several threads judge an aperture each.
+        self._rows = lru_cache(maxsize=worker_count() + 1)(lambda pencil: _rows_of_cells(triangles, pencil))
 
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points lie behind another surface on their own line, (N,).
@@ -134,12 +150,9 @@ class Occlusion:
         if not len(behind) or not len(self._triangles):
             return behind
         with recording():
-            film = self._film(pencil)
             hidden = dr.zeros(Bool, len(behind))
-            lines = _sorted_lines(pencil, points, film.clear())
-            open_pairs = []
-            if lines is not None:
-                open_pairs = [self._sifted(pencil, rows, lines, hidden) for rows in film.rows]
+            lines = _sorted_lines(pencil, points)
+            open_pairs = [self._sifted(pencil, rows, lines, hidden) for rows in self._rows(pencil)]
             behind |= hidden.numpy()
         for point, triangle in open_pairs:
             # Only points that nothing surely hides are decided in rational numbers.
@@ -148,7 +161,7 @@ class Occlusion:
             behind[point[asked][met]] = True
         return behind
 
-    def _sifted(self, pencil: Pencil, rows: Rows, lines: _Lines, hidden: Any) -> tuple[Indices, Indices]:
+    def _sifted(self, pencil: Pencil, rows: _Rows, lines: _Lines, hidden: Any) -> tuple[Indices, Indices]:
         """Mark points that triangles surely hide, and return the pairs of point and triangle left open."""
         none = np.zeros(0, dtype=np.int64)
         first, last = (dr.gather(UInt32, lines.start, cell) for cell in (rows.first, rows.behind))
@@ -207,23 +220,15 @@ class Occlusion:
         )
 
 
-def _sorted_lines(pencil: Pencil, points: SurfacePoints, clear: ClearTriangles | None) -> _Lines | None:
-    """Return the lines through points that no clear triangle shows to be seen; None where all are.
+def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
+    """Return the lines through points.
 
     What is met nearer than half a tolerance before a point is the point's own surface.
     """
     positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
     own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
-    some = positions
-    if clear is not None:
-        s, _, place = film_places(pencil, positions)
-        kept: Any = dr.compress(~clear.seen(own, place, s, positions[3]))
-        if not dr.width(kept):
-            return None
-        some = [dr.gather(Float64, one, kept) for one in positions]
-        own, point = dr.gather(Int32, own, kept), kept
-    s, (dx, dy), places = film_places(pencil, some)
-    end = s - some[3] / (2 * dr.sqrt(dx * dx + dy * dy + 1.0))
+    s, (dx, dy), places = _film_places(pencil, positions)
+    end = s - positions[3] / (2 * dr.sqrt(dx * dx + dy * dy + 1.0))
     column, row = (
         UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
         for place, side in zip(places, constants(pencil.resolution), strict=True)
@@ -244,6 +249,20 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints, clear: ClearTriangles |
     dr.scatter(sorted_point, point, target)
     dr.eval(line, sorted_point, start)
     return _Lines(line=line, point=sorted_point, start=start, positions=positions)
+
+
+def _film_places(pencil: Pencil, points: Sequence[Any]) -> tuple[Any, tuple[Any, Any], tuple[Any, Any]]:
+    """Return s of points (x, y, z), the slopes dx and dy of their lines, and their columns and rows."""
+    center = constants(pencil.center)
+    s = center[2] - points[2]
+    slopes, places = [], []
+    for axis, sign in enumerate((1, -1)):
+        pixels = pencil.resolution[axis]
+        scale = sign * pixels / (2 * pencil.half_extent[axis])
+        shear, scale, middle = constants((pencil.shear[axis], scale, (pixels - 1) / 2))
+        slopes.append((points[axis] - center[axis]) / s)
+        places.append((slopes[axis] - shear) * scale + middle)
+    return s, (slopes[0], slopes[1]), (places[0], places[1])
 
 
 def _walk(
