@@ -15,7 +15,7 @@ from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.files.exr import ImageWriter, write_image
+from xfrustum.scenes.files.exr import image_writer, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
@@ -117,12 +117,12 @@ def trace_to_file(
     height = reference.scene.frustum.resolution[1]
     camera, rendering = reference.camera(aperture), reference.rendering()
     with (
-        ImageWriter(path, camera, arrays=("normal", "color", "certainty"), rendering=rendering) as writer,
+        image_writer(path, camera, ("normal", "color", "certainty"), rendering) as write,
         progress_bar(height, "trace", "row", shown=progress) as bar,
     ):
         row = 0
         for band in reference.trace_bands(aperture):
-            writer.write_rows(row, band)
+            write(band)
             counted.update(_certainty(band))
             if alone is not None:
                 counted.update({name: int(mask.sum()) for name, mask in alone.wrong(band, row).items()})

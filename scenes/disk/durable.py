@@ -14,10 +14,9 @@ import shutil
 import stat
 import tempfile
 import zlib
-from abc import ABC, abstractmethod
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from xfrustum.interrupts import delayed
@@ -35,24 +34,10 @@ def _host() -> str:
 
 
 class Aside:
-    """A file or folder in the making; a context manager that removes what still has its name.
+    """A file or a folder in the making, at `path`; a context manager that removes what still has this name.
 
-    Parameters
-    ----------
-    host
-        Folder in which it is made. What killed processes left there is removed first.
-    folder
-        Whether to make a folder instead of a file.
-
-    Attributes
-    ----------
-    path
-        Path of the file or folder. Rename it, or its content, to keep it.
-
-    Raises
-    ------
-    OSError
-        Nothing can be made in the host.
+    What killed processes left in the host, the folder in which it is made, is removed first. Rename the path,
+    or its content, to keep it.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
@@ -76,9 +61,7 @@ class Aside:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.remove()
 
     def __del__(self) -> None:
@@ -95,85 +78,42 @@ def remove_abandoned(host: Path) -> None:
                 clear(host / name)
 
 
-class AllOrNothing(ABC):
-    """Work that a `with` block does as a whole: committed at its end, discarded where it raises."""
+@contextmanager
+def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
+    """Give an empty file aside, which takes its name, and is on the disk, when the block ends without error.
 
-    @abstractmethod
-    def commit(self) -> None:
-        """Keep what was made."""
-
-    @abstractmethod
-    def discard(self) -> None:
-        """Leave no trace."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.commit()
-        else:
-            self.discard()
-
-
-class NewFile(AllOrNothing):
-    """A file that is written aside and takes its name when it is whole.
-
-    A context manager. Links are followed: their target is replaced, and they stay. Devices, pipes and the
-    process's own open files, such as `/dev/stdout`, are written into.
-
-    Parameters
-    ----------
-    path
-        Path of the file. A file that exists is replaced at the end and keeps its permissions.
-    host
-        Folder in which it is made, on the same file system; None for the folder that it belongs in.
-
-    Attributes
-    ----------
-    aside
-        Path of the file to write to, which is empty at first.
+    Links are followed: their target is replaced, keeping its permissions, and they stay. Devices, pipes and
+    the process's own open files, such as `/dev/stdout`, are written into. The host is the folder in which the
+    file is made, on the same file system; None for the folder that it belongs in.
 
     Raises
     ------
     InputError
         The path is a folder, or anything else that a file cannot be written into.
     OSError
-        Nothing can be made in the host; from `commit`, the disk is full or has lost data.
+        Nothing can be made in the host, the disk is full or has lost data.
     """
-
-    def __init__(self, path: Path, *, host: Path | None = None) -> None:
-        self._path, self._into = path, written_into(path)
-        self._target = Path(os.path.realpath(path))
-        # A file that is copied in the end can be made anywhere.
-        self._held = Aside(host or (scratch_folder() if self._into else self._target.parent))
-        self.aside = self._held.path
-
-    def commit(self) -> None:
-        """Put the file in its place; afterwards it is on the disk."""
-        try:
-            if self._into:
-                _copy(self.aside, self._path)
-                return
-            with suppress(OSError):  # There is none, or the file system knows no permissions.
-                self.aside.chmod(stat.S_IMODE(self._target.stat().st_mode))
-            _sync(self.aside)
-            self.aside.replace(self._target)
-            sync_folder(self._target.parent)
-        finally:
-            self._held.remove()
-
-    def discard(self) -> None:
-        """Leave no trace."""
-        self._held.remove()
+    into, target = written_into(path), Path(os.path.realpath(path))
+    # A file that is copied in the end can be made anywhere.
+    with Aside(host or (scratch_folder() if into else target.parent)) as aside:
+        yield aside.path
+        if into:
+            number = _descriptor(path)
+            opened = os.open(path, os.O_WRONLY | os.O_NOCTTY) if number is None else os.dup(number)
+            with aside.path.open("rb") as file, os.fdopen(opened, "wb") as stream:
+                shutil.copyfileobj(file, stream)
+            return
+        with suppress(OSError):  # There is none, or the file system knows no permissions.
+            aside.path.chmod(stat.S_IMODE(target.stat().st_mode))
+        _sync(aside.path)
+        aside.path.replace(target)
+        sync_folder(target.parent)
 
 
 def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = None) -> None:
-    """Write a file, whole or not at all; see `NewFile`."""
-    with NewFile(path, host=host) as new:
-        new.aside.write_bytes(content)
+    """Write a file, whole or not at all; see `new_file`."""
+    with new_file(path, host=host) as aside:
+        aside.write_bytes(content)
 
 
 def written_into(path: Path) -> bool:
@@ -212,26 +152,12 @@ def _descriptor(path: Path) -> int | None:
     return None
 
 
-def _copy(source: Path, path: Path) -> None:
-    """Write a file into a device, a pipe or an open file of this process, where that stands."""
-    number = _descriptor(path)
-    into = os.open(path, os.O_WRONLY | os.O_NOCTTY) if number is None else os.dup(number)
-    with source.open("rb") as file, os.fdopen(into, "wb") as target:
-        shutil.copyfileobj(file, target)
-
-
 def put(made: Path, path: Path) -> None:
-    """Give a file that was made aside, on the same file system, its name; links are followed.
-
-    Raises
-    ------
-    InputError, OSError
-        See `NewFile`.
-    """
+    """Give a file that was made aside, on the same file system, its name; see `new_file`."""
     if path.is_symlink() or written_into(path):
         # The target of a link may be on another file system.
-        with NewFile(path) as new:
-            shutil.copyfile(made, new.aside)
+        with new_file(path) as aside:
+            shutil.copyfile(made, aside)
         return
     _sync(made)
     made.replace(path)
@@ -240,15 +166,7 @@ def put(made: Path, path: Path) -> None:
 def put_folder(made: Path, path: Path) -> bool:
     """Give a folder that was made aside its name in one step, with all its files.
 
-    Returns
-    -------
-    done
-        False where the name is taken: nothing has been done, and `put` can place the files one by one.
-
-    Raises
-    ------
-    OSError
-        See `NewFile`.
+    Returns False where the name is taken: nothing has been done, and `put` can place the files one by one.
     """
     if path.exists() or path.is_symlink():
         return False

@@ -15,11 +15,8 @@ from pathlib import Path
 
 from xfrustum.scenes.errors import InputError
 
-DEFAULT_MEMORY = 1 << 30
-"""Bytes of memory that one input may take while it is read, whatever the size of its file."""
-
 MEMORY_PER_BYTE = 64
-"""Bytes of memory that reading may take for each byte of the file, where that is more than `DEFAULT_MEMORY`.
+"""Bytes of memory that reading may take for each byte of the file, where that is more than the bound.
 
 The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and numbers as
 Python objects, then arrays); twice that lets every honest file through, however large it is. A file that
@@ -29,43 +26,34 @@ takes more is compressed, or declares more than it holds.
 MEMORY_PER_PIXEL = 16
 """Bytes of memory that a pixel of a picture takes: four channels as read, and three copies."""
 
-MAX_HOGELS = 20_000_000
-"""Largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million."""
-
 SCENE_FILE_SIZE = 1 << 24
 """Largest size of a scene file, sixteen million bytes; people write some hundreds."""
 
 RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
 """Options of the command line that raise the bounds on memory and on hogels."""
 
-_KINDS = (
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISSOCK, "a socket"),
-)
-
 
 class _Bound:
     """The bounds of this process: memory belongs to the process as a whole."""
 
-    memory = DEFAULT_MEMORY
-    hogels = MAX_HOGELS
+    memory = 1 << 30
+    """Bytes of memory that one input may take while it is read, whatever the size of its file."""
+
+    hogels = 20_000_000
+    """Largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million."""
 
 
 @contextmanager
-def _set_within_block(owner: object, name: str, value: object) -> Iterator[None]:
-    """Give an attribute another value within a block."""
-    before = getattr(owner, name)
-    setattr(owner, name, value)
+def _bound_within_block(name: str, value: int) -> Iterator[None]:
+    before = getattr(_Bound, name)
+    setattr(_Bound, name, value)
     try:
         yield
     finally:
-        setattr(owner, name, before)
+        setattr(_Bound, name, before)
 
 
-@contextmanager
-def input_memory(size: int) -> Iterator[None]:
+def input_memory(size: int) -> AbstractContextManager[None]:
     """Let one input take up to this many bytes of memory within a block.
 
     Raises
@@ -75,23 +63,16 @@ def input_memory(size: int) -> Iterator[None]:
     """
     if size <= 0:
         raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
-    with _set_within_block(_Bound, "memory", size):
-        yield
+    return _bound_within_block("memory", size)
 
 
 def largest_plate(hogels: int) -> AbstractContextManager[None]:
     """Let plates have up to this many hogels within a block."""
-    return _set_within_block(_Bound, "hogels", hogels)
+    return _bound_within_block("hogels", hogels)
 
 
 def check_hogels(columns: int, rows: int) -> None:
-    """Refuse a plate of more hogels than the bound.
-
-    Raises
-    ------
-    InputError
-        The plate has too many hogels.
-    """
+    """Raise InputError at a plate of more hogels than the bound."""
     if columns * rows > _Bound.hogels:
         raise InputError(
             f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, or raise the "
@@ -100,16 +81,9 @@ def check_hogels(columns: int, rows: int) -> None:
 
 
 def regular_size(path: Path, what: str, advice: str = "") -> int:
-    """Return the size in bytes of a regular file.
+    """Return the size in bytes of a regular file; symbolic links are followed.
 
-    Parameters
-    ----------
-    path
-        Path of the file; symbolic links are followed.
-    what
-        Kind of file for the message, such as "mesh file".
-    advice
-        Advice for the message where there is no such file.
+    `what` is the kind of file for the message, such as "mesh file"; the advice is given where there is none.
 
     Raises
     ------
@@ -127,9 +101,15 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     if stat.S_ISREG(status.st_mode):
         return status.st_size
     if stat.S_ISDIR(status.st_mode):
-        raise InputError(f"{path}: is a folder; give the name of {_article(what)} {what}")
-    kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
-    raise InputError(f"{path}: is {kind}; {_article(what)} {what} must be a regular file")
+        raise InputError(f"{path}: is a folder; give the name of {_article(what)}")
+    kinds = {
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFCHR: "a device",
+        stat.S_IFBLK: "a device",
+        stat.S_IFSOCK: "a socket",
+    }
+    kind = kinds.get(stat.S_IFMT(status.st_mode), "no regular file")
+    raise InputError(f"{path}: is {kind}; {_article(what)} must be a regular file")
 
 
 def check_mesh_file(path: Path) -> None:
@@ -138,33 +118,22 @@ def check_mesh_file(path: Path) -> None:
     regular_size(path, what, "a mesh path is relative to its scene file")
 
 
-def check_image_file(path: Path) -> None:
-    """Refuse an image file that is missing or no regular file; see `regular_size`."""
-    regular_size(path, "image file")
-
-
-def check_environment_file(path: Path) -> None:
-    """Refuse an environment map that is missing or no regular file; see `regular_size`."""
-    regular_size(path, "environment map", "its path is relative to the scene file")
+def head_of(path: Path, what: str, size: int = 1024, advice: str = "") -> bytes:
+    """Return the first bytes of a file; InputError where `regular_size` takes none, or it cannot be read."""
+    regular_size(path, what, advice)
+    try:
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def read_small(path: Path, what: str, largest: int) -> bytes:
-    """Return the bytes of a small file.
-
-    Raises
-    ------
-    InputError
-        The file is none that `regular_size` takes, or is larger than `largest` bytes.
-    """
+    """Return the bytes of a file; InputError as from `head_of`, or where it has more than `largest`."""
     size = regular_size(path, what)
     if size > largest:
-        raise InputError(
-            f"{path}: has {in_words(size)}, more than {_article(what)} {what} has; give the right file"
-        )
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: has {in_words(size)}, more than {_article(what)} has; give the right file")
+    return head_of(path, what, largest)
 
 
 def allowed_memory(size: int) -> int:
@@ -173,25 +142,13 @@ def allowed_memory(size: int) -> int:
 
 
 def check_declared(path: Path, declared: int, what: str) -> None:
-    """Refuse a file that declares more bytes than its size and the bound allow.
-
-    Raises
-    ------
-    InputError
-        The file declares too much; the message names the option that raises the bound.
-    """
+    """Raise InputError at a file that declares more bytes than its size and the bound allow."""
     if declared > allowed_memory(regular_size(path, "file")):
         raise _too_much(path, f"{what}, {in_words(declared)} of memory")
 
 
 def check_allowed(path: Path, declared: int, what: str) -> None:
-    """Refuse what takes more memory than one input may, however small its files are.
-
-    Raises
-    ------
-    InputError
-        It takes too much; the message names the option that raises the bound.
-    """
+    """Raise InputError at what takes more memory than one input may, however large its files are."""
     if declared > _Bound.memory:
         raise InputError(
             f"{path}: {what} takes {in_words(declared)} of memory, more than {in_words(_Bound.memory)}; "
@@ -200,25 +157,13 @@ def check_allowed(path: Path, declared: int, what: str) -> None:
 
 
 def check_picture_size(path: Path, width: int, height: int) -> None:
-    """Refuse a picture that declares more pixels than memory allows.
-
-    Raises
-    ------
-    InputError
-        See `check_declared`.
-    """
+    """Raise InputError at a picture that declares more pixels than memory allows."""
     check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
 
 
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file whose declared size was checked; running out of memory is the file's fault.
-
-    Raises
-    ------
-    InputError
-        There is not enough memory to read the file.
-    """
+    """Let a library read a file whose declared size was checked; InputError where memory runs out."""
     from PIL import Image  # noqa: PLC0415 - a scene file is checked without it
 
     Image.MAX_IMAGE_PIXELS = None  # `check_picture_size` bounds them, by a number that an option raises
@@ -237,13 +182,15 @@ def _too_much(path: Path, what: str) -> InputError:
 
 
 def _article(what: str) -> str:
-    return "an" if what[0] in "aeiou" else "a"
+    return f"an {what}" if what[0] in "aeiou" else f"a {what}"
 
 
 def in_words(size: float) -> str:
     """Return a size such as "3.2 MiB"."""
-    for unit in ("bytes", "KiB", "MiB", "GiB"):
-        if size < 1024 or unit == "GiB":
-            return f"{size:.3g} {unit}" if unit != "bytes" else f"{int(size)} bytes"
+    if size < 1024:
+        return f"{int(size)} bytes"
+    for unit in ("KiB", "MiB"):
         size /= 1024
-    raise AssertionError
+        if size < 1024:
+            return f"{size:.3g} {unit}"
+    return f"{size / 1024:.3g} GiB"

@@ -1,9 +1,7 @@
 """Scenes from files: tables, meshes, maps and images.
 
 layouts           Layouts: the ways in which people store the pictures of a plate, as a table
-meshes            Mesh files through trimesh, and nothing that it makes up
-mesh_colors       Colors and textures of mesh files, and a warning for each that is not shown
-mesh_source       Checks of a mesh file before trimesh reads it
+meshes            Mesh files through trimesh: geometry, colors and textures, and nothing that it makes up
 patches           Bezier patch files (`.bpt`), tessellated to a chord tolerance
 environment       Environment maps from OpenEXR and Radiance HDR files
 exr               Hogel images and other pictures as OpenEXR files

@@ -9,9 +9,9 @@ import numpy as np
 
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Bytes, Singles
-from xfrustum.scenes.disk.input_files import bounded_memory, check_environment_file, check_picture_size
+from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size, head_of
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.exr import MAGIC, read_channels
+from xfrustum.scenes.files.exr import MAGIC, read_rgb_channels
 
 _HDR_HEADER = re.compile(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n")
 """Header of a Radiance picture: lines up to an empty one, then its size."""
@@ -21,37 +21,25 @@ _RUN_WIDTHS = range(8, 1 << 15)
 
 
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
-    """Read a latitude-longitude map as it is stored, in linear RGB.
-
-    Parameters
-    ----------
-    path
-        Path of an OpenEXR or Radiance HDR file, whose first row is the top of the surroundings.
-    strength
-        Factor of the radiance, at least 0.
+    """Read a latitude-longitude map as it is stored, in linear RGB, its radiance multiplied by the strength.
 
     Raises
     ------
     InputError
-        The file is missing, damaged, of another format, not RGB, or has radiance that is negative or not
-        finite.
+        The file is missing, damaged, of another format than OpenEXR and Radiance HDR, not RGB, or has
+        radiance that is negative or not finite.
     """
-    check_environment_file(path)
-    with path.open("rb") as file:
-        magic = file.read(len(MAGIC))
+    openexr = head_of(path, "environment map", len(MAGIC)) == MAGIC
     with bounded_memory(path):
-        radiance = _of_openexr(path) if magic == MAGIC else _of_radiance(path)
+        radiance = _of_openexr(path) if openexr else _of_radiance(path)
         return Environment(radiance=radiance, strength=strength, name=str(path))
 
 
 def _of_openexr(path: Path) -> Singles:
-    planes, header = read_channels(path, "RGB")
-    missing = [name for name in "RGB" if name not in planes]
-    if missing:
-        raise InputError(f"{path}: has no channel {missing[0]}; an environment map is an RGB picture")
+    radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
     if str(header["dataWindow"]) != str(header["displayWindow"]):
         raise InputError(f"{path}: is a part of a picture only; an environment map has all directions")
-    return np.stack([planes[name] for name in "RGB"], axis=-1).astype(np.float32)
+    return radiance.astype(np.float32)
 
 
 def _of_radiance(path: Path) -> Singles:
@@ -92,16 +80,14 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
     for component in row.T:
         done = 0
         while done < width:
-            if at + 1 >= stored.size:
-                raise InputError(
-                    f"{path}: the environment map is damaged (it ends too early); write it again"
-                )
-            code = int(stored[at])
-            repeated = code > 128
-            count = code - 128 if repeated else code
-            values = stored[at + 1 : at + 2] if repeated else stored[at + 1 : at + 1 + count]
+            # A code above 128 repeats the next value; another is the number of values that follow.
+            code = int(stored[at]) if at + 1 < stored.size else 0
+            count = code - 128 if code > 128 else code
+            values = stored[at + 1 : at + 2] if code > 128 else stored[at + 1 : at + 1 + count]
             if not 0 < count <= width - done or values.size not in (1, count):
-                raise InputError(f"{path}: the environment map is damaged: a run is too long; write it again")
+                raise InputError(
+                    f"{path}: the environment map is damaged (a run ends too early or too late); write it again"
+                )
             component[done : done + count] = values
             done, at = done + count, at + 1 + values.size
     return at

@@ -11,8 +11,8 @@ from __future__ import annotations
 import os
 import struct
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.scenes.arrays import Numbers, Singles
-from xfrustum.scenes.disk.durable import AllOrNothing, NewFile
-from xfrustum.scenes.disk.input_files import check_declared, check_image_file
+from xfrustum.scenes.disk.durable import new_file
+from xfrustum.scenes.disk.input_files import check_declared, head_of
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering
 
 Described = TypeVar("Described")
+Planes = Mapping[str, NDArray[Any]]
+"""Channels (H, W) by name, each with its own type."""
 
 CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 EYE_ATTRIBUTE = "xfrustum:eye"
@@ -40,10 +42,9 @@ VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 
-CAMERA_JSON = TypeAdapter(HogelCamera)
-"""The camera as JSON, whose numbers are the shortest digits that give the same double again."""
-
-RENDERING_JSON, EYE_JSON = TypeAdapter(Rendering), TypeAdapter(Eye)
+CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
+EYE_JSON = TypeAdapter(Eye)
+"""Attributes as JSON, whose numbers are the shortest digits that give the same double again."""
 
 MAGIC = bytes.fromhex("762f3101")
 """First four bytes of every OpenEXR file."""
@@ -113,12 +114,7 @@ def check_header(path: Path) -> None:
     InputError
         The header is damaged or declares too much, or the file is no OpenEXR image of flat pixels.
     """
-    check_image_file(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_HEADER)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    data = head_of(path, "image file", LARGEST_HEADER)
     if data[: len(MAGIC)] != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     try:
@@ -129,7 +125,7 @@ def check_header(path: Path) -> None:
 
 
 def _declared_bytes(header: _Header) -> int:
-    """Return the bytes of pixels that the first part declares."""
+    """Return the bytes of pixels that a header declares."""
     (version,) = header.whole("I")
     if version & 0xFF != _VERSION:
         raise _Damaged(f"its version is {version & 0xFF}, not {_VERSION}")
@@ -147,7 +143,14 @@ def _declared_bytes(header: _Header) -> int:
         if kind == "string":
             _decoded(value.data, f"its attribute {name}")
         if name == "channels":
-            pixel_bytes = _bytes_of_channels(value)
+            pixel_bytes = 0
+            while value.text():
+                code, _, x, y = value.whole("iiii")  # the second holds a flag and three reserved bytes
+                if not 0 <= code < len(_PIXEL_TYPES):
+                    raise _Damaged(f"a channel has the unknown pixel type {code}")
+                if min(x, y) < 1:
+                    raise _Damaged("a channel has no sampling")
+                pixel_bytes += np.dtype(_PIXEL_TYPES[code]).itemsize
         elif name == "dataWindow":
             left, top, right, bottom = value.whole("iiii")
             width, height = right - left + 1, bottom - top + 1
@@ -159,44 +162,33 @@ def _declared_bytes(header: _Header) -> int:
     return pixel_bytes * pixels
 
 
-def _bytes_of_channels(value: _Header) -> int:
-    """Return the bytes of one pixel in all channels."""
-    total = 0
-    while value.text():
-        kind, _, x, y = value.whole("iiii")  # the second holds a flag and three reserved bytes
-        if not 0 <= kind < len(_PIXEL_TYPES):
-            raise _Damaged(f"a channel has the unknown pixel type {kind}")
-        if min(x, y) < 1:
-            raise _Damaged("a channel has no sampling")
-        total += np.dtype(_PIXEL_TYPES[kind]).itemsize
-    return total
-
-
 _SILENT = threading.Lock()
 """Lock for redirecting standard error: two threads at once would restore each other's file."""
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
-    """Drop what is written to standard error: OpenEXR prints its errors too, and repairs that it makes."""
+def _complete(path: Path) -> Iterator[OpenEXR.InputFile]:
+    """Open a file whose rows are all there; what OpenEXR prints of errors and repairs is dropped."""
     with _SILENT, os.fdopen(os.dup(2), "wb") as shown, Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
-            yield
+            file = OpenEXR.InputFile(str(path))
+            if not file.isComplete():
+                raise OSError("rows are missing")
+            yield file
         finally:
             os.dup2(shown.fileno(), 2)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[OpenEXR.InputFile]:
-    """Open a file whose header is checked; any exception that OpenEXR raises becomes an InputError."""
+def _opened(path: Path) -> Iterator[tuple[OpenEXR.InputFile, dict[str, Any], tuple[int, int]]]:
+    """Open a file whose header is checked, with its header and W, H; OpenEXR's errors become InputErrors."""
     check_header(path)
     try:
-        with _silence():
-            file = OpenEXR.InputFile(str(path))
-            if not file.isComplete():
-                raise OSError("rows are missing")
-            yield file
+        with _complete(path) as file:
+            header = file.header()
+            window = header["dataWindow"]
+            yield file, header, (window.max.x - window.min.x + 1, window.max.y - window.min.y + 1)
     except (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError) as error:
         raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
 
@@ -209,9 +201,7 @@ def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[A
     InputError
         The file is missing or damaged, or a channel does not have every pixel.
     """
-    with _opened(path) as file:
-        header = file.header()
-        width, height = _size(header)
+    with _opened(path) as (file, header, (width, height)):
         present = {name: header["channels"][name] for name in names if name in header["channels"]}
         for name, channel in present.items():
             if (channel.xSampling, channel.ySampling) != (1, 1):
@@ -224,6 +214,15 @@ def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[A
         return planes, header
 
 
+def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Return R, G and B as (H, W, 3), and the header; an InputError with the advice where one is missing."""
+    planes, header = read_channels(path, COLOR)
+    missing = [name for name in COLOR if name not in planes]
+    if missing:
+        raise InputError(f"{path}: has no channel {missing[0]}; {advice}")
+    return np.stack([planes[name] for name in COLOR], axis=-1), header
+
+
 def image_size(path: str | Path) -> tuple[int, int]:
     """Return W, H of an image file, whatever camera it names.
 
@@ -232,14 +231,8 @@ def image_size(path: str | Path) -> tuple[int, int]:
     InputError
         The file is missing or damaged.
     """
-    with _opened(Path(path)) as file:
-        return _size(file.header())
-
-
-def _size(header: dict[str, Any]) -> tuple[int, int]:
-    """Return W, H of the pixels that a file has."""
-    window = header["dataWindow"]
-    return window.max.x - window.min.x + 1, window.max.y - window.min.y + 1
+    with _opened(Path(path)) as (_, _, size):
+        return size
 
 
 def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: bool = False) -> HogelImage:
@@ -284,10 +277,11 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         position = np.full((height, width, 3), np.nan, dtype=np.float32)
         position[..., 2] = planes.get(HEIGHT, np.nan)
     certainty = planes.get(CERTAINTY)
+    nothing = np.zeros((height, width), np.uint32)
     return HogelImage(
         camera=found,
-        triangle=_numbers(path, planes, TRIANGLE, (height, width)),
-        object=_numbers(path, planes, OBJECT, (height, width)),
+        triangle=_numbers(path, TRIANGLE, planes.get(TRIANGLE, nothing)),
+        object=_numbers(path, OBJECT, planes.get(OBJECT, nothing)),
         position=position,
         normal=_vectors(path, planes, NORMAL),
         color=_vectors(path, planes, COLOR),
@@ -315,7 +309,7 @@ def _described(
     raise InputError(f"{path}: its {name} attribute is not a {what} ({reason}); write it again")
 
 
-def _vectors(path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str, str]) -> Singles | None:
+def _vectors(path: Path, planes: Planes, names: tuple[str, str, str]) -> Singles | None:
     """Return three channels as (H, W, 3), or None where the file has none of them."""
     missing = [name for name in names if name not in planes]
     if len(missing) == len(names):
@@ -325,14 +319,8 @@ def _vectors(path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str,
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 
 
-def _numbers(path: Path, planes: dict[str, NDArray[Any]], name: str, shape: tuple[int, int]) -> Numbers:
-    """Return numbers from a channel that stores them plus one; `NOTHING` where there is no channel.
-
-    Floats are accepted if they are whole numbers: some renderers write no other channels.
-    """
-    plane = planes.get(name)
-    if plane is None:
-        return np.full(shape, NOTHING, dtype=np.int32)
+def _numbers(path: Path, name: str, plane: NDArray[Any]) -> Numbers:
+    """Return numbers from a channel that stores them plus one; some renderers write no others than floats."""
     largest = np.iinfo(np.int32).max
     if not ((plane >= 0) & (plane <= largest) & (plane == np.floor(plane))).all():
         raise InputError(f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1")
@@ -348,59 +336,57 @@ def stored_planes(image: HogelImage | EyeImage) -> dict[str, NDArray[Any]]:
     }
     if image.certainty is not None:
         planes[CERTAINTY] = image.certainty.astype(np.uint32)
-    vectors: list[tuple[tuple[str, str, str], NDArray[Any] | None]] = [
-        (POSITION, image.position),
-        (COLOR, image.color),
-    ]
+    vectors = {POSITION: image.position, COLOR: image.color}
     if isinstance(image, HogelImage):
-        vectors += [(NORMAL, image.normal), (VARIANCE, image.variance)]
-    for names, array in vectors:
+        vectors |= {NORMAL: image.normal, VARIANCE: image.variance}
+    for names, array in vectors.items():
         if array is not None:
             planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
     return planes
 
 
-class _Rows:
-    """An OpenEXR file that is written from the top down, lossless, with channels of some types."""
+@contextmanager
+def _rows(
+    path: Path, size: tuple[int, int], types: Mapping[str, np.dtype[Any]], attributes: Mapping[str, bytes]
+) -> Iterator[Callable[[Planes], None]]:
+    """Write a lossless file from the top down: yield the function that writes the next rows of all channels.
 
-    def __init__(
-        self, path: Path, size: tuple[int, int], types: dict[str, np.dtype[Any]], attributes: dict[str, bytes]
-    ) -> None:
-        self._path, self._height, self._names = path, size[1], list(types)
-        header: dict[str, Any] = OpenEXR.Header(*size)
-        header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
-        header["channels"] = {
-            name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type)))
-            for name, kind in types.items()
-        }
-        # This is OpenEXR's older interface: the newer one writes whole images only.
-        self._file = OpenEXR.OutputFile(str(path), header | attributes)
+    The file is closed at the end of the block.
+    """
+    header: dict[str, Any] = OpenEXR.Header(*size)
+    header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+    header["channels"] = {
+        name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type))) for name, kind in types.items()
+    }
+    # This is OpenEXR's older interface: the newer one writes whole images only.
+    file = OpenEXR.OutputFile(str(path), header | attributes)
 
-    def write(self, planes: dict[str, NDArray[Any]], rows: int) -> None:
-        self._file.writePixels(
-            {name: np.ascontiguousarray(planes[name]).tobytes() for name in self._names}, rows
+    def write(planes: Planes) -> None:
+        data = {name: np.ascontiguousarray(planes[name]) for name in types}
+        file.writePixels(
+            {name: plane.tobytes() for name, plane in data.items()}, len(data[next(iter(types))])
         )
 
-    def close(self) -> None:
-        """Close the file and read its last row: OpenEXR reports no errors in the last bytes it writes."""
-        self._file.close()
-        with _silence():
-            file = OpenEXR.InputFile(str(self._path))
-            if not file.isComplete():
-                raise OSError("what was written is not complete")
-            last = self._height - 1
-            file.channel(self._names[0], scanLine1=last, scanLine2=last)
-
-    def discard(self) -> None:
+    try:
+        yield write
+    except BaseException:
         with suppress(OSError, RuntimeError):
-            self._file.close()
+            file.close()
+        raise
+    file.close()
+    # OpenEXR reports no errors in the last bytes that it writes, so that its last row is read.
+    with _complete(path) as written:
+        written.channel(next(iter(types)), scanLine1=size[1] - 1, scanLine2=size[1] - 1)
 
 
-class ImageWriter(AllOrNothing):
-    """Writes an image band by band, from the top down, in the memory of one band.
+@contextmanager
+def image_writer(
+    path: str | Path, camera: HogelCamera, arrays: Sequence[str] = (), rendering: Rendering | None = None
+) -> Iterator[Callable[[HogelImage], None]]:
+    """Write an image band by band, from the top down, in the memory of one band.
 
-    A context manager. The file appears under its name when the block ends without an exception,
-    complete, and not at all otherwise.
+    Yields the function that writes the next band: an image of full width and any number of rows. The file
+    appears under its name when the block ends without an exception, complete, and not at all otherwise.
 
     Parameters
     ----------
@@ -418,88 +404,49 @@ class ImageWriter(AllOrNothing):
     InputError
         The file cannot be written, or the image has more than `MAX_PIXELS`.
     """
+    path, (width, height), written = Path(path), camera.resolution, 0
+    if width * height > MAX_PIXELS:
+        raise InputError(
+            f"{path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
+            f"{MAX_PIXELS:,}; lower frustum.resolution"
+        )
+    optional = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
+    names = [*POSITION, HEIGHT, TRIANGLE, OBJECT, *(name for one in arrays for name in optional[one])]
+    numbers = (TRIANGLE, OBJECT, CERTAINTY)
+    types = {name: np.dtype(np.uint32 if name in numbers else np.float32) for name in names}
+    attributes = {CAMERA_ATTRIBUTE: CAMERA_JSON.dump_json(camera)}
+    if rendering is not None:
+        attributes[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
+    aside = path
 
-    def __init__(
-        self,
-        path: str | Path,
-        camera: HogelCamera,
-        *,
-        arrays: Sequence[str] = (),
-        rendering: Rendering | None = None,
-    ) -> None:
-        self._path, self._size, self._next_row = Path(path), camera.resolution, 0
-        width, height = camera.resolution
-        if width * height > MAX_PIXELS:
-            raise InputError(
-                f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
-                f"{MAX_PIXELS:,}; lower frustum.resolution"
-            )
-        optional = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
-        names = [*POSITION, HEIGHT, TRIANGLE, OBJECT, *(name for one in arrays for name in optional[one])]
-        numbers = (TRIANGLE, OBJECT, CERTAINTY)
-        types = {name: np.dtype(np.uint32 if name in numbers else np.float32) for name in names}
-        attributes = {CAMERA_ATTRIBUTE: CAMERA_JSON.dump_json(camera)}
-        if rendering is not None:
-            attributes[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
+    @contextmanager
+    def refused(advice: str) -> Iterator[None]:
         try:
-            self._new = NewFile(self._path)
-        except OSError as error:
-            raise self._refused(error, "choose another folder") from error
-        try:
-            self._file = _Rows(self._new.aside, self._size, types, attributes)
-        except BaseException as error:
-            self._new.discard()
-            if not isinstance(error, OSError | RuntimeError | ValueError):
-                raise
-            raise self._refused(error, "choose another folder") from error
-
-    def write_rows(self, first_row: int, band: HogelImage) -> None:
-        """Write the next rows.
-
-        Parameters
-        ----------
-        first_row
-            Image row of the band's row 0; bands come in order and leave no row out.
-        band
-            Image with arrays of full width and any number of rows.
-        """
-        if first_row != self._next_row:
-            raise ValueError(f"rows from {first_row} do not follow the {self._next_row} rows written")
-        rows, width = band.triangle.shape
-        if width != self._size[0] or first_row + rows > self._size[1]:
-            raise ValueError(f"a band of {width} x {rows} at row {first_row} leaves {self._size}")
-        try:
-            self._file.write(stored_planes(band), rows)
+            yield
         except (OSError, RuntimeError) as error:
-            raise self._refused(error, "check the disk") from error
-        self._next_row += rows
+            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+            # OpenEXR names the file that was set aside, which does not exist afterwards.
+            reason = reason.replace(str(aside), path.name)
+            raise InputError(f"{path}: cannot write the image ({reason}); {advice}") from error
 
-    def commit(self) -> None:
-        """Put the complete file under its name, once it is on the disk."""
-        if self._next_row != self._size[1]:
-            self.discard()
-            raise ValueError(f"only {self._next_row} of {self._size[1]} rows were written")
-        try:
-            self._file.close()
-            self._new.commit()
-        except (OSError, RuntimeError) as error:
-            raise self._refused(error, "check the disk") from error
-        finally:
-            self._new.discard()
+    def write_band(band: HogelImage) -> None:
+        nonlocal written
+        rows, columns = band.triangle.shape
+        if columns != width or written + rows > height:
+            raise ValueError(f"a band of {columns} x {rows} at row {written} leaves {width} x {height}")
+        with refused("check the disk"):
+            write(stored_planes(band))
+        written += rows
 
-    def discard(self) -> None:
-        """Leave no trace."""
-        try:
-            self._file.discard()
-        finally:
-            self._new.discard()
-
-    def _refused(self, error: Exception, advice: str) -> InputError:
-        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-        # OpenEXR names the file that was set aside, which does not exist afterwards.
-        if hasattr(self, "_new"):
-            reason = reason.replace(str(self._new.aside), self._path.name)
-        return InputError(f"{self._path}: cannot write the image ({reason}); {advice}")
+    with ExitStack() as stack:
+        with refused("choose another folder"):
+            aside = stack.enter_context(new_file(path))
+            write = stack.enter_context(_rows(aside, camera.resolution, types, attributes))
+        yield write_band
+        if written != height:
+            raise ValueError(f"only {written} of {height} rows were written")
+        with refused("check the disk"):
+            stack.close()
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:
@@ -511,13 +458,11 @@ def write_image(path: str | Path, image: HogelImage) -> None:
         The file cannot be written; nothing is left behind.
     """
     arrays = [n for n in ("normal", "color", "variance", "certainty") if getattr(image, n) is not None]
-    with ImageWriter(path, image.camera, arrays=arrays, rendering=image.rendering) as writer:
-        writer.write_rows(0, image)
+    with image_writer(path, image.camera, arrays, image.rendering) as write:
+        write(image)
 
 
-def write_planes(
-    path: Path, planes: dict[str, NDArray[Any]], attributes: dict[str, bytes] | None = None
-) -> None:
+def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | None = None) -> None:
     """Write channels (H, W) with their own types under a file's own name; the caller puts it in place.
 
     Raises
@@ -528,9 +473,8 @@ def write_planes(
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
     try:
-        file = _Rows(path, (width, height), types, attributes or {})
-        file.write(planes, height)
-        file.close()
+        with _rows(path, (width, height), types, attributes or {}) as write:
+            write(planes)
     except (OSError, RuntimeError) as error:
         raise InputError(f"{path.name}: cannot write the image; free some space") from error
 

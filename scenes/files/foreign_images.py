@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -10,8 +10,7 @@ import numpy as np
 
 from xfrustum.scenes.appearance.display import decoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
-from xfrustum.scenes.disk.input_files import regular_size
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -33,54 +32,30 @@ class Encoding(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StoredPixels(Brief):
-    """A picture's pixels as its file stores them, before they are read as numbers or colors.
+    """A picture's pixels as its file stores them, and whether its format changes pixels, as JPEG does."""
 
-    Attributes
-    ----------
-    rgb
-        (H, W, 3) uint8.
-    lossy
-        Whether the file's format changes pixels when it stores them, as JPEG does.
-    """
-
-    rgb: Bytes
+    rgb: Bytes  # (H, W, 3)
     lossy: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ForeignImage(HogelImage):
-    """A hogel image that was read from a picture, with that picture.
-
-    Attributes
-    ----------
-    stored
-        The picture's own pixels; None where the image comes from OpenEXR or from a function.
-    """
+    """A hogel image with the pixels of the picture that it was read from; None where it is from none."""
 
     stored: StoredPixels | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A way to read stored pixels.
-
-    Attributes
-    ----------
-    encoding
-        Meaning of the RGB values.
-    channels
-        The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a
-        number.
-    offset
-        Number that was added to triangle or object numbers before they were stored.
-    background
-        Integer that is stored where there is no surface.
-    """
+    """A way to read stored pixels."""
 
     encoding: Encoding
     channels: tuple[int, int, int] = (0, 1, 2)
+    """The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a number."""
     offset: int = 1
+    """Number that was added to triangle or object numbers before they were stored."""
     background: int = 0
+    """Integer that is stored where there is no surface."""
 
     @property
     def first_is_lost(self) -> bool:
@@ -104,29 +79,16 @@ class Reading:
 
 
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
-    """Read a hogel image by any renderer.
+    """Read a hogel image by any renderer: OpenEXR with any channels of CONVENTIONS.md, or a picture.
 
-    Parameters
-    ----------
-    path
-        Path of an OpenEXR file with any of the channels in CONVENTIONS.md, or of a picture.
-    camera
-        Camera of the image; a camera that the file names is not used.
-    encoding
-        Meaning of a picture's RGB values.
+    A camera that the file names is not used.
 
     Raises
     ------
     InputError
         The file is missing, unreadable, or of another size.
     """
-    regular_size(path, "file")
-    try:
-        with path.open("rb") as file:
-            magic = file.read(len(MAGIC))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    if magic == MAGIC:
+    if head_of(path, "file", len(MAGIC)) == MAGIC:
         return read_image(path, camera, partial=True)
     rgb, lossy = read_rgb(path, (camera.resolution[0], camera.resolution[1]))
     return of_stored(StoredPixels(rgb=rgb, lossy=lossy), camera, encoding)
@@ -134,15 +96,11 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
 
 def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> HogelImage:
     """Return the image that stored pixels mean."""
-    return read_again(_of_picture(stored, camera), Reading(encoding=encoding))
-
-
-def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:
-    """Return an image with the stored pixels alone, before they are read as numbers or colors."""
     shape = stored.rgb.shape[:2]
     nothing = np.full(shape, NOTHING, dtype=np.int32)
     position = np.full((*shape, 3), np.nan, dtype=np.float32)
-    return ForeignImage(camera=camera, triangle=nothing, object=nothing, position=position, stored=stored)
+    unread = ForeignImage(camera=camera, triangle=nothing, object=nothing, position=position, stored=stored)
+    return read_again(unread, Reading(encoding=encoding))
 
 
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
@@ -151,18 +109,15 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read
     anew, and whether they count triangles or objects.
     """
-    mine = {item.name: getattr(image, item.name) for item in fields(image)}
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
-        mine |= {"triangle": nothing, "object": nothing}
-        mine["color"] = radiance(stored_rgb(image), reading.encoding)
-        return type(image)(**mine)
+        color: Singles | None = radiance(stored_rgb(image), reading.encoding)
+        return replace(image, triangle=nothing, object=nothing, color=color)
     numbers = reading.numbers(stored_integers(image, reading))
-    if isinstance(image, ForeignImage):
-        mine["color"] = None
-    mine["triangle"] = numbers if reading.encoding is Encoding.TRIANGLE_ID else nothing
-    mine["object"] = numbers if reading.encoding is Encoding.OBJECT_ID else nothing
-    return type(image)(**mine)
+    color = None if isinstance(image, ForeignImage) else image.color
+    is_object = reading.encoding is Encoding.OBJECT_ID
+    triangle, objects = (nothing, numbers) if is_object else (numbers, nothing)
+    return replace(image, triangle=triangle, object=objects, color=color)
 
 
 def stored_integers(image: HogelImage, reading: Reading) -> Numbers:

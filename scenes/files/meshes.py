@@ -1,43 +1,86 @@
 """Mesh files through trimesh, numbered as the contract says (CONVENTIONS.md, "Triangles and objects").
 
-Nothing that trimesh makes up is taken (docs/adr/0007).
+Nothing that trimesh makes up is taken (docs/adr/0007): colors are those that its loaders read, before its
+meshes round them to 8 bits; glTF's base colors and names of textures come from the file's JSON.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import re
-from collections.abc import Mapping, Sequence
+import struct
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from PIL import Image
 from trimesh.exchange.load import mesh_loaders
+from trimesh.resolvers import FilePathResolver
+from trimesh.visual.color import srgb_to_linear
 from trimesh.visual.material import SimpleMaterial
 
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import bounded_memory
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.mesh_colors import (
-    GLTF_SUFFIXES,
-    GltfMaterial,
-    MeshPart,
-    material_libraries,
-    materials_of_primitives,
-    missing_libraries,
-    read_textures,
-    vertex_colors,
+from xfrustum.scenes.arrays import Bytes, Floats, Numbers
+from xfrustum.scenes.disk.input_files import (
+    bounded_memory,
+    check_declared,
+    check_mesh_file,
+    check_picture_size,
+    regular_size,
 )
-from xfrustum.scenes.files.mesh_source import MeshResolver, check_mesh_source
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import SceneObject
 
+GLTF_SUFFIXES = (".gltf", ".glb")
 _RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
 """Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits."""
 
+MEMORY_PER_UNPACKED_BYTE = 16
+"""Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies."""
+
+_GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
+"""glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk."""
+
+_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""glTF 2.0, table 5.1.1.3: bytes of a component by its type's code."""
+
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""glTF 2.0, the same table: components of an element."""
+
+_TRIANGLES = 4
+_PRIMITIVES_READ = (0, 1, _TRIANGLES, 5)
+"""Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips."""
+
 # trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Material:
+    """The color of a surface as its file names it."""
+
+    texture: str | None = None  # name of the base color texture
+    base_color: tuple[float, float, float] | None = None  # linear RGB, in glTF only
+    not_read: tuple[str, ...] = ()  # parts of the color that are left out, in words
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    """One mesh of a file, where its node places it; parts of one name share a texture."""
+
+    name: str
+    mesh: trimesh.Trimesh
+    uv: Floats | None  # (V, 2), v up
+    color: Floats | None  # (V, 3) or (3,) linear RGB
+    picture: Any  # Pillow's image of the texture, not yet decoded
+    texture: str | None  # the file's name of that texture
+    not_read: tuple[str, ...]
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
@@ -54,47 +97,152 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         The file is missing, of a type that trimesh does not read, damaged, without triangles, or
         has vertices that are not finite or faces that point past them.
     """
-    check_mesh_source(path)
+    tree = _checked_source(path)
+    resolver = _Resolver(str(path))
     with bounded_memory(path):
-        return _loaded(path, material)
+        with _readable(path):
+            named, missing = _named_textures(path)
+            parts = _parts(path, resolver, tree, named)
+        if resolver.refused:
+            raise InputError(f"{path}: {resolver.refused[0]}")
+        if not parts:
+            raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
+        _check_geometry(path, [part.mesh for part in parts])
+        offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts[:-1])])
+        pictures, texture_of_triangle, faults = _textures(path, parts)
+        left_out = [
+            f"not read: {what} (see CONVENTIONS.md, Light)" for part in parts for what in part.not_read
+        ]
+        return SceneObject(
+            name=str(path),
+            vertices=np.concatenate([part.mesh.vertices for part in parts]),
+            faces=np.concatenate([part.mesh.faces + at for part, at in zip(parts, offsets, strict=True)]),
+            material=material,
+            uv=_joined(parts, (part.uv for part in parts), (np.nan, np.nan)),
+            textures=pictures,
+            texture_of_triangle=texture_of_triangle,
+            vertex_normals=_joined(parts, (_normals(part.mesh) for part in parts), (np.nan,) * 3),
+            vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
+            warnings=tuple(f"{path}: {line}" for line in dict.fromkeys([*missing, *faults, *left_out])),
+        )
 
 
-def _loaded(path: Path, material: str | None) -> SceneObject:
-    """Read a mesh file that has been checked, and join its parts."""
-    resolver = MeshResolver(str(path))
-    parts = _parts(path, resolver)
-    if resolver.refused:
-        raise InputError(f"{path}: {resolver.refused[0]}")
-    if not parts:
-        raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
-    for part in parts:
-        _check_faces(path, part.mesh)
-    counts = [len(part.mesh.vertices) for part in parts]
-    offsets = np.cumsum([0, *counts[:-1]])
-    faces = [part.mesh.faces + offset for part, offset in zip(parts, offsets, strict=True)]
-    vertices = np.concatenate([part.mesh.vertices for part in parts])
-    _check_finite(path, vertices)
-    textures = read_textures(path, parts)
-    told = dict.fromkeys([*missing_libraries(path), *textures.warnings, *_left_out(parts)])
-    return SceneObject(
-        name=str(path),
-        vertices=vertices,
-        faces=np.concatenate(faces),
-        material=material,
-        uv=_texture_coordinates(parts),
-        textures=textures.pictures,
-        texture_of_triangle=textures.of_triangle,
-        vertex_normals=vertex_normals(parts),
-        vertex_colors=vertex_colors(parts, linear=path.suffix.lower() in GLTF_SUFFIXES),
-        warnings=tuple(f"{path}: {line}" for line in told),
-    )
+def _joined(
+    parts: Sequence[_Part], values: Iterable[Floats | None], otherwise: tuple[float, ...]
+) -> Floats | None:
+    """Return (V, n) values at the vertices of all parts; None where no part has any."""
+    found = list(values)
+    if all(value is None for value in found):
+        return None
+    shapes = [(len(part.mesh.vertices), len(otherwise)) for part in parts]
+    filled = [np.array(otherwise) if value is None else value for value in found]
+    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(filled, shapes, strict=True)])
 
 
-def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
-    """Return the parts of a file; raise InputError with the reason where it cannot be read."""
-    kinds = ", ".join(sorted(trimesh.available_formats()))
+def _check_geometry(path: Path, meshes: Sequence[trimesh.Trimesh]) -> None:
+    """Raise InputError where faces leave their own vertices, or vertices are no points in space."""
+    for mesh in meshes:
+        if mesh.vertices.ndim != 2 or mesh.vertices.shape[1] != 3 or mesh.faces.shape[1:] != (3,):
+            raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
+        lowest, highest = int(mesh.faces.min()), int(mesh.faces.max())
+        if lowest < 0 or highest >= len(mesh.vertices):
+            raise InputError(
+                f"{path}: faces point past the vertices (index {lowest if lowest < 0 else highest}, "
+                f"{len(mesh.vertices)} vertices); export the mesh again"
+            )
+    finite = np.concatenate([np.isfinite(mesh.vertices).all(axis=1) for mesh in meshes])
+    if not finite.all():
+        raise InputError(
+            f"{path}: {np.count_nonzero(~finite)} of {len(finite)} vertices are NaN or infinite, "
+            f"the first is number {int(np.argmin(finite))}; repair the mesh"
+        )
+
+
+# Before trimesh reads a file: its declared size, and the files it refers to
+
+
+class _Resolver(FilePathResolver):
+    """The files that a mesh refers to: trimesh's own rules, regular files only, pictures of bounded size.
+
+    trimesh goes on without a file that cannot be read. Files that exist and are refused must not be passed
+    over, so that `refused` keeps the reasons, one line each.
+    """
+
+    def __init__(self, source: str, refused: list[str] | None = None) -> None:
+        super().__init__(source)
+        self.refused: list[str] = [] if refused is None else refused
+
+    def get(self, name: str) -> Any:
+        for candidate in (name.strip(), name.strip().lstrip("/"), Path(name).name):
+            try:
+                path = self.absolute(candidate)
+                if not path.exists():
+                    continue
+            except (ValueError, OSError):
+                continue
+            try:
+                regular_size(path, "file that a mesh refers to")
+                with suppress(OSError, SyntaxError, ValueError), Image.open(path) as picture:
+                    check_picture_size(path, *picture.size)
+            except InputError as error:
+                self.refused.append(str(error))
+                raise FileNotFoundError(name) from error
+            return super().get(name)
+        raise FileNotFoundError(name)
+
+    def namespaced(self, namespace: str) -> _Resolver:
+        return _Resolver(str(Path(self.parent) / namespace), self.refused)
+
+
+def _checked_source(path: Path) -> dict[str, Any]:
+    """Return the JSON of a glTF file, else nothing; refuse a file that declares more than it has."""
+    check_mesh_file(path)
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the mesh file is empty; export the mesh again")
+    name = path.name.lower()
     try:
-        return read_parts(path, resolver)
+        if name.endswith((".gz", ".bz2")):
+            raise InputError(f"{path}: is packed in a way that does not say how large it is; unpack it first")
+        if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):
+            with zipfile.ZipFile(path) as archive:
+                total = sum(info.file_size for info in archive.infolist())
+            check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
+        if not name.endswith(GLTF_SUFFIXES):
+            return {}
+        tree = _gltf_json(path.read_bytes())
+    except (OSError, EOFError, zipfile.BadZipFile, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise InputError(f"{path}: cannot be unpacked ({reason}); pack it again") from error
+    total, accessors = 0, tree.get("accessors")
+    for accessor in accessors if isinstance(accessors, list) else ():
+        with suppress(AttributeError, TypeError, ValueError, OverflowError):  # trimesh refuses these
+            count = max(0, int(accessor["count"])) if "count" in accessor else 0
+            size = _COMPONENT_BYTES.get(accessor.get("componentType"), 4)
+            total += count * size * _COMPONENTS.get(accessor.get("type"), 1)
+    check_declared(path, MEMORY_PER_UNPACKED_BYTE * total, "arrays")
+    return tree
+
+
+def _gltf_json(data: bytes) -> dict[str, Any]:
+    """Return the JSON of a glTF file; nothing where there is none, which trimesh will report."""
+    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
+        length, kind = struct.unpack_from("<II", data, 12)
+        data = data[20 : 20 + length] if kind == _GLB_JSON else b""
+    try:
+        tree = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return tree if isinstance(tree, dict) else {}
+
+
+# The parts of a file
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn whatever trimesh's loaders raise within a block into an InputError with the reason."""
+    try:
+        yield
     except OSError as error:
         raise InputError(f"{path}: cannot read the mesh ({error.strerror or 'I/O error'})") from error
     except ImportError as error:
@@ -103,6 +251,7 @@ def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
             "the checkout of xfrustum"
         ) from error
     except NotImplementedError as error:
+        kinds = ", ".join(sorted(trimesh.available_formats()))
         raise InputError(f"{path}: not a mesh type that can be read; use one of {kinds}") from error
     except IndexError as error:
         raise InputError(
@@ -110,101 +259,25 @@ def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
         ) from error
     except MemoryError:
         raise
-    except Exception as error:  # trimesh's loaders raise exceptions of any kind
+    except Exception as error:
         reason = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
 
 
-def _check_faces(path: Path, part: trimesh.Trimesh) -> None:
-    """Raise InputError where a part's own faces leave its own vertices, or these are no points in space."""
-    if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.shape[1:] != (3,):
-        raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
-    lowest, highest = int(part.faces.min()), int(part.faces.max())
-    if lowest < 0 or highest >= len(part.vertices):
-        raise InputError(
-            f"{path}: faces point past the vertices (index {lowest if lowest < 0 else highest}, "
-            f"{len(part.vertices)} vertices); export the mesh again"
-        )
+def _parts(path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping[str, str]) -> list[_Part]:
+    """Return the meshes of a file that have faces."""
+    scene, materials = _trimesh_scene(path, resolver), _gltf_materials(tree)
+    known = len(materials) == len(scene.geometry)
+    gltf = dict(zip(scene.geometry, materials, strict=True)) if known else {}
+    otherwise = _Material() if path.suffix.lower() in GLTF_SUFFIXES else None
+    return [
+        _part(name, scene.geometry[name], placed, gltf.get(name, otherwise), named)
+        for placed, name in (scene.graph[node] for node in scene.graph.nodes_geometry)
+        if isinstance(scene.geometry[name], trimesh.Trimesh) and len(scene.geometry[name].faces)
+    ]
 
 
-def _check_finite(path: Path, vertices: Floats) -> None:
-    """Raise InputError, with their number, where vertices are not finite."""
-    finite = np.isfinite(vertices).all(axis=1)
-    if not finite.all():
-        raise InputError(
-            f"{path}: {np.count_nonzero(~finite)} of {len(vertices)} vertices are NaN or infinite, "
-            f"the first is number {int(np.argmin(finite))}; repair the mesh"
-        )
-
-
-def _texture_coordinates(parts: list[MeshPart]) -> Floats | None:
-    """Return (V, 2) coordinates, NaN on parts without; None where no part has them."""
-    if all(part.uv is None for part in parts):
-        return None
-    return np.concatenate(
-        [np.full((len(part.mesh.vertices), 2), np.nan) if part.uv is None else part.uv for part in parts]
-    )
-
-
-def _left_out(parts: list[MeshPart]) -> list[str]:
-    """Return one line for each part of a color that this reader leaves out."""
-    return [f"not read: {what} (see CONVENTIONS.md, Light)" for part in parts for what in part.not_read]
-
-
-def vertex_normals(parts: Sequence[MeshPart]) -> Floats | None:
-    """Return (V, 3) unit normals on the side that the winding faces; None where no part has any.
-
-    NaN on parts whose file has none, and where a normal in it is zero or not finite.
-    """
-    found = [_normals_of_file(part.mesh) for part in parts]
-    if all(normals is None for normals in found):
-        return None
-    return np.concatenate(
-        [
-            np.full(part.mesh.vertices.shape, np.nan) if normals is None else normals
-            for part, normals in zip(parts, found, strict=True)
-        ]
-    )
-
-
-def _normals_of_file(part: trimesh.Trimesh) -> Floats | None:
-    # The property `vertex_normals` makes up missing normals. Those of the file are in the cache, where
-    # trimesh's own exporters look too.
-    if "vertex_normals" not in part._cache:
-        return None
-    normals = np.array(part.vertex_normals, dtype=np.float64)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    usable = np.isfinite(length) & (length > 0)
-    return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
-
-
-def read_parts(path: Path, resolver: Any = None) -> list[MeshPart]:
-    """Return the meshes of a file, each where its node places it, those without faces left out.
-
-    Exceptions of trimesh's parser, of any kind, are passed on.
-
-    Parameters
-    ----------
-    path
-        Path of the mesh file.
-    resolver
-        trimesh's resolver, which opens the files that the mesh names; None for files beside the mesh.
-    """
-    if resolver is None:
-        resolver = trimesh.resolvers.FilePathResolver(str(path.absolute()))
-    scene = _trimesh_scene(path, resolver)
-    gltf = _gltf_materials(path, list(scene.geometry))
-    named = _named_textures(path)
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        file_from_part, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            parts.append(_part(name, geometry, file_from_part, gltf.get(name), named))
-    return parts
-
-
-def _trimesh_scene(path: Path, resolver: Any) -> Any:
+def _trimesh_scene(path: Path, resolver: _Resolver) -> Any:
     """Return trimesh's scene, with the file's own numbers for colors if it is of `_RAW_COLOR_SUFFIXES`."""
     suffix = path.suffix.lower()
     if suffix not in _RAW_COLOR_SUFFIXES:
@@ -221,110 +294,198 @@ def _trimesh_scene(path: Path, resolver: Any) -> Any:
 
 
 def _part(
-    name: str,
-    geometry: trimesh.Trimesh,
-    file_from_part: Floats,
-    gltf: GltfMaterial | None,
-    named: Mapping[str, str],
-) -> MeshPart:
+    name: str, geometry: trimesh.Trimesh, placed: Floats, gltf: _Material | None, named: Mapping[str, str]
+) -> _Part:
     # trimesh keeps the normals that it has read in its cache.
     mesh = geometry.copy(include_cache=True, include_visual=False)
-    mesh.apply_transform(file_from_part)
-    visual = geometry.visual
-    material = getattr(visual, "material", None)
-    colors = _stored_colors(geometry)
+    mesh.apply_transform(placed)
+    visual: Any = geometry.visual
+    stored = geometry.vertex_attributes.get("color")
+    if stored is None:  # textured glTF keeps them here
+        stored = getattr(visual, "vertex_attributes", {}).get("color")
+    if stored is None and getattr(visual, "kind", None) == "vertex":
+        stored = visual.vertex_colors
+    colors = None if stored is None else np.asarray(stored)
+    if colors is not None and colors.dtype == np.object_:
+        raise ValueError("vertices have different numbers of color channels")
     not_read = [] if gltf is None else list(gltf.not_read)
     if colors is not None and len(colors) != len(mesh.vertices):
         not_read.append("colors at vertices, which texture coordinates split")
         colors = None
     if "color" in geometry.face_attributes or getattr(visual, "kind", None) == "face":
         not_read.append("colors of faces")
-    return MeshPart(
+    uv, material = getattr(visual, "uv", None), getattr(visual, "material", None)
+    picture = getattr(material, "baseColorTexture", None)
+    if picture is None:
+        picture = getattr(material, "image", None)
+    own_name = str(material.name) if isinstance(material, SimpleMaterial) else _ANY_MATERIAL
+    return _Part(
         name=name,
         mesh=mesh,
-        uv=_own_coordinates(geometry),
-        colors=colors,
-        base_color=None if gltf is None else gltf.base_color,
-        picture=_picture_of_file(material),
-        named_texture=gltf.texture if gltf is not None else _named(material, named),
+        uv=np.array(uv, np.float64) if uv is not None and np.shape(uv) == (len(mesh.vertices), 2) else None,
+        color=_color(colors, gltf),
+        # Pictures that Pillow has opened have a format. trimesh made those without one: the 2 x 2 gray
+        # placeholder of meshes with coordinates and no texture, or a conversion of another material.
+        picture=None if getattr(picture, "format", None) is None else picture,
+        texture=named.get(own_name, named.get(_ANY_MATERIAL)) if gltf is None else gltf.texture,
         not_read=tuple(not_read),
     )
 
 
-def _stored_colors(geometry: trimesh.Trimesh) -> NDArray[np.generic] | None:
-    """Return the colors of vertices as the file stores them; None where there are none.
-
-    Raises
-    ------
-    ValueError
-        Vertices have different numbers of color channels, as in a damaged text file.
-    """
-    visual: Any = geometry.visual
-    colors = geometry.vertex_attributes.get("color")
-    if colors is None:  # textured glTF keeps them here
-        colors = getattr(visual, "vertex_attributes", {}).get("color")
-    if colors is None and getattr(visual, "kind", None) == "vertex":
-        colors = visual.vertex_colors
-    if colors is None:
+def _normals(part: trimesh.Trimesh) -> Floats | None:
+    """Return (V, 3) unit normals on the side that the winding faces, NaN where one is zero or not finite."""
+    # The property `vertex_normals` makes up missing normals. Those of the file are in the cache, where
+    # trimesh's own exporters look too.
+    if "vertex_normals" not in part._cache:
         return None
-    stored = np.asarray(colors)
-    if stored.dtype == np.object_:
-        raise ValueError("vertices have different numbers of color channels")
-    return stored
+    normals = np.array(part.vertex_normals, dtype=np.float64)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
 
 
-def _own_coordinates(geometry: trimesh.Trimesh) -> Floats | None:
-    uv = getattr(geometry.visual, "uv", None)
-    usable = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
-    return np.array(uv, dtype=np.float64) if usable else None
+# Colors and textures
 
 
-def _picture_of_file(material: Any) -> Any:
-    """Return the base color picture of a material; None where it comes from no file.
+def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats | None:
+    """Return (V, 3) or (3,) linear RGB, alpha ignored; None where there is no color.
 
-    Pictures that Pillow has opened have a format. trimesh made those without one in memory: the 2 x 2 gray
-    placeholder of meshes with texture coordinates and no texture, or a conversion of another material.
+    Whole numbers of 8 and 16 bits are shares of the largest. Other numbers are such shares already, as
+    glTF says; in other files they are shares of 255 if one of them is above 1, as some exporters of
+    OBJ and PLY do. NaN and negative numbers become 0; numbers above full scale become 1. glTF holds linear
+    light, which its base color multiplies; other files hold sRGB.
     """
-    picture = getattr(material, "baseColorTexture", None)
-    if picture is None:
-        picture = getattr(material, "image", None)
-    return None if getattr(picture, "format", None) is None else picture
+    color: Floats | None = None
+    if stored is not None:
+        color = stored[:, :3].astype(np.float64)
+        if stored.dtype in (np.uint8, np.uint16):
+            color = color / np.iinfo(stored.dtype).max
+        else:
+            color = np.where(np.isfinite(color), color, 0.0)
+            color = np.clip(color / (255.0 if gltf is None and (color > 1).any() else 1.0), 0.0, 1.0)
+        color = np.asarray(srgb_to_linear(color), dtype=np.float64) if gltf is None else color
+    if gltf is None or gltf.base_color in (None, (1.0, 1.0, 1.0)):
+        return color
+    base = np.array(gltf.base_color)
+    return base if color is None else color * base
 
 
-def _gltf_materials(path: Path, names: list[str]) -> dict[str, GltfMaterial]:
-    """Return the glTF material of each geometry that has one; nothing for other files."""
-    if path.suffix.lower() not in GLTF_SUFFIXES:
-        return {}
-    materials = materials_of_primitives(path)
-    pairs = zip(names, materials, strict=False) if len(materials) == len(names) else ()
-    return {name: material for name, material in pairs if material is not None}
+def _gltf_materials(tree: dict[str, Any]) -> list[_Material]:
+    """Return the material of each primitive from which trimesh makes a geometry, in its order.
+
+    The list is empty where the JSON cannot be understood, which trimesh reports.
+    """
+    try:
+        materials = [_gltf_material(tree, entry) for entry in tree.get("materials", [])]
+        return [
+            materials[primitive["material"]] if "material" in primitive else _Material()
+            for mesh in tree.get("meshes", [])
+            for primitive in mesh["primitives"]
+            if primitive.get("mode", _TRIANGLES) in _PRIMITIVES_READ
+        ]
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError):
+        return []
+
+
+def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
+    rough = entry.get("pbrMetallicRoughness", {})
+    red, green, blue = (float(part) for part in rough.get("baseColorFactor", (1.0, 1.0, 1.0))[:3])
+    reference, texture, not_read = rough.get("baseColorTexture"), None, []
+    if "KHR_materials_pbrSpecularGlossiness" in entry.get("extensions", {}):
+        not_read.append("colors of KHR_materials_pbrSpecularGlossiness")
+    if reference is not None:
+        if reference.get("texCoord", 0) != 0:
+            not_read.append("the texture's own set of coordinates: it is placed by the first set")
+        if "KHR_texture_transform" in reference.get("extensions", {}):
+            not_read.append("KHR_texture_transform: the texture is placed as if it were not there")
+        index = reference["index"]
+        source = tree["textures"][index].get("source")
+        for extension in tree["textures"][index].get("extensions", {}).values():
+            source = extension.get("source", source)
+        uri = "" if source is None else str(tree["images"][source].get("uri", "data:"))
+        texture = f"in image {source} of the file itself" if uri.startswith("data:") else uri
+        texture = texture or f"number {index} without an image"
+    return _Material(texture=texture, base_color=(red, green, blue), not_read=tuple(not_read))
 
 
 _ANY_MATERIAL = ""
 """Key of a texture that belongs to all parts of a file."""
 
 
-def _named(material: Any, named: Mapping[str, str]) -> str | None:
-    name = material.name if isinstance(material, SimpleMaterial) else None
-    return named.get(str(name), named.get(_ANY_MATERIAL))
+def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
+    """Return the texture that an OBJ file's library names for each material, or a PLY file for all.
 
-
-def _named_textures(path: Path) -> dict[str, str]:
-    """Return the texture that an OBJ file's library names for each material, or a PLY file for all."""
-    if path.suffix.lower() == ".ply":
+    The other value is a line for each library that is named and not read.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
         with path.open("rb") as file:
             header = file.read(1 << 16).partition(b"end_header")[0]
         found = re.search(rb"(?i)^comment\s+texturefile\s+(.+?)\s*$", header, re.MULTILINE)
-        return {} if found is None else {_ANY_MATERIAL: found[1].decode("utf-8", "replace")}
-    libraries = material_libraries(path)
-    if not libraries or not (path.parent / libraries[0]).is_file():
-        return {}
+        return {} if found is None else {_ANY_MATERIAL: found[1].decode("utf-8", "replace")}, []
+    if suffix != ".obj":
+        return {}, []
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
+    libraries = [name.decode("utf-8", "replace") for name in dict.fromkeys(lines)]
+    told = [f"the material library {name} is not read: only the first one is" for name in libraries[1:]]
+    if not libraries:
+        return {}, []
+    if not (path.parent / libraries[0]).is_file():
+        lost = f"the material library {libraries[0]} is missing; textures that it may name are not shown"
+        return {}, [lost, *told]
     named, current = {}, _ANY_MATERIAL
-    text = (path.parent / libraries[0]).read_bytes().decode("utf-8", "replace")
-    for line in text.splitlines():
+    for line in (path.parent / libraries[0]).read_bytes().decode("utf-8", "replace").splitlines():
         key, _, value = line.strip().partition(" ")
         if key.lower() == "newmtl":
             current = " ".join(value.split())
         elif key.lower() == "map_kd" and current:
             named[current] = value.strip()
-    return named
+    return named, told
+
+
+def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Numbers | None, list[str]]:
+    """Decode the textures of a mesh file's parts; a damaged picture is a warning and no error.
+
+    Returns
+    -------
+    pictures
+        (H, W, 4) uint8 sRGB pictures, row 0 at the top, each different one once.
+    of_triangle
+        (F,) index into `pictures`, -1 where a triangle has none; None where there are no pictures.
+    warnings
+        One line for each texture that is named and not shown.
+    """
+    pictures: list[Bytes] = []
+    warnings: list[str] = []
+    index_of_name: dict[str, int] = {}
+    for part in parts:
+        if part.name in index_of_name:
+            continue
+        pixels, name = None, part.texture
+        if part.picture is not None:
+            check_picture_size(path, *part.picture.size)  # pictures within glTF files too
+            pixels = _decoded(part.picture)
+        index_of_name[part.name] = -1 if pixels is None else len(pictures)
+        if pixels is not None:
+            pictures.append(pixels)
+            if part.uv is None:
+                warnings.append(f"the texture {name} is not shown: there are no coordinates for it")
+        elif name is not None:
+            there = name.startswith("in image") or (path.parent / name).is_file()
+            lost = "cannot be read" if there else "is missing"
+            warnings.append(f"the texture {name} {lost}; the surface is drawn without it")
+    indices = [np.full(len(part.mesh.faces), index_of_name[part.name], np.int32) for part in parts]
+    return tuple(pictures), np.concatenate(indices) if pictures else None, warnings
+
+
+def _decoded(picture: Any) -> Bytes | None:
+    """Return a picture's (H, W, 4) pixels; None where it is damaged or its numbers have no full scale."""
+    if picture.mode in ("I", "F"):  # 32 bits a pixel, of any scale
+        return None
+    try:
+        if picture.mode == "I;16":  # gray of 16 bits, which Pillow itself would clip instead of scaling
+            gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
+            return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
+        return np.array(picture.convert("RGBA"), dtype=np.uint8)
+    except (OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
+        return None

@@ -57,62 +57,53 @@ def load_patches(
 
 
 def read_patches(path: Path) -> list[Floats]:
-    """Return the control nets (n + 1, m + 1, 3) of a patch file.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged.
-    """
+    """Return the control nets (n + 1, m + 1, 3) of a patch file; InputError where it is missing or damaged."""
     check_mesh_file(path)
     with bounded_memory(path):
-        return _nets(path)
-
-
-def _nets(path: Path) -> list[Floats]:
-    try:
-        words = path.read_text(encoding="ascii").split(maxsplit=_MAX_WORDS)
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the patches ({error.strerror})") from error
-    except ValueError as error:
-        raise InputError(f"{path}: is not a text of Bezier patches; write the file again") from error
-    count = _whole(path, words[:1], "the number of patches")
-    nets, at = [], 1
-    for number in range(count):
-        degrees = [_whole(path, words[at + k : at + k + 1], f"a degree of patch {number}") for k in (0, 1)]
-        shape = (degrees[0] + 1, degrees[1] + 1, 3)
-        end = at + 2 + shape[0] * shape[1] * shape[2]
-        nets.append(_net(path, words[at + 2 : end], shape, number))
-        at = end
+        try:
+            words = path.read_text(encoding="ascii").split(maxsplit=_MAX_WORDS)
+        except OSError as error:
+            raise InputError(f"{path}: cannot read the patches ({error.strerror})") from error
+        except ValueError as error:
+            raise InputError(f"{path}: is not a text of Bezier patches; write the file again") from error
+        count, at = _count(path, words, 0, "the number of patches"), 1
+        nets = []
+        for number in range(count):
+            n, m = (_count(path, words, at + k, f"a degree of patch {number}") for k in (0, 1))
+            end = at + 2 + (n + 1) * (m + 1) * 3
+            if end > len(words):
+                raise InputError(
+                    f"{path}: ends within the control points of patch {number}; write the file again"
+                )
+            nets.append(
+                _net(f"{path}: a control point of patch {number}", words[at + 2 : end], (n + 1, m + 1, 3))
+            )
+            at = end
     if at < len(words):
         raise InputError(f"{path}: goes on after {count} patches; correct their number in the first line")
     return nets
 
 
-def _whole(path: Path, words: list[str], what: str) -> int:
+def _count(path: Path, words: list[str], at: int, what: str) -> int:
     """Return a positive whole number."""
-    if not words:
+    if at >= len(words):
         raise InputError(f"{path}: ends before {what}; write the file again")
-    digits = words[0].lstrip("0")
+    digits = words[at].lstrip("0")
     if not (digits.isascii() and digits.isdigit()):
-        raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[0][:40]!r}")
+        raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[at][:40]!r}")
     # A file has no more words than this, and Python refuses to read a number of thousands of digits.
     if len(digits) > len(str(_MAX_WORDS)):
-        raise InputError(f"{path}: {what} must be at most {_MAX_WORDS:,}, not {words[0][:40]}..")
+        raise InputError(f"{path}: {what} must be at most {_MAX_WORDS:,}, not {words[at][:40]}..")
     return int(digits)
 
 
-def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int) -> Floats:
-    if len(words) < shape[0] * shape[1] * shape[2]:
-        raise InputError(f"{path}: ends within the control points of patch {number}; write the file again")
+def _net(point: str, words: list[str], shape: tuple[int, int, int]) -> Floats:
     try:
         net = np.array(words, dtype=np.float64).reshape(shape)
     except ValueError as error:
-        raise InputError(f"{path}: a control point of patch {number} is not a number ({error})") from error
+        raise InputError(f"{point} is not a number ({error})") from error
     if not np.isfinite(net).all():
-        raise InputError(f"{path}: a control point of patch {number} is NaN or infinite; repair it")
+        raise InputError(f"{point} is NaN or infinite; repair it")
     if np.abs(net).max() > LARGEST_COORDINATE:
-        raise InputError(
-            f"{path}: a control point of patch {number} is beyond {LARGEST_COORDINATE:.0e}; repair it"
-        )
+        raise InputError(f"{point} is beyond {LARGEST_COORDINATE:.0e}; repair it")
     return net

@@ -13,9 +13,9 @@ from PIL import Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngInfo
 
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size, regular_size
+from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size, head_of
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.exr import MAGIC, image_size, read_channels, write_planes
+from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
 
 PLENO_LEVELS = 1023
@@ -36,36 +36,22 @@ RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
 _P6_HEADER = re.compile(rb"P6\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+(\d+)\s")
 """Header of a binary PPM file: width, height, largest level."""
 
+_DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+"""Exceptions by which Pillow says that a file is no picture, or is damaged."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Picture:
-    """A picture as its file stores it.
+    """A picture as its file stores it, row 0 at the top, and whether the file's format changes pixels."""
 
-    Attributes
-    ----------
-    pixels
-        (H, W, 3), row 0 at the top; (frames, H, W, 3) of a video. Levels are uint8 or uint16; other numbers
-        are float16 or float32.
-    levels
-        Largest level of integers; None of floating-point numbers.
-    lossy
-        Whether the file's format changes pixels when it stores them.
-    """
-
-    pixels: Pixels
-    levels: int | None = BYTE_LEVELS
+    pixels: Pixels  # (H, W, 3); (frames, H, W, 3) of a video
+    levels: int | None = BYTE_LEVELS  # the largest level of integers; None of floating-point numbers
     lossy: bool = False
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Return the width and height of a picture file in pixels.
-
-    Raises
-    ------
-    InputError
-        The file is missing, or is no picture.
-    """
-    head = _head(path)
+    """Return the width and height of a picture file in pixels; InputError where it is missing or none."""
+    head = head_of(path, "file")
     if head.startswith(MAGIC):
         return image_size(path)
     if ppm := _P6_HEADER.match(head):
@@ -73,7 +59,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     try:
         with Image.open(path) as picture:
             return picture.size
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: is not a picture that can be read") from error
 
 
@@ -82,7 +68,7 @@ def picture_text(path: Path) -> dict[str, object]:
     try:
         with Image.open(path) as picture:
             told = json.loads(getattr(picture, "text", {}).get(TEXT_KEY, "{}"))
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError, RecursionError):
+    except (*_DAMAGE, RecursionError):
         return {}
     return told if isinstance(told, dict) else {}
 
@@ -95,9 +81,11 @@ def read_picture(path: Path) -> Picture:
     InputError
         The file is missing, damaged or of another kind.
     """
-    head = _head(path)
+    head = head_of(path, "file")
     if head.startswith(MAGIC):
-        return _read_exr(path)
+        pixels, _ = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
+        half = pixels.dtype == np.float16
+        return Picture(pixels=pixels if half else pixels.astype(np.float32), levels=None)
     if _P6_HEADER.match(head):
         return _read_ppm(path)
     rgb, lossy = read_rgb(path)
@@ -107,14 +95,8 @@ def read_picture(path: Path) -> Picture:
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
     """Write a picture into a folder that is being made, in the format that the suffix names.
 
-    Parameters
-    ----------
-    path
-        Path that ends in .png (8 bits), .ppm (8 to 16 bits) or .exr (floating point).
-    picture
-        Picture whose type that format can hold.
-    text
-        Division of the picture, which PNG files state beside their pixels.
+    That is .png (8 bits), .ppm (8 to 16 bits) or .exr (floating point). PNG files state the text, the
+    division of the picture, beside their pixels.
 
     Raises
     ------
@@ -142,15 +124,6 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         )
 
 
-def _head(path: Path) -> bytes:
-    regular_size(path, "file")
-    try:
-        with path.open("rb") as file:
-            return file.read(1024)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-
-
 def _read_ppm(path: Path) -> Picture:
     with bounded_memory(path):
         content = path.read_bytes()
@@ -169,24 +142,10 @@ def _read_ppm(path: Path) -> Picture:
     return Picture(pixels=native.reshape(height, width, 3), levels=levels)
 
 
-def _read_exr(path: Path) -> Picture:
-    planes, _ = read_channels(path, "RGB")
-    missing = [name for name in "RGB" if name not in planes]
-    if missing:
-        raise InputError(f"{path}: has no channel {missing[0]}; only pictures in R, G and B are re-arranged")
-    pixels = np.stack([planes[name] for name in "RGB"], axis=-1)
-    return Picture(pixels=pixels if pixels.dtype == np.float16 else pixels.astype(np.float32), levels=None)
-
-
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, bool]:
     """Return the pixels (H, W, 3) of a picture, and whether its format changes pixels when it stores them.
 
-    Parameters
-    ----------
-    path
-        Path of the file.
-    resolution
-        Width and height that the scene says, if it says any; other sizes are refused before pixels are read.
+    Where the scene says a resolution, pictures of other sizes are refused before their pixels are read.
 
     Raises
     ------
@@ -202,9 +161,7 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
             if picture.mode not in RGB_MODES:
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
             return np.asarray(picture.convert("RGB")), picture.format in LOSSY_FORMATS
-    except InputError:
-        raise
     except UnidentifiedImageError as error:
         raise InputError(f"{path}: is not an image that can be read") from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: the image is damaged ({error})") from error

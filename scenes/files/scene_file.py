@@ -24,10 +24,10 @@ from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
 from xfrustum.scenes.disk.input_files import (
     SCENE_FILE_SIZE,
-    check_environment_file,
     check_hogels,
     check_mesh_file,
     read_small,
+    regular_size,
 )
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
 Location = tuple[int | str, ...]
+
+MAP_FILE = ("environment map", "its path is relative to the scene file")
+"""Kind of file and advice, for messages about environment maps."""
 
 
 def _gray(value: Any) -> Any:
@@ -259,7 +262,7 @@ def _check_references(path: Path, file: SceneTables) -> None:
                 check_mesh_file(path.parent / entry.mesh)
     if file.environment is not None:
         with named(path, "environment.map"):
-            check_environment_file(path.parent / file.environment.map)
+            regular_size(path.parent / file.environment.map, *MAP_FILE)
 
 
 @contextmanager

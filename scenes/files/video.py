@@ -52,9 +52,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             if stream.codec_context is None:
                 raise ValueError("its codec is not known")
             width, height = stream.width, stream.height
-            check_allowed(
-                path, DECODER_BYTES_PER_PIXEL * width * height, f"a frame of {width} x {height} pixels"
-            )
+            size = DECODER_BYTES_PER_PIXEL * width * height
+            check_allowed(path, size, f"a frame of {width} x {height} pixels")
             # A frame may state another size than the file: FFmpeg refuses it before it allocates.
             most = (width + PADDING_PX) * (height + PADDING_PX)
             stream.codec_context.options = {"max_pixels": str(most)}
@@ -65,13 +64,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def video_size(path: Path) -> tuple[int, tuple[int, int]]:
-    """Return the number of frames of a video, and their width and height in pixels.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, or PyAV is not installed.
-    """
+    """Return the number of frames of a video, and their width and height; InputError as from `read_video`."""
     with _opened(path) as (video, stream):
         # The header of some videos does not say how many frames there are.
         frames = stream.frames or sum(packet.size > 0 for packet in video.demux(stream))
@@ -81,30 +74,20 @@ def video_size(path: Path) -> tuple[int, tuple[int, int]]:
 def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
     """Read the frames of a video as (frames, H, W, 3) uint8; decoding stops at the first that is too many.
 
-    Parameters
-    ----------
-    path
-        Path of the file.
-    frames
-        Number of frames that it must have: the columns of the plate.
-    size
-        Width and height that they must have.
-
     Raises
     ------
     InputError
-        The file is missing, damaged or of another size, or PyAV is not installed.
+        The file is missing or damaged, has another number of frames (the columns of the plate) or another
+        width and height, or PyAV is not installed.
     """
     width, height = size
     check_declared(path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels")
     with _opened(path) as (video, stream):
-        pixels = np.empty((frames, height, width, 3), np.uint8)
-        count = 0
+        pixels, count = np.empty((frames, height, width, 3), np.uint8), 0
         for frame in video.decode(stream):
-            if (frame.width, frame.height) != size:
-                raise InputError(
-                    f"{path}: is {frame.width} x {frame.height}, and should be {width} x {height}"
-                )
+            found = frame.width, frame.height
+            if found != size:
+                raise InputError(f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}")
             if count == frames:
                 raise InputError(f"{path}: has more than {frames} frames, the columns of the plate")
             pixels[count] = frame.to_ndarray(format="rgb24")
@@ -117,15 +100,7 @@ def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
 
 
 def write_video(path: Path, frames: Pixels) -> None:
-    """Write (frames, H, W, 3) uint8 pixels as a video that keeps every bit (FFV1 in AVI).
-
-    Raises
-    ------
-    InputError
-        PyAV is not installed.
-    OSError
-        The file cannot be written.
-    """
+    """Write (frames, H, W, 3) uint8 pixels as a video that keeps every bit (FFV1 in AVI)."""
     av = _av()
     with av.open(str(path), "w", format="avi") as video:
         stream = video.add_stream("ffv1", rate=25)

@@ -18,7 +18,7 @@ from tests.support.long_tail import kept
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
-from xfrustum.scenes.disk.durable import Aside, NewFile, _host, remove_abandoned, write_file
+from xfrustum.scenes.disk.durable import Aside, _host, new_file, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
 
 FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
@@ -45,8 +45,9 @@ def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
     program = f"""
 import sys, time
 from pathlib import Path
-from xfrustum.scenes.disk.durable import Aside, NewFile
+from xfrustum.scenes.disk.durable import Aside, new_file
 made = {what}
+made.__enter__()
 print("made", flush=True)
 time.sleep(600)
 """
@@ -163,7 +164,7 @@ def test_the_command_line_refuses_a_name_that_is_no_utf8(folder: Path) -> None:
     assert made_by_us(folder) == []
 
 
-@pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "NewFile(Path('x'))"])
+@pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "new_file(Path('x'))"])
 def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(what: str, tmp_path: Path) -> None:
     processes = [left_behind(tmp_path, what) for _ in range(2)]
     try:
@@ -296,7 +297,7 @@ def test_an_error_of_the_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: py
 def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
     mask = os.umask(0o027)
     try:
-        with NewFile(tmp_path / "x"):
+        with new_file(tmp_path / "x"):
             pass
         with Aside(tmp_path) as aside:
             assert aside.path.exists()

@@ -17,12 +17,12 @@ from xfrustum.cli import options
 def compare(truth: Path, raster: Path, out: Path | None, as_json: bool) -> None:
     """Compare a raster image with the truth, both EXR."""
     from xfrustum.reports.common.outputs import check_writable_folder
-    from xfrustum.scenes.disk.input_files import check_image_file
+    from xfrustum.scenes.disk.input_files import regular_size
 
     if out is not None:
         check_writable_folder(out, ())
     for image in (truth, raster):
-        check_image_file(image)
+        regular_size(image, "image file")
     from xfrustum.reports.comparison import FILES, compare_files, table, write_comparison
 
     if out is not None:
