@@ -102,13 +102,8 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
         return status.st_size
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a folder; give the name of {_article(what)}")
-    kinds = {
-        stat.S_IFIFO: "a pipe",
-        stat.S_IFCHR: "a device",
-        stat.S_IFBLK: "a device",
-        stat.S_IFSOCK: "a socket",
-    }
-    kind = kinds.get(stat.S_IFMT(status.st_mode), "no regular file")
+    kinds = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    kind = kinds.get(stat.S_IFMT(status.st_mode), "a device")
     raise InputError(f"{path}: is {kind}; {_article(what)} must be a regular file")
 
 

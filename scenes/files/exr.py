@@ -146,10 +146,8 @@ def _declared_bytes(header: _Header) -> int:
             pixel_bytes = 0
             while value.text():
                 code, _, x, y = value.whole("iiii")  # the second holds a flag and three reserved bytes
-                if not 0 <= code < len(_PIXEL_TYPES):
-                    raise _Damaged(f"a channel has the unknown pixel type {code}")
-                if min(x, y) < 1:
-                    raise _Damaged("a channel has no sampling")
+                if not 0 <= code < len(_PIXEL_TYPES) or min(x, y) < 1:
+                    raise _Damaged(f"a channel has an unknown pixel type ({code}), or no sampling")
                 pixel_bytes += np.dtype(_PIXEL_TYPES[code]).itemsize
         elif name == "dataWindow":
             left, top, right, bottom = value.whole("iiii")
@@ -359,13 +357,11 @@ def _rows(
         name: Imath.Channel(Imath.PixelType(_PIXEL_TYPES.index(kind.type))) for name, kind in types.items()
     }
     # This is OpenEXR's older interface: the newer one writes whole images only.
-    file = OpenEXR.OutputFile(str(path), header | attributes)
+    file = OpenEXR.OutputFile(str(path), {**header, **attributes})
 
     def write(planes: Planes) -> None:
-        data = {name: np.ascontiguousarray(planes[name]) for name in types}
-        file.writePixels(
-            {name: plane.tobytes() for name, plane in data.items()}, len(data[next(iter(types))])
-        )
+        data = {name: np.ascontiguousarray(planes[name]).tobytes() for name in types}
+        file.writePixels(data, len(planes[next(iter(types))]))
 
     try:
         yield write

@@ -359,7 +359,7 @@ def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats
     if stored is not None:
         color = stored[:, :3].astype(np.float64)
         if stored.dtype in (np.uint8, np.uint16):
-            color = color / np.iinfo(stored.dtype).max
+            color = color / (255.0 if stored.dtype == np.uint8 else 65535.0)
         else:
             color = np.where(np.isfinite(color), color, 0.0)
             color = np.clip(color / (255.0 if gltf is None and (color > 1).any() else 1.0), 0.0, 1.0)

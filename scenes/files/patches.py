@@ -57,7 +57,7 @@ def load_patches(
 
 
 def read_patches(path: Path) -> list[Floats]:
-    """Return the control nets (n + 1, m + 1, 3) of a patch file; InputError where it is missing or damaged."""
+    """Return the control nets (n + 1, m + 1, 3) of a patch file; InputError where it is none."""
     check_mesh_file(path)
     with bounded_memory(path):
         try:
@@ -75,9 +75,8 @@ def read_patches(path: Path) -> list[Floats]:
                 raise InputError(
                     f"{path}: ends within the control points of patch {number}; write the file again"
                 )
-            nets.append(
-                _net(f"{path}: a control point of patch {number}", words[at + 2 : end], (n + 1, m + 1, 3))
-            )
+            point, shape = f"{path}: a control point of patch {number}", (n + 1, m + 1, 3)
+            nets.append(_net(point, words[at + 2 : end], shape))
             at = end
     if at < len(words):
         raise InputError(f"{path}: goes on after {count} patches; correct their number in the first line")
