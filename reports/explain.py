@@ -574,20 +574,15 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
         Viewer,
         display_limits,
         require_before_viewer,
-        resolved_crack,
         surface_content,
     )
-    from xfrustum.compare.planning.viewer import EyeRequirement, binding  # noqa: PLC0415
+    from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding  # noqa: PLC0415
 
     viewer, display, content = Viewer(distance=distance), Display.of(scene), surface_content(scene)
     require_before_viewer(scene, content, viewer)
     requirement = EyeRequirement(viewer=viewer, display=display, content=content)
-    found = requirement.limits_with(settings)
+    found, noticed = requirement.limits_with(settings), requirement.noticed(settings)
     binds = binding(found)
-    change = None if display.millimeters is None else requirement.stereo_change(settings)
-    crack, hidden = None, math.inf
-    if content.through:
-        _, hidden, crack = resolved_crack(viewer, display, settings)
     return {
         "limits": display_limits(scene, viewer),
         "near": settings.near,
@@ -595,9 +590,9 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
         "largest_unseen_near": math.inf
         if binds is None or binds.largest_near is None
         else binds.largest_near,
-        "stereo_change_arcsec": change,
-        "crack_arcmin": crack,
-        "seen": (change or 0.0) > viewer.stereo_acuity_arcsec or (crack or 0.0) > hidden,
+        "stereo_change_arcsec": noticed[STEREO][0] if STEREO in noticed else None,
+        "crack_arcmin": noticed[CRACK][0] if CRACK in noticed else None,
+        "seen": any(there > allowed for there, allowed, _ in noticed.values()),
         "bent": scene.frustum.recentered,
     }
 

@@ -11,7 +11,7 @@ import scipy
 
 from xfrustum.compare.extent_words import require_seen
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, PlateResult, depth_buffers, plan, steps
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, PlateResult, depth_buffers, plan
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
@@ -64,7 +64,7 @@ def make_plan(
     auto = apertures if isinstance(apertures, AutoApertures) else None
     chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
-    with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
+    with progress_bar(2 * len(chosen), "plan", "hogel", shown=progress) as bar:
         return replace(plan(scene, chosen, requirement, choices, bar.update), auto=auto)
 
 

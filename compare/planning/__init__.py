@@ -1,9 +1,9 @@
 """The planner: settings to draw with, the fewest slabs, then the largest margin.
 
-measure   Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces
-plan      The plan for some apertures, and for the plate: from its worst apertures, measured at a random
-sample reason    Reasons of a plan, or for having none, in words
-search    The best plan with a given number of cuts: where to cut, how large near may be, what is most robust
-viewer    What a viewer requires of a plan: nothing that eyes can see, whatever hogels' pixels show
 views     What a plan must keep, what some apertures truly show, and what settings are predicted to make of it
+search    The best plan with a given number of cuts: where to cut, how large near may be, what is most robust
+measure   Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces
+viewer    What a viewer requires of a plan: nothing that eyes can see, whatever hogels' pixels show
+plan      The plan for some apertures, and for the plate: from its worst apertures, measured at a random
+          sample; and its reasons in words
 """

@@ -60,61 +60,55 @@ def hogel_results(
     Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with exact depth
     besides. `truths` are true images that are there already.
     """
+
+    def judged(frame: JudgedFrame) -> tuple[Aperture, DoubleFrustum, float, int, Mask]:
+        found = frame.comparison
+        wrong = found.errors.surface
+        assert wrong is not None, "the reference has the scene at hand"
+        return frame.aperture, frame.settings, displacement_p99(found), found.judged, wrong
+
     exact = with_exact_depth(settings)
     both = tuple(dict.fromkeys((settings, exact)))
-    with closing(judge.frames(apertures, both, Wanted(), _judged, truths)) as frames:
-        while some := list(islice(frames, len(both))):
-            found = {one[1]: one for one in some}
-            aperture, _, moved, judged, wrong = found[settings]
-            control = found[exact][-1]
+    with closing(judge.frames(apertures, both, Wanted(), judged, truths)) as frames:
+        while some := {one[1]: one for one in islice(frames, len(both))}:
+            aperture, _, moved, count, wrong = some[settings]
+            control = some[exact][-1]
             yield HogelResult(
                 aperture=aperture,
                 displacement_p99_px=moved,
-                surface_fraction=float(wrong.sum() / max(judged, 1)),
-                depth_wrong=float((wrong & ~control).sum() / max(judged, 1)),
+                surface_fraction=float(wrong.sum() / max(count, 1)),
+                depth_wrong=float((wrong & ~control).sum() / max(count, 1)),
             )
-
-
-def _judged(frame: JudgedFrame) -> tuple[Aperture, DoubleFrustum, float, int, Mask]:
-    """Return what a result is made of: displacement, number of judged pixels, and the wrong ones."""
-    found = frame.comparison
-    wrong = found.errors.surface
-    assert wrong is not None, "the reference has the scene at hand"
-    return frame.aperture, frame.settings, displacement_p99(found), found.judged, wrong
 
 
 def measured(
     views: Views,
     settings: DoubleFrustum,
     requirement: Requirement,
-    done: Done = lambda steps: None,
+    done: Done = lambda hogels: None,
     *,
     smallest: bool = True,
-) -> Quality:
-    """Draw what some apertures show, and sheets at its farthest surfaces; return the worst.
+) -> tuple[list[HogelResult], Quality]:
+    """Draw what some apertures show, and sheets at its farthest surfaces; return each result and the worst.
 
-    Parameters
-    ----------
-    smallest
-        Whether to look for the smallest separation, which no requirement limits; else it is NaN.
+    Without `smallest` the smallest separation, which no requirement limits, is not looked for: it is NaN.
     """
     separation = requirement.separation_in(views.scene.frustum)
+    truths = {view.aperture: view.truth for view in views.views}
     with Judge(views.scene, reference=views.reference) as judge:
-        apertures = [view.aperture for view in views.views]
-        drawn = list(hogel_results(judge, apertures, settings, views.truths))
+        results = list(hogel_results(judge, truths, settings, truths))
     found = []
-    for view, result in zip(views.views, drawn, strict=True):
-        found.append(
-            Quality(
-                displacement_p99_px=result.displacement_p99_px,
-                surface_fraction=result.surface_fraction,
-                depth_wrong=result.depth_wrong,
-                misordered=misordered(views.scene, view, settings, separation),
-                separation=_smallest_separation(views, view, settings) if smallest else math.nan,
-            )
+    for view, result in zip(views.views, results, strict=True):
+        quality = Quality(
+            displacement_p99_px=result.displacement_p99_px,
+            surface_fraction=result.surface_fraction,
+            depth_wrong=result.depth_wrong,
+            misordered=misordered(views.scene, view, settings, separation),
+            separation=_smallest_separation(views, view, settings) if smallest else math.nan,
         )
+        found.append(quality)
         done(1)
-    return Quality.worst(found)
+    return results, Quality.worst(found)
 
 
 def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> float:
@@ -138,22 +132,12 @@ def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> f
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetPair:
-    """Two sheets, parallel to the plate, of one camera.
-
-    Attributes
-    ----------
-    heights
-        (N,) |z| of the farther sheet, for each of the pair's cells row by row.
-    separation
-        Distance of the two sheets along z, scene units.
-    loser_first
-        Whether the sheet that must not show is drawn first.
-    """
+    """Two sheets of one camera, parallel to the plate and a separation apart along z, scene units."""
 
     camera: ModelCamera
-    heights: Floats
+    heights: Floats  # (N,) |z| of the farther sheet, for each of the pair's cells row by row
     separation: float
-    loser_first: bool
+    loser_first: bool  # whether the sheet that must not show is drawn first
 
     def objects(self, rows: Indices, columns: Indices, cells: int) -> list[SceneObject]:
         """Return both sheets in drawing order, over the cells in some rows and columns of the film."""
@@ -168,27 +152,18 @@ class SheetPair:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetFilm:
-    """The film of an aperture's camera, tiled with cells of pairs of sheets.
-
-    Attributes
-    ----------
-    pair, shown
-        (H, W) number of the pair that each pixel belongs to, and of the object that it must show.
-    """
+    """The film of an aperture's camera, tiled with cells of pairs of sheets."""
 
     scene: Scene
     aperture: Aperture
-    pair: Indices
-    shown: Indices
+    pair: Indices  # (H, W) number of the pair that each pixel belongs to
+    shown: Indices  # (H, W) number of the object that it must show
 
     @classmethod
     def of(
         cls, scene: Scene, aperture: Aperture, pairs: Sequence[SheetPair], owner: Indices, cell_pixels: int
     ) -> SheetFilm:
-        """Tile the film of an aperture with cells of so many pixels a side.
-
-        `owner` (cells, cells) has the number of the pair that each cell belongs to.
-        """
+        """Tile a film with cells of so many pixels a side; `owner` (cells, cells) has each cell's pair."""
         cells, objects = len(owner), []
         for number, pair in enumerate(pairs):
             rows, columns = np.nonzero(owner == number)
@@ -204,10 +179,7 @@ class SheetFilm:
         )
 
     def wrong_shares(self, rasterizer: Rasterizer, settings: DoubleFrustum) -> list[float]:
-        """Draw the sheets and return, for each pair, the share of its pixels that is wrong.
-
-        The rasterizer is that of `scene`, and only the pairs' camera draws.
-        """
+        """Draw the sheets with the rasterizer of `scene`; return the wrong share of each pair's pixels."""
         drawn = rasterizer.render(self.aperture, settings, normals=False, color=False)
         wrong = drawn.object != self.shown
         return [float(wrong[self.pair == number].mean()) for number in range(len(self.scene.objects) // 2)]
@@ -216,11 +188,8 @@ class SheetFilm:
 def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
     """Draw sheets at the farthest visible surface of every camera and slab, and return the worst share.
 
-    Each pair comes twice, the sheet that must not show drawn first and drawn last.
-
-    Returns
-    -------
-    Share of pixels in which the wrong sheet shows, or none; 0 where no slab has room for two sheets.
+    That is the share of pixels in which the wrong sheet shows, or none; 0 where no slab has room for two
+    sheets. Each pair comes twice, the sheet that must not show drawn first and drawn last.
     """
     worst = 0.0
     for orthoscopic, side in ((True, Camera.C), (False, Camera.C_STAR)):
@@ -232,32 +201,24 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
                 spread = max(SPREAD * far, SPREAD_SEPARATIONS * separation)
                 ends = far - min(spread, (far - separation - low) / 2), far
                 places += [(camera, ends, loser_first) for loser_first in (True, False)]
-        if places:
-            film = _dealt_film(scene, view.aperture, places, separation)
-            with Rasterizer(film.scene) as rasterizer:
-                worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
+        if not places:
+            continue
+        # Cells are dealt out to the places at random, and have random heights between a place's ends.
+        random = np.random.default_rng(1997)
+        owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
+        pairs = [
+            SheetPair(
+                camera=camera,
+                heights=random.uniform(*ends, int((owner == number).sum())),
+                separation=separation,
+                loser_first=loser_first,
+            )
+            for number, (camera, ends, loser_first) in enumerate(places)
+        ]
+        film = SheetFilm.of(scene, view.aperture, pairs, owner, CELL_PIXELS)
+        with Rasterizer(film.scene) as rasterizer:
+            worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
     return worst
-
-
-_Place = tuple[ModelCamera, tuple[float, float], bool]
-"""Camera of a pair, heights |z| between which its farther sheet lies, and whether the loser is drawn "
-"first."""
-
-
-def _dealt_film(scene: Scene, aperture: Aperture, places: list[_Place], separation: float) -> SheetFilm:
-    """Deal the cells of a film out to places, and give each cell a height between the place's ends."""
-    random = np.random.default_rng(1997)
-    owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
-    pairs = [
-        SheetPair(
-            camera=camera,
-            heights=random.uniform(*ends, int((owner == number).sum())),
-            separation=separation,
-            loser_first=loser_first,
-        )
-        for number, (camera, ends, loser_first) in enumerate(places)
-    ]
-    return SheetFilm.of(scene, aperture, pairs, owner, CELL_PIXELS)
 
 
 def _sheet(camera: ModelCamera, rows: Indices, columns: Indices, heights: Floats, cells: int) -> SceneObject:

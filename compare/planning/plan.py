@@ -11,24 +11,31 @@ apertures are set aside, and the plan says for which share of the plate it holds
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, TypeVar
 
-from xfrustum.compare.planning import reason
+import numpy as np
+
+from xfrustum.compare.beyond import MAX_UNDEFINED
 from xfrustum.compare.planning.measure import HogelResult, hogel_results, measured
 from xfrustum.compare.planning.search import (
+    ENOUGH_MARGIN,
     MAX_CUTS,
     SEPARATION_MARGIN,
     SMALLEST_PER_REACH,
     Attempt,
     DepthBuffer,
+    Outcome,
     Search,
+    index_below,
+    round_number,
 )
 from xfrustum.compare.planning.views import Done, Quality, Requirement, View, Views, displacement_bound
-from xfrustum.compare.run import NO_TRUTHS, Judge
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import (
     CONFIDENCE,
     RandomSample,
@@ -38,7 +45,6 @@ from xfrustum.compare.sampling import (
 )
 from xfrustum.compare.scout import AutoApertures, Look, Scout
 from xfrustum.reference import Reference
-from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook.numbers import digits, percent
 from xfrustum.scenes.notebook.shown import Shown, Table
@@ -68,47 +74,29 @@ MAX_ROUNDS = 8
 MAX_LISTED_APERTURES = 100
 """Largest number of apertures that a result lists of each kind: some rows of a scout, and still readable."""
 
+MAX_SPELLED_HEIGHTS, MAX_NAMED_APERTURES = 4, 5
+"""Largest numbers of heights and of apertures that a sentence lists."""
+
 Found = TypeVar("Found")
 Index = tuple[int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlateResult:
-    """What is known of a plan all over the plate.
-
-    Attributes
-    ----------
-    hogels, scouted, measured
-        Hogels of the plate; of these, how many were looked through, and how many were drawn and judged.
-    sampled, beyond
-        Hogels of the last random sample, and of these the ones beyond the tolerance (`compare.beyond`).
-    worst
-        The measured hogel that comes nearest to what is allowed, or is farthest beyond it; None without a
-        plan.
-    hopeless
-        Hogels that were looked through at which no near at all would keep to the tolerance.
-    set_aside
-        Further scouted hogels that the plan was not made for, since there is none for them and all others.
-    hopeless_apertures, set_aside_apertures
-        Column and row of these, `MAX_LISTED_APERTURES` of each kind at most.
-    share_beyond_at_most
-        Bound on the share of all hogels that are beyond the tolerance.
-    confidence
-        Probability that the bound holds; 1 where every hogel was measured.
-    """
+    """What is known of a plan all over the plate; counts are of hogels."""
 
     hogels: int
-    scouted: int
-    measured: int
-    sampled: int
-    beyond: int
-    worst: HogelResult | None
-    hopeless: int
-    set_aside: int
-    share_beyond_at_most: float
-    confidence: float
-    hopeless_apertures: tuple[Index, ...] = ()
-    set_aside_apertures: tuple[Index, ...] = ()
+    scouted: int  # looked through
+    measured: int = 0  # drawn and judged
+    sampled: int = 0  # in the last random sample
+    beyond: int = 0  # of the last sample, beyond the tolerance
+    worst: HogelResult | None = None  # nearest to what is allowed, or farthest beyond it; None without a plan
+    hopeless: int  # looked through, and at which no near at all would keep to the tolerance
+    set_aside: int  # others for which the plan was not made, since there is none for them and all others
+    share_beyond_at_most: float = 1.0
+    confidence: float = 1.0  # probability that the bound holds; 1 where every hogel was measured
+    hopeless_apertures: tuple[Index, ...]  # `MAX_LISTED_APERTURES` of each kind at most
+    set_aside_apertures: tuple[Index, ...]
 
     @property
     def share_within_at_least(self) -> float:
@@ -124,38 +112,24 @@ class PlateResult:
         """Return what `plan --json` prints under `plate`."""
         worst = None
         if self.worst is not None:
-            numbers = asdict(self.worst)
-            worst = {"aperture": self.worst.aperture.index} | {
-                key: value for key, value in numbers.items() if key != "aperture"
-            }
+            worst = {**asdict(self.worst), "aperture": self.worst.aperture.index}
         return {**asdict(self), "share_within_at_least": self.share_within_at_least, "worst": worst}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Plan(Shown):
-    """What to draw with, and what that keeps.
+    """What to draw with, and what that keeps, lengths in scene units.
 
-    Attributes
-    ----------
-    near, slabs
-        Scene units; None and empty where there is no plan.
-    depth, mapping
-        Depth buffer; None where there is no plan and more than one was to be chosen from.
-    predicted, measured
-        Quality of these settings at the worst aperture; None where there is no plan.
-    within
-        Whether everything that is required was measured to hold.
-    plate
-        Results all over the plate; None where the plan was made for some apertures only.
-    auto
-        The apertures that the plan was made for, where a scout chose them; else None.
+    Without a plan `near` and what was predicted and measured are None; so is the depth buffer where there was
+    more than one to choose from. `plate` is None where the plan was made for some apertures only, `auto`
+    unless a scout chose them. `within` says whether everything that is required was measured to hold.
     """
 
     near: float | None = None
     slabs: tuple[float, ...] = ()
     depth: DepthFormat | None = None
     mapping: DepthMapping | None = None
-    predicted: Quality | None = None
+    predicted: Quality | None = None  # at the worst aperture
     measured: Quality | None = None
     within: bool = False
     reason: str
@@ -171,12 +145,9 @@ class Plan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return the plan as `plan --json` prints it."""
-        unknown = dict.fromkeys(Quality.__dataclass_fields__)
-        chosen = (
-            [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
-            if self.auto
-            else None
-        )
+        unknown, chosen = dict.fromkeys(Quality.__dataclass_fields__), None
+        if self.auto:
+            chosen = [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
         return {
             "near": self.near,
             "slabs": list(self.slabs),
@@ -206,12 +177,11 @@ class Plan(Shown):
         found = [Table(rows=[("reason", self.reason)])]
         if self.predicted is not None and self.measured is not None:
             rows = [
-                (words, *(write(getattr(one, name)) for one in (self.predicted, self.measured)))
+                (words, write(getattr(self.predicted, name)), write(getattr(self.measured, name)))
                 for name, words, write in _QUALITIES
             ]
-            found.insert(
-                0, Table(head=("at the worst aperture", "predicted", "measured"), rows=rows, numbers=True)
-            )
+            head = ("at the worst aperture", "predicted", "measured")
+            found.insert(0, Table(head=head, rows=rows, numbers=True))
         if (one := self.plate) is not None:
             looked = (
                 f"{one.hogels:,}, of which {one.scouted:,} were looked through and {one.measured:,} measured"
@@ -246,17 +216,13 @@ def plan(
     apertures: Sequence[Aperture],
     requirement: Requirement | None = None,
     choices: Sequence[DepthBuffer] | None = None,
-    done: Done = lambda steps: None,
+    done: Done = lambda hogels: None,
 ) -> Plan:
     """Plan how to draw some apertures of a scene, of which the worst counts, and measure the plan.
 
-    Parameters
-    ----------
-    choices
-        Depth buffers to choose from, None for all. The fewest slabs count, then what is cheapest (depth
-        that no fragment writes, then fewer bytes), then the largest margin.
-    done
-        Called with the number of steps that are done, out of `steps`.
+    Of the depth buffers to choose from, None for all, the fewest slabs count, then what is cheapest (depth
+    that no fragment writes, then fewer bytes), then the largest margin. `done` is called twice for each
+    aperture: when it is traced, and when it is measured.
 
     Raises
     ------
@@ -265,68 +231,36 @@ def plan(
     """
     requirement = requirement or Requirement()
     views = Views.traced(Reference(scene), apertures, done)
-    made = predicted_plan(views, requirement, choices or depth_buffers(), done)
+    made = predicted_plan(views, requirement, choices or depth_buffers())
     if made.settings is None:
         return made
-    result = measured(views, made.settings, requirement, done)
+    _, result = measured(views, made.settings, requirement, done)
     within = requirement.met_by(result)
-    told = made.reason if within else f"{made.reason} {reason.disproved(result, requirement)}"
-    return replace(made, measured=result, within=within, reason=told)
+    reason = made.reason if within else f"{made.reason} {_disproved(result, requirement)}"
+    return replace(made, measured=result, within=within, reason=reason)
 
 
-def steps(apertures: int) -> int:
-    """Return the number of steps of a plan for some apertures: traced, searched, measured."""
-    return 2 * apertures + MAX_CUTS + 1
-
-
-def predicted_plan(
-    views: Views,
-    requirement: Requirement,
-    choices: Sequence[DepthBuffer],
-    done: Done = lambda steps: None,
-) -> Plan:
+def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]) -> Plan:
     """Plan how to draw what some apertures show, by prediction alone; see `plan`."""
-    searched = Search(views, requirement)
-    found = search(searched, choices, done)
-    if found.best is None:
-        return no_plan(choices, reason.why_not(found, views, requirement))
-    best = searched.most_robust(found.holding)
+    search = Search(views, requirement)
+    found = search.among(choices)
+    if not found.holding:
+        return _no_plan(choices, _why_not(found, views, requirement))
+    best = search.most_robust(found.holding)
     return Plan(
         near=best.settings.near,
         slabs=best.settings.slabs,
         depth=best.settings.depth,
         mapping=best.settings.mapping,
         predicted=best.predicted,
-        reason=reason.why(found, best, views, requirement),
+        reason=_why(found, best, views, requirement),
     )
 
 
-def search(
-    searched: Search, choices: Sequence[DepthBuffer], done: Done = lambda steps: None
-) -> reason.Outcome:
-    """Look for the best of some depth buffers, with one cut more at a time.
-
-    `done` is called with the number of steps that are done, out of `MAX_CUTS` + 1.
-    """
-    finest = {choice: searched.cutter.finest(*choice) for choice in choices}
-    possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= searched.separation]
-    failed: list[Attempt] = []
-    holding: list[Attempt] = []
-    cuts = 0
-    while possible and not searched.displaces_too_much and not holding and cuts <= MAX_CUTS:
-        attempts = [searched.attempt(*choice, cuts) for choice in possible]
-        holding = sorted((one for one in attempts if one.holds), key=lambda one: one.price)
-        failed = failed if holding else attempts
-        cuts += 1
-        done(1)
-    done(MAX_CUTS + 1 - cuts)
-    return reason.Outcome(choices=choices, finest=min(finest.values()), failed=failed, holding=holding)
-
-
-def no_plan(choices: Sequence[DepthBuffer], told: str) -> Plan:
+def _no_plan(choices: Sequence[DepthBuffer], reason: str, plate: PlateResult | None = None) -> Plan:
     """Return the plan that says why there is none, with a depth buffer where there was no other choice."""
     depth, mapping = choices[0] if len(choices) == 1 else (None, None)
-    return Plan(depth=depth, mapping=mapping, reason=told)
+    return Plan(depth=depth, mapping=mapping, reason=reason, plate=plate)
 
 
 # For the plate ---------------------------------------------------------------------------------------------
@@ -334,34 +268,32 @@ def no_plan(choices: Sequence[DepthBuffer], told: str) -> Plan:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlatePlanner:
-    """Plans for a whole plate that a scout has looked at."""
+    """Plans for a whole plate that a scout has looked at; `done` is called for each hogel that it makes."""
 
     reference: Reference
     scouted: Scout
     requirement: Requirement
     choices: Sequence[DepthBuffer]
-    done: Done = field(default=lambda steps: None)
+    done: Done = field(default=lambda hogels: None)
 
     def plan(self, wanted: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
-        if self._seeing and self._hopeless.issuperset(look.aperture.index for look in self._seeing):
+        if self._seeing and not self._possible:
             return self._without_plan(
                 "No plan: a surface lies in every aperture that sees anything, or so close to it that no "
                 "near draws it. Move it before or behind the plate."
             )
-        return self._planned(self._traced(self._first_apertures()), wanted, MAX_SAMPLES)
-
-    def _planned(self, views: Views, wanted: RandomSample, samples: int) -> Plan:
-        """Return the plan for some apertures and for those of up to so many samples that disprove it."""
-        views, made = self._settled(views)
-        if made.settings is None:
-            return self._partial(made, wanted)
-        sample = self._sampled(views, made.settings, wanted)
-        missed = [one.aperture for one in sample if self.requirement.missed_by(one)]
-        joining = [view for view in self._traced(missed).views if not self._is_hopeless(view)]
-        if not joining or samples == 1:
-            return self._measured(made, views, sample)
-        return self._planned(replace(views, views=(*views.views, *joining)), wanted.next(), samples - 1)
+        views = self._first_views()
+        for last in (False,) * (MAX_SAMPLES - 1) + (True,):
+            views, made = self._settled(views)
+            if made.settings is None:
+                return self._partial(made, wanted)
+            sample = self._sampled(views, made.settings, wanted)
+            joining = [view for view in self._missed(sample) if not self._is_hopeless(view)]
+            if not joining or last:
+                break
+            views, wanted = replace(views, views=(*views.views, *joining)), wanted.next()
+        return self._measured(made, views, sample)
 
     def _partial(self, whole: Plan, wanted: RandomSample) -> Plan:
         """Return a plan without the hardest apertures, measured at a sample of all.
@@ -371,11 +303,10 @@ class PlatePlanner:
 
         def planned(looks: tuple[Look, ...]) -> tuple[Views, Plan] | None:
             planner = replace(self, scouted=replace(self.scouted, looks=looks))
-            views, made = planner._settled(planner._traced(planner._first_apertures()))
+            views, made = planner._settled(planner._first_views())
             return None if made.settings is None else (views, made)
 
-        looks = [look for look in self._seeing if look.aperture.index not in self._hopeless]
-        found = largest_share(looks, planned)
+        found = largest_share(self._possible, planned)
         if found is None:
             return self._without_plan(
                 f"{whole.reason} Nor was a plan found for any part of the plate: there is none even for the "
@@ -383,35 +314,77 @@ class PlatePlanner:
             )
         kept, (views, made) = found
         assert made.settings is not None
-        left = {look.aperture.index for look in kept}
-        aside = [look.aperture.index for look in looks if look.aperture.index not in left]
-        told = f"{made.reason} For all apertures together: {whole.reason}" if aside else made.reason
         sample = self._sampled(views, made.settings, wanted)
-        return self._measured(replace(made, reason=told), views, sample, aside)
+        aside = _indices(self._possible) - _indices(kept)
+        if aside:
+            made = replace(made, reason=f"{made.reason} For all apertures together: {whole.reason}")
+        return self._measured(made, views, sample, aside)
 
-    def _without_plan(self, told: str) -> Plan:
+    def _without_plan(self, reason: str) -> Plan:
         """Return the plan that there is none, for no share of the plate."""
-        aside = [one.aperture.index for one in self._seeing if one.aperture.index not in self._hopeless]
-        none = PlateResult(
+        return _no_plan(self.choices, reason, self._plate_result(self._hopeless, _indices(self._possible)))
+
+    def _plate_result(self, hopeless: frozenset[Index], aside: frozenset[Index], **found: Any) -> PlateResult:
+        return PlateResult(
             hogels=math.prod(self.reference.scene.plate.hogels),
-            scouted=len(self.scouted.looks),
-            measured=0,
-            sampled=0,
-            beyond=0,
-            worst=None,
-            hopeless=len(self._hopeless),
+            scouted=len(_indices(self.scouted.looks) | hopeless),
+            hopeless=len(hopeless),
             set_aside=len(aside),
-            hopeless_apertures=_listed(self._hopeless),
-            set_aside_apertures=_listed(aside),
-            share_beyond_at_most=1.0,
-            confidence=1.0,
+            hopeless_apertures=tuple(sorted(hopeless)[:MAX_LISTED_APERTURES]),
+            set_aside_apertures=tuple(sorted(aside)[:MAX_LISTED_APERTURES]),
+            **found,
         )
-        return replace(no_plan(self.choices, told), plate=none)
+
+    def _measured(
+        self,
+        made: Plan,
+        views: Views,
+        sample: Sequence[HogelResult],
+        aside: frozenset[Index] = frozenset(),
+    ) -> Plan:
+        """Return the plan with what was measured at its own apertures and at the sample."""
+        assert made.settings is not None
+        chosen, quality = measured(views, made.settings, self.requirement, self.done)
+        drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
+        beyond, chosen_beyond = (
+            sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
+        )
+        hogels, known = math.prod(self.reference.scene.plate.hogels), len(chosen) + len(self._hopeless)
+        everything = known + len(sample) == hogels
+        # The sample speaks for the hogels that nothing was known of.
+        each = confidence_of_each(MAX_SAMPLES)
+        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
+        drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
+        worst = max(drawable, key=self.requirement.excess)
+        plate = self._plate_result(
+            self._hopeless | drawn_hopeless,
+            aside,
+            measured=len(chosen) + len(sample),
+            sampled=len(sample),
+            beyond=beyond,
+            worst=worst,
+            share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
+            confidence=1.0 if everything else CONFIDENCE,
+        )
+        holds = self.requirement.met_by(quality)
+        reason = f"{exceptions(plate)} {made.reason}".lstrip()
+        return replace(
+            made,
+            measured=quality,
+            within=holds and plate.covers_the_plate and not self.requirement.missed_by(worst),
+            reason=reason if holds else f"{reason} {_disproved(quality, self.requirement)}",
+            plate=plate,
+        )
 
     @cached_property
     def _seeing(self) -> tuple[Look, ...]:
         """Looks that see anything."""
         return tuple(look for look in self.scouted.looks if math.isfinite(look.nearest))
+
+    @cached_property
+    def _possible(self) -> tuple[Look, ...]:
+        """Looks that see something that some near can draw."""
+        return tuple(look for look in self._seeing if look.aperture.index not in self._hopeless)
 
     @cached_property
     def _hopeless(self) -> frozenset[Index]:
@@ -428,123 +401,62 @@ class PlatePlanner:
     def _smallest(self) -> DoubleFrustum:
         return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
 
-    def _first_apertures(self) -> list[Aperture]:
-        """Return the middle, the worst apertures that some near can draw, and those that see farthest.
-
-        Only of those that were looked through; none where no near can draw any.
-        """
-        scouted = self.scouted
-        worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
-        worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
-        farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
-        middle = [one for one in scouted.apertures if one == self.reference.scene.plate.middle]
-        wanted = {one.index: one for one in (*middle, *worst, *farthest)}
-        return [one for index, one in wanted.items() if index not in self._hopeless]
-
     def _traced(self, apertures: Sequence[Aperture]) -> Views:
         return Views.traced(self.reference, apertures, self.done)
 
+    def _first_views(self) -> Views:
+        """Trace the middle, the worst apertures that some near can draw, and those that see farthest.
+
+        Only of those that were looked through; none where no near can draw any.
+        """
+        scouted, middle = self.scouted, self.reference.scene.plate.middle
+        worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
+        worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
+        farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
+        wanted = [*(one for one in scouted.apertures if one == middle), *worst, *farthest]
+        return self._traced([one for one in dict.fromkeys(wanted) if one.index not in self._hopeless])
+
     def _settled(self, views: Views) -> tuple[Views, Plan]:
         """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""
+        scene, tolerance = self.reference.scene, self.requirement.tolerance_px
         for _ in range(MAX_ROUNDS):
             made = predicted_plan(views, self.requirement, self.choices)
-            joining = () if made.settings is None else self._displaced_too_much(views, made.settings)
+            if made.settings is None:
+                break
+            known = _indices(views.views) | self._hopeless
+            suspected = [
+                look.aperture
+                for look in self.scouted.worst(len(known) + MAX_SUSPECTED, made.settings)
+                if look.aperture.index not in known
+                and look.displacement_p99_px(made.settings, scene) > SUSPECTED_EXCESS * tolerance
+            ]
+            joining = [
+                view
+                for view in self._traced(suspected[:MAX_SUSPECTED]).views
+                if displacement_bound(view.truth, scene.frustum, made.settings) > tolerance
+            ]
             if not joining:
                 break
             views = replace(views, views=(*views.views, *joining))
         return views, made
 
-    def _displaced_too_much(self, views: Views, settings: DoubleFrustum) -> tuple[View, ...]:
-        """Return what those scouted apertures see in full at which settings displace too much."""
-        scene, tolerance = self.reference.scene, self.requirement.tolerance_px
-        known = {view.aperture.index for view in views.views} | self._hopeless
-        suspected = [
-            look.aperture
-            for look in self.scouted.worst(len(known) + MAX_SUSPECTED, settings)
-            if look.aperture.index not in known
-            and look.displacement_p99_px(settings, scene) > SUSPECTED_EXCESS * tolerance
-        ]
-        return tuple(
-            view
-            for view in self._traced(suspected[:MAX_SUSPECTED]).views
-            if displacement_bound(view.truth, scene.frustum, settings) > tolerance
-        )
-
     def _sampled(self, views: Views, settings: DoubleFrustum, wanted: RandomSample) -> list[HogelResult]:
         """Draw and judge hogels at random, out of those that nothing is known of."""
-        plate = self.reference.scene.plate
-        known = [view.aperture for view in views.views]
-        known += [plate.aperture(*index) for index in self._hopeless]
-        return self._drawn(sample_hogels(plate, wanted, known), settings)
-
-    def _drawn(
-        self,
-        apertures: Sequence[Aperture],
-        settings: DoubleFrustum,
-        truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
-    ) -> list[HogelResult]:
-        """Draw apertures with some settings, and judge each by its truth, which may be there already."""
-        results = []
-        with Judge(self.reference.scene, reference=self.reference) as judge:
-            for one in hogel_results(judge, apertures, settings, truths):
+        scene, results = self.reference.scene, []
+        known = [scene.plate.aperture(*index) for index in _indices(views.views) | self._hopeless]
+        with Judge(scene, reference=self.reference) as judge:
+            for one in hogel_results(judge, sample_hogels(scene.plate, wanted, known), settings):
                 results.append(one)
                 self.done(1)
         return results
 
-    def _measured(
-        self, made: Plan, views: Views, sample: Sequence[HogelResult], set_aside: Sequence[Index] = ()
-    ) -> Plan:
-        """Return the plan with what was measured at its own apertures and at the sample."""
-        assert made.settings is not None
-        chosen = self._drawn([view.aperture for view in views.views], made.settings, views.truths)
-        quality = measured(views, made.settings, self.requirement, self.done)
-        plate = self._plate_result(chosen, sample, set_aside)
-        assert plate.worst is not None
-        holds = self.requirement.met_by(quality)
-        told = f"{reason.exceptions(plate)} {made.reason}".lstrip()
-        return replace(
-            made,
-            measured=quality,
-            within=holds and plate.covers_the_plate and not self.requirement.missed_by(plate.worst),
-            reason=told if holds else f"{told} {reason.disproved(quality, self.requirement)}",
-            plate=plate,
-        )
-
-    def _plate_result(
-        self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult], set_aside: Sequence[Index]
-    ) -> PlateResult:
-        hogels = math.prod(self.reference.scene.plate.hogels)
-        missed = [one.aperture for one in sample if self.requirement.missed_by(one)]
-        drawn_hopeless = {one.aperture.index for one in self._traced(missed).views if self._is_hopeless(one)}
-        beyond, chosen_beyond = (
-            sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
-        )
-        known = len(chosen) + len(self._hopeless)
-        everything = known + len(sample) == hogels
-        # The sample speaks for the hogels that nothing was known of.
-        each = confidence_of_each(MAX_SAMPLES)
-        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
-        hopeless = self._hopeless | drawn_hopeless
-        drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
-        return PlateResult(
-            hogels=hogels,
-            scouted=len(self.scouted.looks) + len(drawn_hopeless),
-            measured=len(chosen) + len(sample),
-            sampled=len(sample),
-            beyond=beyond,
-            worst=max(drawable, key=self.requirement.excess),
-            hopeless=len(hopeless),
-            set_aside=len(set_aside),
-            hopeless_apertures=_listed(hopeless),
-            set_aside_apertures=_listed(set_aside),
-            share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
-            confidence=1.0 if everything else CONFIDENCE,
-        )
+    def _missed(self, sample: Sequence[HogelResult]) -> tuple[View, ...]:
+        """Trace those hogels of a sample that have more errors than are allowed."""
+        return self._traced([one.aperture for one in sample if self.requirement.missed_by(one)]).views
 
 
-def _listed(indices: Iterable[Index]) -> tuple[Index, ...]:
-    """Return columns and rows in order, as many as a result lists."""
-    return tuple(sorted(indices)[:MAX_LISTED_APERTURES])
+def _indices(some: Iterable[Look | View]) -> frozenset[Index]:
+    return frozenset(one.aperture.index for one in some)
 
 
 def largest_share(
@@ -571,18 +483,178 @@ def largest_share(
     best: tuple[tuple[Look, ...], Found] | None = None
     aside = len(looks) - 1
     for hardness in (lambda look: look.pixels_per_near, distance, depth_steps):
-        ordered = sorted(looks, key=hardness, reverse=True)
-        found = planned(tuple(ordered[aside:])) if ordered else None
+        ordered = tuple(sorted(looks, key=hardness, reverse=True))
+        found = planned(ordered[aside:]) if ordered else None
         if found is None:
             continue
-        best, low = (tuple(ordered[aside:]), found), 0
+        best, low = (ordered[aside:], found), 0
         for _ in range(MAX_HALVINGS):
             if aside - low <= 1:
                 break
             middle = (low + aside) // 2
-            tried = planned(tuple(ordered[middle:]))
+            tried = planned(ordered[middle:])
             if tried is None:
                 low = middle
             else:
-                best, aside = (tuple(ordered[middle:]), tried), middle
+                best, aside = (ordered[middle:], tried), middle
     return best
+
+
+# Reasons in words ------------------------------------------------------------------------------------------
+
+
+def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -> str:
+    """Say why a plan is the best there is; `best` has its near moved to where the margin is largest."""
+    units, label, parts = views.scene.units, best.settings.depth_label, []
+    largest = next(one for one in found.holding if one.buffer == best.buffer)
+    if cuts := len(best.settings.slabs):
+        fewer = ("Without cuts", "With one cut")[cuts - 1] if cuts <= 2 else f"With {cuts - 1} cuts"
+        parts.append(f"{fewer}, even {_shortfall(found, views, requirement)}.")
+    else:
+        parts.append("One pair of frusta is enough.")
+    parts.append(requirement.separation_reason(units))
+    parts.append(f"Near may be up to {largest.settings.near:g} {units}{_limit(largest, views, requirement)}.")
+    if best.settings.near != largest.settings.near:
+        margin = 1 / best.excess if best.excess else math.inf
+        times = f"{margin:.2g}" if margin < ENOUGH_MARGIN else f"at least {ENOUGH_MARGIN:g}"
+        # The errors of depth grow as near falls, so that the margin is not the ratio of both nears.
+        parts.append(
+            f"Near is {best.settings.near:g} {units}, a margin for what was not looked at: displacement and "
+            f"errors of depth are predicted to be {times} times smaller than what is allowed."
+        )
+    choices, equal = len(found.choices), len(found.holding)
+    if choices == 1:
+        parts.append(f"{label} as asked for.")
+    elif equal == 1:
+        parts.append(f"Of {choices} depth buffers only {label} can do with this.")
+    else:
+        parts.append(
+            f"Of {choices} depth buffers {equal} can do with this: {label} is the cheapest, and of those as "
+            "cheap the most robust."
+        )
+    return " ".join(part for part in parts if part)
+
+
+def _limit(largest: Attempt, views: Views, requirement: Requirement) -> str:
+    """Say why near may be no larger than the largest."""
+    settings, scene = largest.settings, views.scene
+    if settings.slabs and settings.near == settings.slabs[0]:
+        lowest, highest = scene.height_ranges
+        if np.any((highest >= -settings.near) & (lowest <= settings.near)):
+            return ", the height of the first cut, which is the most that makes sense"
+        return ", the height of the first cut: the first slab is empty, and no near displaces anything"
+    larger = round_number(index_below(settings.near) + 1)
+    if larger >= scene.frustum.longest_reach:
+        return ", which is as large as the reach allows"
+    return f": with a larger one {requirement.limit_of_near(replace(settings, near=larger), scene.units)}"
+
+
+def _why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
+    """Say which requirement fails, and what can be had instead."""
+    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
+    if found.finest * SEPARATION_MARGIN > separation:
+        return (
+            f"No plan: sheets {separation:.3g} {units} apart are not ordered at the farthest visible "
+            "surface, however it is cut, for want of digits; from "
+            f"{SEPARATION_MARGIN * found.finest:.2g} {units} on they could be."
+        )
+    if found.failed:
+        return f"No plan with up to {MAX_CUTS} cuts: even {_shortfall(found, views, requirement)}."
+    if requirement.SEEN_BY_EYES:
+        return "No plan: eyes see what the smallest near does to depth."
+    reason = f"No plan: displacement exceeds {requirement.tolerance_px:g} px at any near."
+    in_aperture = []
+    for view in views.views:
+        seen = view.truth.height[view.truth.covered]
+        in_aperture.append((np.count_nonzero(seen == 0) / max(seen.size, 1), view.aperture))
+    share, aperture = max(in_aperture, key=lambda one: one[0])
+    if share > MAX_UNDEFINED:
+        return (
+            f"{reason} At {aperture.column},{aperture.row} a surface lies in the aperture itself and makes "
+            f"up {100 * share:.0f} % of what is seen: its displacement is undefined there, and no near is "
+            "small enough. Move it before or behind the plate."
+        )
+    smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
+    return f"{reason} What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {units}."
+
+
+def _shortfall(found: Outcome, views: Views, requirement: Requirement) -> str:
+    """Name the failed attempt that comes nearest to holding, and say what it would get wrong."""
+    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
+    nearest = min(found.failed, key=lambda attempt: attempt.excess)
+    settings, predicted = nearest.settings, nearest.predicted
+    heights = [f"{height:g}" for height in settings.slabs]
+    listed = f"{', '.join(heights)} {units}"
+    if len(heights) > MAX_SPELLED_HEIGHTS:
+        listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
+    cuts = f", cut at {listed}," if heights else ""
+    parts = []
+    if predicted.displacement_p99_px > requirement.tolerance_px:
+        parts.append(f"displace one pixel in a hundred by {predicted.displacement_p99_px:.2g} px")
+    if _wrong_surfaces(predicted, requirement):
+        parts.append(f"show the wrong surface in {predicted.surface_fraction:.2g} of all pixels")
+    if predicted.depth_wrong > requirement.max_wrong:
+        parts.append(f"show up to {predicted.depth_wrong:.2g} of all pixels wrongly by depth")
+    if predicted.separation * SEPARATION_MARGIN > separation:
+        parts.append(
+            f"order sheets {predicted.separation:.2g} {units} apart, "
+            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (asked for are {separation:.3g} {units}, "
+            f"and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
+        )
+    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts} would {' and '.join(parts)}"
+
+
+def _disproved(measured: Quality, requirement: Requirement) -> str:
+    """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
+    parts = []
+    if measured.displacement_p99_px > requirement.tolerance_px:
+        moved = "lies in the plate itself, where displacement is undefined"
+        if math.isfinite(measured.displacement_p99_px):
+            moved = f"is displaced by {measured.displacement_p99_px:.2g} px "
+            moved += "(the rounding of 32-bit positions is in it)"
+        parts.append(f"one pixel in a hundred {moved}")
+    if _wrong_surfaces(measured, requirement):
+        parts.append(f"{measured.surface_fraction:.2g} of all pixels show the wrong surface")
+    if measured.depth_wrong > requirement.max_wrong:
+        parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
+    if measured.misordered > MAX_MISORDERED_FRACTION:
+        parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
+    return f"But measured it does not hold: {' and '.join(parts)}."
+
+
+def _wrong_surfaces(found: Quality, requirement: Requirement) -> bool:
+    """Return whether more surfaces are wrong than a requirement allows."""
+    return requirement.by_pixels(replace(found, displacement_p99_px=0.0)) > 1
+
+
+def exceptions(plate: PlateResult) -> str:
+    """Begin a reason: the apertures that a plan was not made for, and the share that is left."""
+    if plate.covers_the_plate:
+        return ""
+    looked, parts = f"of the {plate.scouted:,} apertures that were looked through", []
+    if plate.hopeless:
+        named = _named(plate.hopeless_apertures, plate.hopeless)
+        parts.append(
+            f"at {plate.hopeless:,} {looked} ({named}) a surface lies in the aperture itself, or so close "
+            "to it that no near draws it"
+        )
+    if plate.set_aside:
+        counted = f"{plate.set_aside:,} {'others' if plate.hopeless else looked}"
+        named, verb = (
+            _named(plate.set_aside_apertures, plate.set_aside),
+            "is" if plate.set_aside == 1 else "are",
+        )
+        parts.append(f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest")
+    # Rounded down, for it is a lower bound.
+    share = f"{math.floor(100 * plate.share_within_at_least)} %"
+    certain = "" if plate.confidence == 1 else f" ({100 * plate.confidence:.0f} %)"
+    return (
+        f"No settings hold for the whole plate: {'; and '.join(parts)}. "
+        f"For the others, at least {share} of the plate{certain}:"
+    )
+
+
+def _named(apertures: tuple[Index, ...], count: int) -> str:
+    """Return the first of so many apertures, as options name them, and an ellipsis where there are more."""
+    words = [f"{column},{row}" for column, row in apertures[:MAX_NAMED_APERTURES]]
+    return "; ".join([*words, ".."] if count > len(words) else words)

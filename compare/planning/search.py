@@ -5,9 +5,9 @@ smaller z1 is, so that near may be larger; and a first slab that is shallow need
 depths. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends at the
 reach, and its cut may be as low as the separation at the farthest surface that is seen in it allows: lower,
 depths would be coarser. A lower cut only helps the next slab, which then ends sooner and sees nothing
-farther. So each slab in
-turn takes as much as it may, and no other k cuts have a smaller z1.
- A plan that just holds at the apertures it was made from fails at the next one that sees something nearer to
+farther. So each slab in turn takes as much as it may, and no other k cuts have a smaller z1.
+
+A plan that just holds at the apertures it was made from fails at the next one that sees something nearer to
 the plate. Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies
 the near that is farthest from either limit, and that one is planned.
 
@@ -22,9 +22,9 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import assert_never
 
 from xfrustum.compare.planning.views import Quality, Requirement, Views
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS
 from xfrustum.compare.prediction.share import Slab
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 
@@ -78,86 +78,16 @@ def index_below(length: float, *, strictly: bool = False) -> int:
 
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
-    """Return the largest index in low..high whose length a condition holds for; None where it never does.
-
-    The condition is true up to some length, and false beyond it.
-    """
+    """Return the largest index in low..high up to which a condition holds; None where it never does."""
     if low > high or not holds(round_number(low)):
         return None
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if holds(round_number(middle)) else (low, middle - 1)
-    return low
+    # The first is known to hold: so many of the others do.
+    return low + bisect_left(range(low + 1, high + 1), True, key=lambda index: not holds(round_number(index)))
 
 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
-    """Return the smallest index in low..high whose length a condition holds for; `high` where it never does.
-
-    The condition is false up to some length, and true beyond it.
-    """
+    """Return the smallest index in low..high from which on a condition holds; `high` where it never does."""
     return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
-
-
-# Where to cut ----------------------------------------------------------------------------------------------
-
-
-class Cutter:
-    """Places the cuts of a scene's frusta; `lowest` and `highest` are indices of possible lengths."""
-
-    def __init__(self, views: Views) -> None:
-        frustum = views.scene.frustum
-        self._views = views
-        self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
-        self.lowest = index_below(SMALLEST_PER_REACH * frustum.longest_reach)
-        self.highest = index_below(frustum.longest_reach, strictly=True)
-
-    def cuts(
-        self, depth: DepthFormat, mapping: DepthMapping, count: int, separation: float
-    ) -> tuple[float, ...]:
-        """Return up to some number of heights, ascending, each as near to the plate as can be.
-
-        Parameters
-        ----------
-        count
-            Largest number of cuts; there are fewer where they come as near to the plate as any may.
-        separation
-            Separation that sheets at the farthest visible surface of every slab but the first must be ordered
-            at.
-        """
-        cuts: list[float] = []
-        highest = self.highest
-        while len(cuts) < count and highest >= self.lowest:
-            outer = cuts[-1] if cuts else None
-
-            def fine_enough(height: float, outer: float | None = outer) -> bool:
-                return self.separation(depth, mapping, height, outer) <= separation
-
-            index = smallest_index(self.lowest, highest, fine_enough)
-            cuts.append(round_number(index))
-            highest = index - 1
-        return tuple(reversed(cuts))
-
-    def separation(self, depth: DepthFormat, mapping: DepthMapping, low: float, high: float | None) -> float:
-        """Return the smallest separation at the farthest surface seen between cuts, or up to the reach."""
-        settings, found = DoubleFrustum(near=low, depth=depth, mapping=mapping), [0.0]
-        for camera, reach in self._sides:
-            end = reach if high is None else min(high, reach)
-            if low < end:
-                slab = Slab(camera=camera, low=low, high=end, step=0.0, near=low, far=end)
-                found.append(self._views.separation_in(slab, settings))
-        return max(found)
-
-    def finest(self, depth: DepthFormat, mapping: DepthMapping) -> float:
-        """Return the smallest separation at each camera's farthest surface, in a slab made for it alone."""
-        settings, found = DoubleFrustum(near=1.0, depth=depth, mapping=mapping), [0.0]
-        for camera, reach in self._sides:
-            far = max((view.farthest(camera) or 0.0 for view in self._views.views), default=0.0)
-            if far > 0:
-                index = index_below(far, strictly=True)
-                low, high = round_number(index), min(round_number(index + 2), reach)
-                slab = Slab(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
-                found.append(self._views.separation_in(slab, settings))
-        return max(found)
 
 
 # What holds ------------------------------------------------------------------------------------------------
@@ -165,19 +95,12 @@ class Cutter:
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """Settings that were tried, and what is predicted of them.
-
-    Attributes
-    ----------
-    near_excess, depth_excess
-        Ratios of the predicted quality to what is allowed: for near, the worse one of displacement and of
-        wrong surfaces; for depth, the worse one of pixels wrong by depth and of separation.
-    """
+    """Settings that were tried, and what is predicted of them: what counts, over what is allowed."""
 
     settings: DoubleFrustum
     predicted: Quality
-    near_excess: float
-    depth_excess: float
+    near_excess: float  # of displacement and wrong surfaces, or of what eyes see
+    depth_excess: float  # of pixels wrong by depth and of separation
 
     @property
     def excess(self) -> float:
@@ -195,32 +118,38 @@ class Attempt:
         return max(self.excess, 1 / ENOUGH_MARGIN)
 
     @property
+    def buffer(self) -> DepthBuffer:
+        """Its depth buffer."""
+        return self.settings.depth, self.settings.mapping
+
+    @property
     def price(self) -> tuple[bool, int]:
         """What its depth buffer costs: whether fragments write it, which costs the early test, then bytes."""
-        return _written_by_fragments(self.settings.mapping), BYTES[self.settings.depth]
+        return self.settings.mapping in EXPRESSION_ROUNDINGS, BYTES[self.settings.depth]
 
 
-def _written_by_fragments(mapping: DepthMapping) -> bool:
-    """Return whether fragments write a mapping's depth."""
-    match mapping:
-        case DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
-            return True
-        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.REVERSED:
-            return False
-        case _:
-            assert_never(mapping)
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Result of a search: attempts that hold, the cheapest first, and those that failed with one cut less."""
+
+    choices: Sequence[DepthBuffer]
+    finest: float  # smallest separation that any choice orders at the farthest surface, however it is cut
+    holding: Sequence[Attempt]
+    failed: Sequence[Attempt]  # with the most cuts there may be where none holds; empty where none was tried
 
 
 class Search:
     """Looks for settings that are predicted to meet a requirement for some views."""
 
     def __init__(self, views: Views, requirement: Requirement) -> None:
-        self._views = views
-        self.requirement = requirement
-        self.separation = requirement.separation_in(views.scene.frustum)
-        self.cutter = Cutter(views)
-        # Displacement depends on near and the first cut alone.
-        self._tolerable = lru_cache(maxsize=None)(self._is_tolerable)
+        frustum = views.scene.frustum
+        self._views, self.requirement = views, requirement
+        self.separation = requirement.separation_in(frustum)
+        # Indices of the smallest and of the largest length of near and of cuts.
+        self.lowest = index_below(SMALLEST_PER_REACH * frustum.longest_reach)
+        self.highest = index_below(frustum.longest_reach, strictly=True)
+        self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
+        self._tolerable = lru_cache(maxsize=None)(self._displaces_little)
         self._traced = lru_cache(maxsize=None)(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
@@ -228,46 +157,102 @@ class Search:
     @property
     def displaces_too_much(self) -> bool:
         """Whether not even the smallest near behind the lowest cut is within the tolerance."""
-        lowest = round_number(self.cutter.lowest)
-        return not self._tolerable(lowest, lowest)
+        lowest = round_number(self.lowest)
+        return not self._tolerable(lowest, (lowest,))
 
-    def attempt(self, depth: DepthFormat, mapping: DepthMapping, cuts: int) -> Attempt:
-        """Return the settings with a number of cuts that hold with the largest near.
+    def among(self, choices: Sequence[DepthBuffer]) -> Outcome:
+        """Look for the best of some depth buffers, with one cut more at a time."""
+        finest = {choice: self.finest(choice) for choice in choices}
+        possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= self.separation]
+        failed: list[Attempt] = []
+        holding: list[Attempt] = []
+        for cuts in range(0 if self.displaces_too_much or not possible else MAX_CUTS + 1):
+            attempts = [self.attempt(choice, cuts) for choice in possible]
+            holding = sorted((one for one in attempts if one.holds), key=lambda one: one.price)
+            if holding:
+                break
+            failed = attempts
+        return Outcome(choices=choices, finest=min(finest.values()), holding=holding, failed=failed)
 
-        Where none holds, those that come nearest to it.
+    def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
+        """Return up to some number of heights, ascending, each as near to the plate as can be.
+
+        Sheets at the farthest visible surface of every slab but the first are ordered at the separation.
+        There are fewer cuts where they come as near to the plate as any may.
         """
+        cuts: list[float] = []
+        highest = self.highest
+        while len(cuts) < count and highest >= self.lowest:
+            outer = cuts[-1] if cuts else None
+
+            def fine_enough(height: float, outer: float | None = outer) -> bool:
+                return self.separation_between(buffer, height, outer) <= separation
+
+            index = smallest_index(self.lowest, highest, fine_enough)
+            cuts.append(round_number(index))
+            highest = index - 1
+        return tuple(reversed(cuts))
+
+    def separation_between(self, buffer: DepthBuffer, low: float, high: float | None) -> float:
+        """Return the smallest separation at the farthest surface seen between cuts, or up to the reach."""
+        ends = [(camera, low, reach if high is None else min(high, reach)) for camera, reach in self._sides]
+        return self._separation_in(buffer, ends)
+
+    def finest(self, buffer: DepthBuffer) -> float:
+        """Return the smallest separation at each camera's farthest surface, in a slab made for it alone."""
+        ends = []
+        for camera, reach in self._sides:
+            if (far := self._views.farthest(camera)) > 0:
+                index = index_below(far, strictly=True)
+                ends.append((camera, round_number(index), min(round_number(index + 2), reach)))
+        return self._separation_in(buffer, ends)
+
+    def _separation_in(self, buffer: DepthBuffer, ends: Sequence[tuple[Camera, float, float]]) -> float:
+        """Return the largest of the smallest separations in slabs of cameras that stand in the aperture."""
+        settings, found = DoubleFrustum(near=1.0, depth=buffer[0], mapping=buffer[1]), [0.0]
+        for camera, low, high in ends:
+            if low < high:
+                slab = Slab(camera=camera, low=low, high=high, step=0.0, near=low, far=high)
+                found.append(self._views.separation_in(slab, settings))
+        return max(found)
+
+    def attempt(self, buffer: DepthBuffer, cuts: int) -> Attempt:
+        """Return the settings with so many cuts that hold with the largest near, or come nearest to it."""
         best: tuple[float, tuple[float, ...]] | None = None
         target = self.separation / SEPARATION_MARGIN
         for _ in range(MAX_TARGETS if cuts else 1):
-            heights = self.cutter.cuts(depth, mapping, cuts, target)
-            by_depth = self._depth_excess(depth, mapping, heights) if heights else (0.0, 0.0)
-            if max(by_depth) <= 1:
-                one = self._with_largest_near(depth, mapping, heights)
+            heights = self.cuts(buffer, cuts, target)
+            wrong = separation = 0.0
+            if heights:
+                # With near as large as may be, depth is best off.
+                settings = self._settings(buffer, heights[0], heights)
+                wrong = self._views.depth_wrong(settings) / self.requirement.max_wrong
+                separation = self._views.separation(settings) * SEPARATION_MARGIN / self.separation
+            if max(wrong, separation) <= 1:
+                one = self._with_largest_near(buffer, heights)
                 if one.holds:
                     return one
-                by_depth = (one.predicted.depth_wrong / self.requirement.max_wrong, one.excess)
-            if best is None or max(by_depth) < best[0]:
-                best = max(by_depth), heights
+                wrong, separation = one.predicted.depth_wrong / self.requirement.max_wrong, one.excess
+            if best is None or max(wrong, separation) < best[0]:
+                best = max(wrong, separation), heights
             # Shallower outer slabs help only what is wrong by depth, at the cost of the first one.
-            if by_depth[0] <= 1:
+            if wrong <= 1:
                 break
             target *= TARGET_RATIO
         assert best is not None
-        return self._with_largest_near(depth, mapping, best[1])
+        return self._with_largest_near(buffer, best[1])
 
     def judged(self, settings: DoubleFrustum) -> Attempt:
         """Return what is to be expected of any settings."""
-        attempt = self._attempt(settings, self._views.predicted(settings, self.separation))
+        predicted = self._views.predicted(settings, self.separation)
+        attempt = self._attempt(settings, predicted)
         if not attempt.holds or self.requirement.SEEN_BY_EYES:
             return attempt
         # Only now: the model is traced, which takes as long as everything else together.
         moved, wrong = self._traced(settings.near, settings.slabs)
-        predicted = replace(
-            attempt.predicted,
-            displacement_p99_px=max(attempt.predicted.displacement_p99_px, moved),
-            surface_fraction=wrong + attempt.predicted.depth_wrong,
-        )
-        return self._attempt(settings, predicted)
+        moved = max(predicted.displacement_p99_px, moved)
+        wrong += predicted.depth_wrong
+        return self._attempt(settings, replace(predicted, displacement_p99_px=moved, surface_fraction=wrong))
 
     def most_robust(self, holding: Sequence[Attempt]) -> Attempt:
         """Return the cheapest attempt that holds with the largest margin, its near moved to that end."""
@@ -283,8 +268,7 @@ class Search:
         That is the largest near that does no more than a tenth of what is allowed, or, where depth would then
         be worse off, the near at which both have the same margin.
         """
-        low, high = self.cutter.lowest, index_below(largest.settings.near)
-        best = largest
+        low, high, best = self.lowest, index_below(largest.settings.near), largest
         # Displacement grows with near, and what depth gets wrong falls with it: the interval is halved.
         while low < high:
             middle = (low + high) // 2
@@ -297,80 +281,83 @@ class Search:
                 low = middle + 1
         return best
 
-    def _depth_excess(
-        self, depth: DepthFormat, mapping: DepthMapping, heights: tuple[float, ...]
-    ) -> tuple[float, float]:
-        """Return how far wrong pixels and separation exceed what is allowed, with near as large as may be."""
-        settings = DoubleFrustum(near=heights[0], depth=depth, mapping=mapping, slabs=heights)
-        wrong, separation = self._views.depth_wrong(settings), self._views.separation(settings)
-        return wrong / self.requirement.max_wrong, separation * SEPARATION_MARGIN / self.separation
+    def _settings(self, buffer: DepthBuffer, near: float, heights: tuple[float, ...]) -> DoubleFrustum:
+        return DoubleFrustum(near=near, slabs=heights, depth=buffer[0], mapping=buffer[1])
 
     def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
-        by_separation = predicted.separation * SEPARATION_MARGIN / self.separation
+        by_pixels, by_eyes = self.requirement.by_pixels(predicted), self.requirement.by_eyes(settings)
+        wrong = predicted.depth_wrong / self.requirement.max_wrong
         return Attempt(
             settings=settings,
             predicted=predicted,
-            near_excess=self.requirement.near_excess(predicted, settings),
-            depth_excess=max(predicted.depth_wrong / self.requirement.max_wrong, by_separation),
+            near_excess=max(by_pixels, by_eyes),
+            depth_excess=max(wrong, predicted.separation * SEPARATION_MARGIN / self.separation),
         )
 
-    def _with_largest_near(
-        self, depth: DepthFormat, mapping: DepthMapping, heights: tuple[float, ...]
+    def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
+        """Return settings with cuts at some heights, and the largest near that holds or else displaces.
+
+        Where near may be as large as the first cut, both are as large as may be, up to the second cut.
+        """
+        first, others = (heights[0] if heights else None), heights[1:]
+
+        def with_near(near: float) -> DoubleFrustum:
+            return self._settings(buffer, near, heights)
+
+        highest = index_below(first) if first else self.highest
+        largest = self._largest(with_near, self._is_tolerable, self.lowest, highest)
+        if not largest.holds or largest.settings.near != first:
+            return largest
+
+        def with_first_cut(height: float) -> DoubleFrustum:
+            return self._settings(buffer, height, (height, *others))
+
+        def may_hold(settings: DoubleFrustum) -> bool:
+            ordered = self._views.separation(settings) * SEPARATION_MARGIN <= self.separation
+            return ordered and self._is_tolerable(settings)
+
+        highest = index_below(others[0], strictly=True) if others else self.highest
+        raised = self._largest(with_first_cut, may_hold, index_below(first), highest)
+        return raised if raised.holds else largest
+
+    def _largest(
+        self,
+        settings_with: Callable[[float], DoubleFrustum],
+        may_hold: Callable[[DoubleFrustum], bool],
+        low: int,
+        high: int,
     ) -> Attempt:
-        """Return settings with cuts at some heights, and the largest near that holds or else displaces."""
-        highest, first = self.cutter.highest, None
-        if heights:
-            highest, first = index_below(heights[0]), heights[0]
-        found = largest_index(self.cutter.lowest, highest, lambda near: self._tolerable(near, first))
-        near = round_number(self.cutter.lowest if found is None else found)
-        settings = DoubleFrustum(near=near, depth=depth, mapping=mapping, slabs=heights)
-        raised = self._raised(settings) if near == first else None
-        largest = raised or self.judged(settings)
-        return self._lowered(largest) or largest
+        """Return an attempt with the largest length that holds; one that does not where none does.
 
-    def _lowered(self, attempt: Attempt) -> Attempt | None:
-        """Return an attempt with the largest near, up to its own, that holds; None where none does."""
-        if attempt.holds:
-            return attempt
-        index = index_below(attempt.settings.near)
-        ends = (view.farthest(camera) or 0.0 for view in self._views.views for camera in view.seen)
-        farthest = max(ends, default=0.0)
+        `may_hold` is a cheap condition, true up to some length. What it does not know is asked of all
+        predictions, from the largest length that it allows downward.
+        """
 
-        def lowered(near: float) -> Attempt:
-            return self.judged(replace(attempt.settings, near=near))
+        def judged(length: float) -> Attempt:
+            return self.judged(settings_with(length))
 
+        found = largest_index(low, high, lambda length: may_hold(settings_with(length)))
+        index = low if found is None else found
+        largest = attempt = judged(round_number(index))
+        farthest = max(self._views.farthest(camera) for camera, _ in self._sides)
         # A smaller near displaces less, and helps depth only where n is larger than any |z|, and rounds w.
-        while index > self.cutter.lowest and (attempt.depth_excess <= 1 or attempt.settings.near > farthest):
-            index = max(index - INDICES_PER_OCTAVE, self.cutter.lowest)
-            attempt = lowered(round_number(index))
+        while index > low and not attempt.holds:
+            if attempt.depth_excess > 1 and attempt.settings.near <= farthest:
+                break
+            above, index = index, max(index - INDICES_PER_OCTAVE, low)
+            attempt = judged(round_number(index))
             if attempt.holds:
-                highest = index + INDICES_PER_OCTAVE - 1
-                found = largest_index(index, highest, lambda near: lowered(near).holds)
-                return attempt if found is None else lowered(round_number(found))
-        return None
+                found = largest_index(index, above - 1, lambda length: judged(length).holds)
+                return attempt if found is None else judged(round_number(found))
+        return attempt if attempt.holds else largest
 
-    def _raised(self, settings: DoubleFrustum) -> Attempt | None:
-        """Return an attempt with the largest first cut, up to the second, that near may be as large as."""
-        first, *others = settings.slabs
+    def _is_tolerable(self, settings: DoubleFrustum) -> bool:
+        """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
+        # That depends on near and the first cut alone, whatever the depth buffer.
+        return self._tolerable(settings.near, settings.slabs[:1])
 
-        def raised(height: float) -> DoubleFrustum:
-            return replace(settings, near=height, slabs=(height, *others))
-
-        def may_hold(height: float) -> bool:
-            separation = self._views.separation(raised(height))
-            return self._tolerable(height, height) and separation * SEPARATION_MARGIN <= self.separation
-
-        lowest = index_below(first)
-        highest = index_below(others[0], strictly=True) if others else self.cutter.highest
-        found = largest_index(lowest, highest, may_hold)
-        if found is not None and not self.judged(raised(round_number(found))).holds:
-            # What the closed form does not know is looked at again, with ten times the effort.
-            found = largest_index(lowest, found, lambda height: self.judged(raised(height)).holds)
-        return None if found is None else self.judged(raised(round_number(found)))
-
-    def _is_tolerable(self, near: float, first_cut: float | None) -> bool:
-        settings = DoubleFrustum(near=near, slabs=() if first_cut is None else (first_cut,))
-        tolerance = self.requirement.tolerance_px
-        return self.requirement.allows(settings) and all(
-            moved <= tolerance for moved in self._views.displaced(settings)
-        )
+    def _displaces_little(self, near: float, first_cut: tuple[float, ...]) -> bool:
+        settings, tolerance = DoubleFrustum(near=near, slabs=first_cut), self.requirement.tolerance_px
+        if self.requirement.by_eyes(settings) > 1:
+            return False
+        return self._views.displaced(settings, tolerance) <= tolerance

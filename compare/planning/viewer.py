@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 from xfrustum.compare.eye.noticeable import (
     Content,
     Display,
     Viewer,
+    eyes_apart,
     finest_separation,
     require_before_viewer,
     resolved_crack,
@@ -20,32 +22,34 @@ from xfrustum.compare.eye.noticeable import (
 from xfrustum.compare.planning.search import SMALLEST_PER_REACH, index_below, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
 from xfrustum.compare.scout import Scout
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG
 
 STEREO, CRACK = "stereo", "crack"
 """Names of what a viewer may notice of near: disparity, and the crack at the plate."""
+
+_HIDING = {
+    "acuity": "the eye's acuity",
+    "stereo acuity": "stereo acuity",
+    "pitch": "the pitch of the hogels",
+    "pixel": "the angle of a hogel's pixels",
+    "diffraction": "diffraction at a hogel",
+}
+"""What hides something from eyes, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NearLimit:
     """One of the things that a viewer may notice of a near offset.
 
-    Attributes
-    ----------
-    largest_near
-        Largest near that stays below it, three digits, scene units; None where every near does, and 0 where
-        not even the smallest does.
-    allowed
-        What the viewer does not notice: arc seconds of disparity, or arc minutes of a crack's width.
-    hidden_by
-        What decides that: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`.
+    `largest_near` stays below it, three digits, scene units; None where every near does, and 0 where not even
+    the smallest does.
     """
 
     name: str
     largest_near: float | None
-    allowed: float
-    hidden_by: str
+    allowed: float  # arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
+    hidden_by: str  # `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +57,8 @@ class EyeRequirement(Requirement):
     """Requirement of a viewer straight before the plate.
 
     Pixels may be displaced by any length; sheets must be ordered where the viewer, or the display, tells
-    them apart.
-
-    Attributes
-    ----------
-    separation_limit
-        What limits the depths that can be told apart where sheets must be ordered, and the height z there;
-        None where a separation was asked for.
+    them apart. `separation_limit` is what limits the depths that can be told apart there, and their height z;
+    None where a separation was asked for.
     """
 
     SEEN_BY_EYES: ClassVar[bool] = True
@@ -70,55 +69,42 @@ class EyeRequirement(Requirement):
     content: Content
     separation_limit: tuple[str, float] | None = None
 
-    def stereo_change(self, settings: DoubleFrustum) -> float:
-        """Return the largest change of disparity between two things that the viewer sees, arc seconds."""
-        return stereo_change_arcsec(self.content, self.viewer, self.display, settings)
+    def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
+        """Return what may be noticed by name: how much there is, how much is not noticed, and what hides it.
 
-    def crack_width(self, settings: DoubleFrustum) -> float | None:
-        """Return the width of the crack, arc minutes; None where no surface meets the plate."""
-        return resolved_crack(self.viewer, self.display, settings)[2] if self.content.through else None
+        Change of depth is left out where the length of the scene's unit is not known, and the crack where no
+        surface meets the plate.
+        """
+        found = {}
+        if self.display.millimeters is not None:
+            change = stereo_change_arcsec(self.content, self.viewer, self.display, settings)
+            found[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
+        if self.content.through:
+            hidden_by, allowed, width = resolved_crack(self.viewer, self.display, settings)
+            found[CRACK] = width, allowed, hidden_by
+        return found
 
-    def stereo_excess(self, settings: DoubleFrustum) -> float:
-        """Return the change of disparity over stereo acuity."""
-        return self.stereo_change(settings) / self.viewer.stereo_acuity_arcsec
+    def by_pixels(self, found: Errors) -> float:
+        """Return 0: eyes judge what near does."""
+        return 0.0
 
-    def crack_excess(self, settings: DoubleFrustum) -> float:
-        """Return the width of the crack over what can be told apart; 0 where no surface meets the plate."""
-        if not self.content.through:
-            return 0.0
-        _, allowed, width = resolved_crack(self.viewer, self.display, settings)
-        return width / allowed
-
-    def missed_by(self, found: Errors) -> bool:
-        """Return whether a hogel has more wrong by depth than is allowed: eyes judge everything else."""
-        return found.depth_wrong > self.max_wrong
-
-    def excess(self, found: Errors) -> float:
-        """Return the ratio of a hogel's errors by depth to what is allowed."""
-        return found.depth_wrong / self.max_wrong
-
-    def near_excess(self, found: Errors | None, settings: DoubleFrustum) -> float:
+    def by_eyes(self, settings: DoubleFrustum) -> float:
         """Return the ratio of what settings do to depth and at the plate to what is not noticed."""
-        return max(self.stereo_excess(settings), self.crack_excess(settings))
-
-    def allows(self, settings: DoubleFrustum) -> bool:
-        """Return whether a viewer notices nothing of a near."""
-        return self.near_excess(None, settings) <= 1
+        return max((there / allowed for there, allowed, _ in self.noticed(settings).values()), default=0.0)
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
-        if self.stereo_excess(larger) > 1:
-            return (
-                f"two eyes at {self.viewer.distance:g} {units} would see depths that are off by "
-                f"{self.stereo_change(larger):.3g} arc seconds of disparity, beyond their stereo acuity of "
-                f"{self.viewer.stereo_acuity_arcsec:g}"
-            )
-        if self.crack_excess(larger) > 1:
-            name, allowed, width = resolved_crack(self.viewer, self.display, larger)
-            return (
-                f"surfaces that run through the plate would have a crack of {width:.3g} arc minutes there, "
-                f"seen at its corners, which {_HIDING[name]} of {allowed:.3g} no longer hides"
-            )
+        for name, (there, allowed, hidden_by) in self.noticed(larger).items():
+            if there > allowed and name == STEREO:
+                return (
+                    f"two eyes at {self.viewer.distance:g} {units} would see depths that are off by "
+                    f"{there:.3g} arc seconds of disparity, beyond their stereo acuity of {allowed:g}"
+                )
+            if there > allowed:
+                return (
+                    f"surfaces that run through the plate would have a crack of {there:.3g} arc minutes "
+                    f"there, seen at its corners, which {_HIDING[hidden_by]} of {allowed:.3g} no longer hides"
+                )
         return "depth would be worse off"
 
     def separation_reason(self, units: str) -> str:
@@ -135,28 +121,28 @@ class EyeRequirement(Requirement):
     @property
     def limits(self) -> tuple[NearLimit, ...]:
         """What a viewer may notice of a near without cuts: how large near may be for each."""
-        return self.limits_with(DoubleFrustum(near=self._smallest))
+        return self.limits_with(DoubleFrustum(near=self.display.frustum.longest_reach / 2))
 
     def limits_with(self, settings: DoubleFrustum) -> tuple[NearLimit, ...]:
-        """Return what a viewer may notice of a near with the cuts and the pivot of some settings.
+        """Return what a viewer may notice of a near with the cuts and the pivot of some settings."""
+        reach = self.display.frustum.longest_reach
+        low, highest = index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
+        # Near makes sense up to the first cut, or to less than the reach.
+        end = settings.slabs[0] if settings.slabs else round_number(highest)
 
-        Change of depth is left out where the length of the scene's unit is not known.
-        """
+        def unnoticed(name: str, near: float) -> bool:
+            there, allowed, _ = self.noticed(replace(settings, near=near))[name]
+            return there / allowed <= 1
+
         found = []
-        if self.display.millimeters is not None:
-            found.append(
-                NearLimit(
-                    name=STEREO,
-                    largest_near=self._largest(self.stereo_excess, settings),
-                    allowed=self.viewer.stereo_acuity_arcsec,
-                    hidden_by="stereo acuity",
-                )
-            )
-        if self.content.through:
-            near = self._largest(self.crack_excess, settings)
-            at = self._end(settings) if near is None else near or self._smallest
-            name, allowed, _ = resolved_crack(self.viewer, self.display, replace(settings, near=at))
-            found.append(NearLimit(name=CRACK, largest_near=near, allowed=allowed, hidden_by=name))
+        for name in self.noticed(settings):
+            near, at = None, end
+            if not unnoticed(name, end):
+                index = largest_index(low, index_below(end), partial(unnoticed, name))
+                near = 0.0 if index is None else round_number(index)
+                at = near or round_number(low)
+            _, allowed, hidden_by = self.noticed(replace(settings, near=at))[name]
+            found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
         return tuple(found)
 
     @property
@@ -164,57 +150,21 @@ class EyeRequirement(Requirement):
         """The limit that leaves the smallest near; None where no near is noticed."""
         return binding(self.limits)
 
-    @property
-    def _smallest(self) -> float:
-        return round_number(index_below(SMALLEST_PER_REACH * self.display.frustum.longest_reach))
-
-    def _end(self, settings: DoubleFrustum) -> float:
-        """Return the largest near that makes sense: up to the first cut, or less than the reach."""
-        if settings.slabs:
-            return settings.slabs[0]
-        return round_number(index_below(self.display.frustum.longest_reach, strictly=True))
-
-    def _largest(self, excess: Callable[[DoubleFrustum], float], settings: DoubleFrustum) -> float | None:
-        """Return the largest near that is not noticed; None where that is any, 0 where it is none."""
-
-        def unnoticed(near: float) -> bool:
-            return excess(replace(settings, near=near)) <= 1
-
-        end = self._end(settings)
-        if unnoticed(end):
-            return None
-        found = largest_index(index_below(self._smallest), index_below(end), unnoticed)
-        return 0.0 if found is None else round_number(found)
-
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     """Return the limit that leaves the smallest near; None where no near is noticed."""
-    found = [one for one in limits if one.largest_near is not None]
-    return min(found, key=lambda one: one.largest_near or 0.0) if found else None
-
-
-_HIDING = {
-    "acuity": "the eye's acuity",
-    "stereo acuity": "stereo acuity",
-    "pitch": "the pitch of the hogels",
-    "pixel": "the angle of a hogel's pixels",
-    "diffraction": "diffraction at a hogel",
-}
-"""What hides something from eyes, in words."""
+    found = [(one.largest_near, one) for one in limits if one.largest_near is not None]
+    return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
 def seen_content(scouted: Scout) -> Content:
     """Return the depths that a plate shows, as a scout has seen them."""
-    sides: dict[Camera, tuple[float, float] | None] = {}
-    for camera, sign in ((Camera.C_STAR, 1.0), (Camera.C, -1.0)):
+    sides: list[tuple[float, float] | None] = []
+    for sign in (1.0, -1.0):
         seen = [sign * look.height[sign * look.height >= 0] for look in scouted.looks]
         ends = [(float(one.min()), float(one.max())) for one in seen if one.size]
-        sides[camera] = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
-    return Content(
-        before=sides[Camera.C_STAR],
-        behind=sides[Camera.C],
-        through=runs_through_plate(scouted.scene),
-    )
+        sides.append((min(low for low, _ in ends), max(high for _, high in ends)) if ends else None)
+    return Content(before=sides[0], behind=sides[1], through=runs_through_plate(scouted.scene))
 
 
 def eye_requirement(
@@ -231,12 +181,14 @@ def eye_requirement(
         The length of the scene's unit is not known, or something is seen behind the viewer.
     """
     display, content = Display.of(scouted.scene), seen_content(scouted)
+    eyes_apart(viewer, display)
     require_before_viewer(scouted.scene, content, viewer)
-    reach, limit = scouted.scene.frustum.longest_reach, None
+    limit = None
     if separation is None:
         found = finest_separation(content.farthest, viewer, display)
         if found is not None:
-            limit, separation = (found[0], found[2]), min(found[1], reach)
+            limit = found[0], found[2]
+            separation = min(found[1], scouted.scene.frustum.longest_reach)
     return EyeRequirement(
         separation=separation,
         max_wrong=max_wrong,

@@ -11,7 +11,7 @@ is no larger than n. That is left to the reference, which traces the offset came
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from statistics import NormalDist
@@ -47,29 +47,16 @@ NEIGHBORHOOD_PX = 3
 """Width of a neighborhood in pixels: one to each side."""
 
 Done = Callable[[int], object]
-"""Function that is called with the number of steps that are done."""
+"""Function that is called with the number of hogels that are done."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """What settings get wrong at a hogel, or at the worst of some.
+    """What settings get wrong at a hogel, or at the worst of some: measured, or predicted at most."""
 
-    Attributes
-    ----------
-    displacement_p99_px
-        99th percentile of displacement; 0 where nothing is displaced, infinite where it is undefined. A
-        prediction is an upper bound in closed form, or what the traced cameras have where that is more.
-    surface_fraction
-        Share of judged pixels that show the wrong surface. A prediction is that of the traced cameras, and
-        `depth_wrong` besides.
-    depth_wrong
-        Share of judged pixels whose wrong surface is charged to depth. A prediction assumes the most
-        unlucky draw order.
-    """
-
-    displacement_p99_px: float
-    surface_fraction: float
-    depth_wrong: float
+    displacement_p99_px: float  # 0 where nothing is displaced, infinite where it is undefined
+    surface_fraction: float  # share of judged pixels that show the wrong surface
+    depth_wrong: float  # share whose wrong surface is charged to depth; predicted for the unluckiest order
 
     def beyond(self, tolerance_px: float) -> bool:
         """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
@@ -80,14 +67,10 @@ class Errors:
 class Quality(Errors):
     """How well some settings do, at the worst of some apertures: predicted, or measured.
 
-    Attributes
-    ----------
-    misordered
-        Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
-        at the farthest visible surface of each camera and slab; the worst.
-    separation
-        The smallest separation there of which no more than `MAX_MISORDERED_FRACTION` are wrong, scene
-        units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+    `misordered` is the share of pixels in which the wrong one of two parallel sheets shows, as far apart as
+    is asked for, at the farthest visible surface of each camera and slab; the worst. `separation` is the
+    smallest distance of sheets there, scene units, at which no more than `MAX_MISORDERED_FRACTION` are wrong;
+    the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
     """
 
     misordered: float
@@ -101,30 +84,22 @@ class Quality(Errors):
 
 @dataclass(frozen=True, kw_only=True)
 class Requirement:
-    """What a picture must keep.
-
-    Attributes
-    ----------
-    tolerance_px
-        Largest 99th percentile of displacement, pixels.
-    separation
-        Distance of two sheets that must be ordered at the farthest visible surface, scene units; None for
-        `SEPARATION_PER_REACH` of the larger reach.
-    max_wrong
-        Largest share of judged pixels whose wrong surface is charged to depth.
+    """What a picture must keep: pixels at their places, sheets in order, and few surfaces wrong by depth.
 
     Raises
     ------
     InputError
-        One of them is not positive, or the share is not below one.
+        A number is not positive, or the share is not below one.
     """
 
     SEEN_BY_EYES: ClassVar[bool] = False
     """Whether eyes judge near, and not pixels: then the largest near that they cannot see is planned."""
 
-    tolerance_px: float = TOLERANCE_PX
-    separation: float | None = None
-    max_wrong: float = MAX_DEPTH_WRONG
+    tolerance_px: float = TOLERANCE_PX  # largest 99th percentile of displacement
+    separation: float | None = (
+        None  # of ordered sheets, scene units; None: `SEPARATION_PER_REACH` of the reach
+    )
+    max_wrong: float = MAX_DEPTH_WRONG  # largest share of judged pixels that are wrong by depth
 
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
@@ -143,26 +118,25 @@ class Requirement:
         """Return the separation in scene units."""
         return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
 
+    def by_pixels(self, found: Errors) -> float:
+        """Return the ratio of what near does to pixels to what is allowed."""
+        return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
+
+    def by_eyes(self, settings: DoubleFrustum) -> float:
+        """Return the ratio of what near does to what eyes see to what they notice; 0 where pixels judge."""
+        return 0.0
+
+    def excess(self, found: Errors) -> float:
+        """Return the largest ratio of errors to what is allowed; infinite where displacement is undefined."""
+        return max(self.by_pixels(found), found.depth_wrong / self.max_wrong)
+
     def missed_by(self, found: Errors) -> bool:
-        """Return whether a hogel is beyond the tolerance, or has more wrong by depth than is allowed."""
-        return found.beyond(self.tolerance_px) or found.depth_wrong > self.max_wrong
+        """Return whether a hogel has more errors than are allowed."""
+        return self.excess(found) > 1
 
     def met_by(self, found: Quality) -> bool:
         """Return whether what was measured is what is required."""
         return not self.missed_by(found) and found.misordered <= MAX_MISORDERED_FRACTION
-
-    def near_excess(self, found: Errors, settings: DoubleFrustum) -> float:
-        """Return the ratio of what near does, to pixels or to what eyes see, to what is allowed."""
-        return max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
-
-    def excess(self, found: Errors) -> float:
-        """Return the largest ratio of a hogel's errors to what is allowed, for ranking hogels."""
-        by_near = max(found.displacement_p99_px / self.tolerance_px, found.surface_fraction / MAX_WRONG)
-        return max(by_near, found.depth_wrong / self.max_wrong)
-
-    def allows(self, settings: DoubleFrustum) -> bool:
-        """Return whether near may be so large, whatever is displaced; pixels alone decide here."""
-        return True
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a larger near than the largest would do."""
@@ -179,11 +153,9 @@ class Requirement:
 def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> float:
     """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
 
-    Returns
-    -------
-    0 where the truth shows no surface. Infinite where more than one pixel in a hundred shows a surface in
-    the aperture itself, which lies in the plate or passes through it: the true line ends there, and has no
-    place for it on the film. Drawn is what lies closer than n, whose displacement no n makes small.
+    It is 0 where the truth shows no surface, and infinite where more than one pixel in a hundred shows a
+    surface in the aperture itself: the true line ends there, and has no place for it on the film. Drawn is
+    what lies closer than n, whose displacement no n makes small.
 
     Notes
     -----
@@ -215,11 +187,8 @@ class View:
     @cached_property
     def seen(self) -> dict[Camera, Floats]:
         """Heights |z| of all visible surfaces by the camera that sees them, ascending."""
-        height = self.truth.height[self.truth.covered].astype(np.float64)
-        return {
-            Camera.C: np.sort(np.abs(height[height <= 0])),
-            Camera.C_STAR: np.sort(height[height > 0]),
-        }
+        height = np.sort(self.truth.height[self.truth.covered].astype(np.float64))
+        return {Camera.C: -height[height <= 0][::-1], Camera.C_STAR: height[height > 0]}
 
     @cached_property
     def stacks(self) -> Stacks:
@@ -244,7 +213,7 @@ class Views:
 
     @classmethod
     def traced(
-        cls, reference: Reference, apertures: Sequence[Aperture], done: Done = lambda steps: None
+        cls, reference: Reference, apertures: Sequence[Aperture], done: Done = lambda hogels: None
     ) -> Views:
         """Trace apertures; `done` is called with 1 after each."""
         views = []
@@ -259,24 +228,21 @@ class Views:
         """The scene."""
         return self.reference.scene
 
-    @property
-    def truths(self) -> dict[Aperture, HogelImage]:
-        """True image of each aperture."""
-        return {view.aperture: view.truth for view in self.views}
+    def farthest(self, camera: Camera) -> float:
+        """Return the largest |z| that a camera sees from any aperture; 0 where it sees nothing."""
+        return max((view.farthest(camera) or 0.0 for view in self.views), default=0.0)
 
-    def displaced(self, settings: DoubleFrustum) -> Iterator[float]:
-        """Yield the 99th percentile of displacement that each aperture's picture is not to exceed."""
+    def displaced(self, settings: DoubleFrustum, limit: float = math.inf) -> float:
+        """Return what `displacement_bound` is at the worst aperture, or at the first one beyond a limit."""
+        worst = 0.0
         for view in self.views:
-            yield displacement_bound(view.truth, self.scene.frustum, settings)
+            worst = max(worst, displacement_bound(view.truth, self.scene.frustum, settings))
+            if worst > limit:
+                break
+        return worst
 
     def traced_errors(self, settings: DoubleFrustum) -> tuple[float, float]:
-        """Return what two cameras that round nothing get wrong, at the worst of all apertures.
-
-        Returns
-        -------
-        The 99th percentile of displacement, px, infinite where it is undefined; and the share of judged
-        pixels that show the wrong surface.
-        """
+        """Return what cameras that round nothing get wrong at the worst: px displaced, share of surfaces."""
         moved, wrong = [0.0], [0.0]
         for view in self.views:
             model = self.reference.trace_model(view.aperture, settings)
@@ -311,7 +277,7 @@ class Views:
         smallest, depth_wrong = self.separation(settings), self.depth_wrong(settings)
         certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
         return Quality(
-            displacement_p99_px=max(self.displaced(settings), default=0.0),
+            displacement_p99_px=self.displaced(settings),
             surface_fraction=depth_wrong,
             depth_wrong=depth_wrong,
             misordered=NormalDist().cdf(-certain * separation / smallest) if smallest else 0.0,

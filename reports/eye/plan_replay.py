@@ -9,7 +9,7 @@ from xfrustum.compare.eye.loss import DepthShift, Views, disparity, renderer_los
 from xfrustum.compare.eye.noticeable import Display, Viewer, blur_arcmin, eyes_apart, replay_noise_arcsec
 from xfrustum.compare.eye.shown import Collector, collected, film_parts, hogels_of
 from xfrustum.compare.planning.plan import Plan
-from xfrustum.compare.planning.viewer import CRACK, EyeRequirement, NearLimit, binding
+from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, NearLimit, binding
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.sampling import CONFIDENCE, share_at_most
 from xfrustum.reference.eye.view import EyeReference
@@ -246,7 +246,9 @@ def planned_record(
         rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
     measured, noise, with_cuts = None, None, None
     beyond: tuple[str, ...] = ()
+    noticed: dict[str, float] = {}
     if settings is not None:
+        noticed = {name: there for name, (there, _, _) in requirement.noticed(settings).items()}
         workbench = ReplayWorkbench(scene, viewer)
         with progress_bar(None, "eyes", "hogel", shown=progress) as bar:
             measured = workbench.measure(settings, bar.update)
@@ -261,8 +263,8 @@ def planned_record(
         rays_per_pupil=rays,
         limits=requirement.limits,
         binding=None if binds is None else binds.name,
-        stereo_change_arcsec=None if settings is None else requirement.stereo_change(settings),
-        crack_arcmin=None if settings is None else requirement.crack_width(settings),
+        stereo_change_arcsec=noticed.get(STEREO),
+        crack_arcmin=noticed.get(CRACK),
         separation=requirement.separation,
         separation_limited_by=None if limit is None else limit[0],
         measured=measured,

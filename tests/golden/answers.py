@@ -109,7 +109,10 @@ EXPECTED = {
     r"report-.*\.trade_off": "error against time is the command cost alone: no setting is timed twice",
     r"report-.*\.best\.sentence": "it begins with the hogel that it speaks of, and ranks by error alone",
     r"plan-.*\.reason": "wrong surfaces count as displacements do, and are named",
-    r"plan-.*\.plate\.scouted": "hogels that no plan can serve are no longer added to those looked through",
+    # Version 0.2 scouted 524 apertures, of which 521 are scouted now; all heights are equal bit for bit.
+    # Lengths on the film are rounded otherwise in the last place, which breaks a tie of mirrored, equally bad
+    # apertures the other way: the neighbors of the one are looked through, or those of the other.
+    r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both are right",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }

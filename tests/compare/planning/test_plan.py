@@ -16,10 +16,9 @@ from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.planning.measure import measured, misordered
-from xfrustum.compare.planning.plan import depth_buffers, plan, search
+from xfrustum.compare.planning.plan import depth_buffers, plan
 from xfrustum.compare.planning.search import (
     SEPARATION_MARGIN,
-    Cutter,
     Search,
     index_below,
     largest_index,
@@ -58,13 +57,11 @@ def views_of(name: str, index: tuple[int, int] | None = None) -> Views:
 def planned(
     views: Views, requirement: Requirement, buffer: tuple[DepthFormat, DepthMapping]
 ) -> DoubleFrustum:
-    best = search(Search(views, requirement), [buffer]).best
-    assert best is not None
-    return best.settings
+    return Search(views, requirement).among([buffer]).holding[0].settings
 
 
 def holds(views: Views, settings: DoubleFrustum, requirement: Requirement) -> bool:
-    return requirement.met_by(measured(views, settings, requirement, smallest=False))
+    return requirement.met_by(measured(views, settings, requirement, smallest=False)[1])
 
 
 # The plan holds.
@@ -118,7 +115,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(name: str
     wide = DoubleFrustum(near=near, slabs=(near,), depth=D16[0])
     truth = Reference(scene).trace(scene.plate.middle)
     assert displacement_bound(truth, scene.frustum, wide) < requirement.tolerance_px
-    found = measured(Views.traced(Reference(scene), [scene.plate.middle]), wide, requirement)
+    _, found = measured(Views.traced(Reference(scene), [scene.plate.middle]), wide, requirement)
     assert found.displacement_p99_px > requirement.tolerance_px
     made = plan(scene, [scene.plate.middle], requirement, [D16])
     assert made.within, made
@@ -136,7 +133,7 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_w
     for near in 150 * np.array([1e-2, 1e-5, 1e-8]):
         for slabs in ((), (3.0, 30.0)):
             settings = DoubleFrustum(near=float(near), slabs=slabs, mapping=DepthMapping.REVERSED)
-            found = measured(views, settings, requirement, smallest=False)
+            _, found = measured(views, settings, requirement, smallest=False)
             assert found.displacement_p99_px > 100
     beside = plan(scene, [scene.plate.aperture(31, 17)])
     assert beside.within, beside
@@ -185,7 +182,7 @@ def test_with_one_slab_less_it_does_not_hold(
     settings = planned(views, requirement, buffer)
     assert settings.slabs
     assert holds(views, settings, requirement)
-    best = Search(views, requirement).attempt(*buffer, len(settings.slabs) - 1)
+    best = Search(views, requirement).attempt(buffer, len(settings.slabs) - 1)
     assert not best.holds
     fewer = [settings.slabs[:i] + settings.slabs[i + 1 :] for i in range(len(settings.slabs))]
     for other in (best.settings, *(replace(settings, slabs=slabs) for slabs in fewer)):
@@ -207,14 +204,11 @@ def test_where_one_cut_is_planned_no_near_at_all_would_do_without(
 @pytest.mark.parametrize("name", ["car", "asymmetric", "teapot-recentered"])
 def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None:
     views, requirement = views_of(name), Requirement()
-    best = search(Search(views, requirement), depth_buffers()).best
-    assert best is not None and not best.settings.slabs
-    assert holds(views, best.settings, requirement)
-    doubled = replace(best.settings, near=2 * best.settings.near)
-    assert (
-        measured(views, doubled, requirement, smallest=False).displacement_p99_px
-        > 1.5 * requirement.tolerance_px
-    )
+    settings = Search(views, requirement).among(depth_buffers()).holding[0].settings
+    assert not settings.slabs and holds(views, settings, requirement)
+    doubled = replace(settings, near=2 * settings.near)
+    _, found = measured(views, doubled, requirement, smallest=False)
+    assert found.displacement_p99_px > 1.5 * requirement.tolerance_px
 
 
 # The search finds the best there is.
@@ -228,12 +222,12 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
 ) -> None:
     """Brute force over pairs of heights, against cuts placed one by one from the far end inward."""
     views = views_of(name)
-    cutter = Cutter(views)
+    search = Search(views, Requirement())
     target = separation / SEPARATION_MARGIN
-    first, second = cutter.cuts(*D16, 2, target)
+    first, second = search.cuts(D16, 2, target)
 
     def separated(low: float, high: float | None) -> bool:
-        return cutter.separation(*D16, low, high) <= target
+        return search.separation_between(D16, low, high) <= target
 
     assert separated(first, second) and separated(second, None)
     heights = np.geomspace(1e-3, 0.999, 120) * views.scene.frustum.longest_reach
@@ -290,9 +284,7 @@ def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
     plans = []
     for levels in range(3):
         views = Views.traced(Reference(refine(scene, levels)), [scene.plate.middle])
-        best = search(Search(views, requirement), choices).best
-        assert best is not None
-        plans.append(best.settings)
+        plans.append(Search(views, requirement).among(choices).holding[0].settings)
     assert plans[0] == plans[1] == plans[2]
 
 

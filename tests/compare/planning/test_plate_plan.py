@@ -17,8 +17,7 @@ from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.planning.measure import hogel_results
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, largest_share
-from xfrustum.compare.planning.reason import exceptions
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, exceptions, largest_share
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
@@ -257,7 +256,7 @@ def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
         choices=[(DepthFormat.D16, DepthMapping.STANDARD)],
     )
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("xfrustum.compare.planning.plan.MAX_CUTS", 0)
+        patched.setattr("xfrustum.compare.planning.search.MAX_CUTS", 0)
         made = taken.plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
     assert made.settings is not None and made.plate is not None and not made.within
     assert 1 <= made.plate.set_aside <= 3

@@ -51,10 +51,10 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     assert wanted.binding == stereo
     near = stereo.largest_near
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
-    assert wanted.allows(DoubleFrustum(near=near))
+    assert wanted.by_eyes(DoubleFrustum(near=near)) <= 1
     # Plans have three digits.
     larger = DoubleFrustum(near=near * 1.01)
-    assert not wanted.allows(larger)
+    assert wanted.by_eyes(larger) > 1
     assert "arc seconds" in wanted.limit_of_near(larger, "mm")
 
 
@@ -74,14 +74,15 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
 def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
     wanted = requirement(open_scene(scene_file), Viewer(distance=600.0))
     whole, cut = DoubleFrustum(near=2.0), DoubleFrustum(near=2.0, slabs=(6.0,))
-    assert 0 < wanted.stereo_change(cut) < wanted.stereo_change(whole)
-    assert (wanted.crack_width(cut) or 0.0) == pytest.approx((wanted.crack_width(whole) or 0.0) * 6 / 8)
+    small, large = wanted.noticed(cut), wanted.noticed(whole)
+    assert 0 < small[STEREO][0] < large[STEREO][0]
+    assert small[CRACK][0] == pytest.approx(large[CRACK][0] * 6 / 8)
 
 
 def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) -> None:
     scene = open_scene(scene_file)
     wanted = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
-    assert not wanted.allows(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach))
+    assert wanted.by_eyes(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach)) > 1
     stereo, crack = wanted.limits
     assert stereo.largest_near == 0.0
     assert crack.largest_near != 0.0
