@@ -39,9 +39,8 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.look import is_shaded
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.model.scene import Scene, is_shaded
+from xfrustum.scenes.notebook import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.device.programs import assign
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect

@@ -41,9 +41,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
-from xfrustum.scenes.notebook.pictures import as_shown, marked, png
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook import Figure, Shown, Table, as_shown, digits, marked, png
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -43,8 +43,7 @@ from xfrustum.scenes.model.effects import (
     slab_contents,
 )
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
-from xfrustum.scenes.notebook.shown import Shown, Table
+from xfrustum.scenes.notebook import Shown, Table, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX

@@ -20,7 +20,7 @@ from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

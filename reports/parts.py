@@ -30,8 +30,7 @@ from xfrustum.reports.blocks import Job
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.look import look_hash
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.scene import Scene, look_hash
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 

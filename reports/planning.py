@@ -23,7 +23,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.raster_command import plate_command, raster_command
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import percent
+from xfrustum.scenes.notebook import percent
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import MAX_WRONG
 

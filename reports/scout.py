@@ -15,7 +15,7 @@ from xfrustum.reports.common.figure_style import style
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.plate import Plate
 
 MAX_MAP_CELLS = 120

@@ -6,11 +6,11 @@ files/       Scenes from files: tables, meshes, maps and images
 geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals
 library/     The built-in scenes, made by code
 model/       The scene that is asked about, and the image that every renderer returns
-notebook/    What objects say of themselves, and how a notebook shows them
 plate/       The plate, its apertures, their crossed frustum, and the settings of the two cameras
 arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all
 arrays       Arrays by what they hold: the one place that names their types
 errors       The one exception that means "the user can fix this"
+notebook     What objects say of themselves, and how a notebook shows them
 opening      Scenes by name or path
 
 Words: see the glossary in CONVENTIONS.md.

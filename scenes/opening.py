@@ -41,7 +41,7 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
     if text in builtin.SCENES:
         return builtin.build(text)
     if text.startswith(HARD):
-        from xfrustum.scenes.library.hard import cases as hard_cases  # noqa: PLC0415 - loads NumPy
+        from xfrustum.scenes.library import hard_cases  # noqa: PLC0415 - loads NumPy
 
         if text in hard_cases.CASES:
             return hard_cases.build(text)
@@ -68,7 +68,7 @@ def _check_name(text: str) -> None:
     """Refuse a text that is neither the path of a file nor the name of a built-in scene."""
     if text in builtin.SCENES or text.endswith(".toml") or Path(text).exists():
         return
-    from xfrustum.scenes.library.hard import cases as hard_cases  # noqa: PLC0415 - loads NumPy
+    from xfrustum.scenes.library import hard_cases  # noqa: PLC0415 - loads NumPy
 
     if text in hard_cases.CASES:
         return

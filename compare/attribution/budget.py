@@ -30,7 +30,7 @@ from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.notebook.shown import Brief, Shown
+from xfrustum.scenes.notebook import Brief, Shown
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, EyeImage, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief, digits
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 

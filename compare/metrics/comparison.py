@@ -23,10 +23,20 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.notebook.labels import NO_UNIT, SCENE_UNITS, Labelled, dataset
-from xfrustum.scenes.notebook.numbers import digits, percent
-from xfrustum.scenes.notebook.pictures import as_shown, marked, png
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook import (
+    NO_UNIT,
+    SCENE_UNITS,
+    Figure,
+    Labelled,
+    Shown,
+    Table,
+    as_shown,
+    dataset,
+    digits,
+    marked,
+    percent,
+    png,
+)
 
 if TYPE_CHECKING:
     import xarray

@@ -20,7 +20,7 @@ from xfrustum.compare.metrics.surface import in_plate, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

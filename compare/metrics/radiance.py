@@ -23,7 +23,7 @@ from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m. It is that of a

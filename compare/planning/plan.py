@@ -46,8 +46,7 @@ from xfrustum.compare.sampling import (
 from xfrustum.compare.scout import AutoApertures, Look, Scout
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
-from xfrustum.scenes.notebook.shown import Shown, Table
+from xfrustum.scenes.notebook import Shown, Table, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

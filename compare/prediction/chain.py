@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture

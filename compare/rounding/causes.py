@@ -32,7 +32,7 @@ from xfrustum.compare.rounding.edges import placement
 from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 
 HEADINGS = ("edge", "order", "lost", "unexplained")
 """Headings of `Causes`; the last one is for pixels that bear no mark."""

@@ -8,8 +8,7 @@ from math import sqrt
 from pathlib import Path
 
 from xfrustum.scenes import Aperture, InputError, Scene, open_scene
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library import builtin, hard_cases
 
 VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
 """Approximate numbers of pixels in each view of a scene. With the larger one, the views of built-in scenes

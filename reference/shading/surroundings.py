@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.reference.backend import Int32, constants, dr, recording, table, vectors_on_device
-from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 
 _SRGB = np.arange(256) / 255.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xfrustum.reference.llvm import MitsubaBackend, mitsuba_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.shading.surroundings import LINEAR
-from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene

@@ -17,7 +17,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import race
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
+from xfrustum.scenes.library.studio import mirrored, tessellated_car
 from xfrustum.scenes.plate.plate import Aperture
 
 RESOLUTION = 512

@@ -29,8 +29,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
-from xfrustum.scenes.notebook.shown import Shown, Table
+from xfrustum.scenes.notebook import Shown, Table, digits, percent
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from xfrustum.reports.common.figure_style import INK, error_bars, look, style
 from xfrustum.reports.cost.trade_off import Option, pareto
-from xfrustum.scenes.notebook.numbers import percent
+from xfrustum.scenes.notebook import percent
 from xfrustum.tolerances import MAX_WRONG
 
 SMALLEST_DRAWN_PX = 1e-4

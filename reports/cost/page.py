@@ -12,7 +12,7 @@ from xfrustum.reports.cost.cost import CostReport
 from xfrustum.reports.cost.figure import trade_off_figure
 from xfrustum.reports.cost.trade_off import pareto
 from xfrustum.reports.error_report import best
-from xfrustum.scenes.notebook import numbers
+from xfrustum.scenes.notebook import digits, percent
 
 FILES = PAGE, DATA = "index.html", "cost.json"
 
@@ -50,7 +50,7 @@ def _page(measured: CostReport) -> str:
     rows = sorted(
         zip(measured.options, pareto(measured.options), strict=True), key=lambda row: row[0].time_s.median
     )
-    filters = {"digits": numbers.digits, "percent": numbers.percent, "pixels": best.pixels}
+    filters = {"digits": digits, "percent": percent, "pixels": best.pixels}
     values = {
         "cost": measured,
         "confidence": CONFIDENCE,

@@ -10,7 +10,7 @@ from typing import Any
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER_FRACTION = 0.2

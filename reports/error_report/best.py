@@ -13,7 +13,7 @@ from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.error_report.measurement import Measurement
-from xfrustum.scenes.notebook.numbers import digits, percent, plain
+from xfrustum.scenes.notebook import digits, percent, plain
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX

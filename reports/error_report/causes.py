@@ -13,7 +13,7 @@ from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.error_report.best import SURFACE_TIE_FRACTION
 from xfrustum.reports.error_report.measurement import Measurement
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",

@@ -13,7 +13,7 @@ from xfrustum.reports.error_report import best, figures
 from xfrustum.reports.error_report.best import Recommendation
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.sweep import Sweep
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 

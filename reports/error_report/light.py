@@ -23,9 +23,8 @@ from xfrustum.reports.error_report import figures, images
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
-from xfrustum.scenes.model.look import is_shaded
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.model.scene import Scene, is_shaded
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

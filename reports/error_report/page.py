@@ -21,7 +21,7 @@ from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.scenes.notebook import numbers
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -81,7 +81,7 @@ def render_page(sweep: Sweep, light: LightReport | None = None) -> str:
         "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, light),
     }
-    filters = {"percent": numbers.percent, "pixels": best.pixels, "digits": numbers.digits}
+    filters = {"percent": percent, "pixels": best.pixels, "digits": digits}
     return html_page("report.html.j2", filters, values)
 
 

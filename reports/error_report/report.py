@@ -37,7 +37,7 @@ from xfrustum.reports.inspection.page import (
 )
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -37,8 +37,7 @@ from xfrustum.reports.error_report.measurement import (
 from xfrustum.reports.inspection.channels import MAX_HOGELS, InspectedHogel, inspected_drawings
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.look import is_shaded
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.scene import Scene, is_shaded
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture

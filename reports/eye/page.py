@@ -27,7 +27,7 @@ from xfrustum.reports.eye.pictures import (
 from xfrustum.reports.eye.view import EyeRecord, PairRecord, SceneView
 from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.model.eye import EyeImage
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
 

@@ -12,7 +12,7 @@ from xfrustum.compare.eye.loss import LossMaps
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.arrays import Bytes, Floats
 from xfrustum.scenes.model.eye import EyeImage
-from xfrustum.scenes.notebook.pictures import as_shown, marked
+from xfrustum.scenes.notebook import as_shown, marked
 
 SEEN_ARCMIN = 1.0
 """Displacement from which on a map is in full color: what a good eye resolves."""

@@ -18,7 +18,7 @@ from xfrustum.reports.eye.view import Drawing, stereo_eyes
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 FILM_COLUMNS = 64

@@ -44,12 +44,9 @@ from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import counted, digits, percent
-from xfrustum.scenes.notebook.pictures import png
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.model.scene import Scene, look_hash
+from xfrustum.scenes.notebook import Figure, Shown, Table, counted, digits, percent, png
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 
 Index = tuple[int, int]

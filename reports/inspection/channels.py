@@ -31,7 +31,7 @@ from xfrustum.scenes.files.exr import (
 )
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.plate.sources import HogelSource
-from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.scene import look_hash
 
 SOURCE = "source"
 """Key that says where the scene came from, in the description of the scene: for people, it need not agree."""

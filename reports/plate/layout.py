@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 BLOCK_BYTES = 1 << 26
 """Largest size of a block's pixels by default, before they are compressed: what one process has in memory

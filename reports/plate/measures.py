@@ -26,9 +26,8 @@ from xfrustum.reports.plate.sources import HogelSource, check_drawable, visible_
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.scene import Scene, is_shaded
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

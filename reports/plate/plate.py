@@ -24,9 +24,8 @@ from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 Span = tuple[int, int] | None
 """First and last index; None for all."""

@@ -15,8 +15,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.scene_check.drawing import View, draw_view
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook.numbers import counted, digits
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook import Figure, Shown, Table, counted, digits
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 

@@ -37,7 +37,7 @@ from xfrustum.reports.eye.plan_replay import ReplayWorkbench
 from xfrustum.reports.studies.sweep import HERE, Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 

@@ -13,9 +13,7 @@ from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, s
 from xfrustum.reports.common.json_ready import Summarized
 from xfrustum.reports.survey.rows import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import digits, percent
-from xfrustum.scenes.notebook.pictures import map_of, png
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 WORST_WRITTEN = ("aperture", "displacement_p99_px", "surface_fraction")

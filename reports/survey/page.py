@@ -21,7 +21,7 @@ from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
 from xfrustum.reports.survey.rows import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel, depth_ends
-from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook import digits, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 

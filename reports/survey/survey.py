@@ -23,7 +23,7 @@ from xfrustum.reports.verification.workers import ForeignRenderer
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook.numbers import percent
+from xfrustum.scenes.notebook import percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX

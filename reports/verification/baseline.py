@@ -30,7 +30,7 @@ from xfrustum.reports.common.outputs import check_writable_folder, write_output
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.notebook.numbers import digits
+from xfrustum.scenes.notebook import digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"
 

@@ -34,8 +34,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 
 Item = TypeVar("Item")
 

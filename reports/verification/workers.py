@@ -66,8 +66,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, pictures_at
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 
 Index = tuple[int, int]
 """Column and row of a hogel."""

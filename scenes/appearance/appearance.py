@@ -1,34 +1,144 @@
-"""The appearance of a scene: its materials and lights, and the default where it names none."""
+"""The appearance of a scene: Phong materials, lights, an environment, and the defaults where it names none.
+
+This module has parameters only; the two answers shade with formulas of their own, which CONVENTIONS.md states
+under "Light" (docs/method.md, "Light"; paper, sections 3 and 6).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT, DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL, Material
-from xfrustum.scenes.arguments import one_of, settle
+from xfrustum.scenes.arguments import one_of, real, reals, settle
 from xfrustum.scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.arrays import Singles
+
+Color = tuple[float, float, float]
+"""Linear RGB."""
+
+LARGEST_COEFFICIENT = 1e15
+"""Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay within
+float32's range, 3e38."""
+
+MAX_RADIANCE = 1e30
+"""Largest radiance of an environment: sums and products with coefficients stay within float32's range in
+pictures, 3e38."""
+
+
+def _color(name: str, given: object) -> Color:
+    """Return coefficients as linear RGB; InputError where one lies outside its range."""
+    color = reals(given, 3)
+    if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
+        raise InputError(
+            f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {given!r}"
+        )
+    return color[0], color[1], color[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A Phong material with a mirror over it (paper, section 3, figure 3); coefficients are linear RGB.
+
+    Ambient and diffuse are multiplied by the mesh's vertex color and texture, where it has them; specular is
+    not. Reflectivity, each part 0 to 1, is the share of the environment's radiance that is added. The larger
+    the exponent, above 0, the smaller is the highlight. Raises InputError outside these ranges.
+    """
+
+    ambient: Color = (0.1, 0.1, 0.1)
+    diffuse: Color = (0.6, 0.6, 0.6)
+    specular: Color = (0.0, 0.0, 0.0)
+    exponent: float = 20.0
+    reflectivity: Color = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular", "reflectivity"):
+            settle(self, **{name: _color(name, getattr(self, name))})
+        if max(self.reflectivity) > 1:
+            raise InputError(f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}")
+        exponent = real(self.exponent)
+        if not (math.isfinite(exponent) and exponent > 0):
+            raise InputError(f"exponent must be a positive number, not {self.exponent!r}")
+        settle(self, exponent=exponent)
+
+
+DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
+"""Material of every object that names none: gray, with a soft highlight."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionalLight:
+    """A light at infinity, hence its own conjugate (paper, section 3).
+
+    The direction, toward the light, is made a unit vector. The color is the light's irradiance over pi, which
+    a white diffuse surface that faces it shows. Raises InputError where the direction has no length.
+    """
+
+    direction: tuple[float, float, float]
+    color: Color = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        direction = reals(self.direction, 3)
+        length = math.hypot(*direction)
+        if not (math.isfinite(length) and length > 0):
+            raise InputError(f"direction must be a vector with a length, not {self.direction!r}")
+        unit = tuple(part / length for part in direction)
+        settle(self, direction=unit, color=_color("color", self.color))
+
+
+DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
+"""Light of scenes that name no light and no environment: from above, left, and the viewer's side."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Environment:
+    """Radiance from all directions, as a latitude-longitude map of linear RGB, (H, W, 3), row 0 on top.
+
+    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle follows
+    +x, then +z at both ends. It is seen only in reflections: a line that meets nothing shows black.
+    Raises InputError where the array has another shape, or radiance is negative or beyond `MAX_RADIANCE`.
+    """
+
+    radiance: Singles
+    strength: float = 1.0  # factor of the radiance, at least 0
+    name: str = "environment"  # file or maker, for messages
+
+    def __post_init__(self) -> None:
+        import numpy as np  # noqa: PLC0415 - scene files are checked, and scenes listed, without it
+
+        try:
+            radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: an environment map is an RGB picture ({error})") from error
+        strength = real(self.strength)
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
+            raise InputError(f"{self.name}: an environment map is an RGB picture, not {radiance.shape}")
+        if not (np.isfinite(radiance).all() and radiance.min() >= 0):
+            raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
+        if not (math.isfinite(strength) and strength >= 0):
+            raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
+        if strength * float(radiance.max()) > MAX_RADIANCE:
+            raise InputError(
+                f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
+                f"at most {MAX_RADIANCE:.0e} in all"
+            )
+        radiance.flags.writeable = False
+        settle(self, radiance=radiance, strength=strength)
+
+    def __repr__(self) -> str:
+        height, width = self.radiance.shape[:2]
+        return f"Environment: {self.name!r}, {width} x {height} pixels, strength {self.strength:g}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Appearance:
-    """Materials by name, lights, and an environment to be reflected.
+    """Materials by the name that objects refer to, lights, and an environment to be reflected, if any.
 
-    Attributes
-    ----------
-    materials
-        Materials by the name that objects refer to.
-    lights
-        Directional lights.
-    environment
-        Environment, which shows in reflections only; None if there is none.
-
-    Raises
-    ------
-    InputError
-        An attribute is no material, light or environment; `material` is asked for one that is missing.
+    Raises InputError where an attribute is no material, light or environment.
     """
 
     materials: Mapping[str, Material] = field(default_factory=lambda: MappingProxyType({}))
@@ -40,15 +150,14 @@ class Appearance:
         for name, material in self.materials.items():
             one_of(material, Material, f"materials[{name!r}]")
         one_of(self.lights, Iterable, "lights")
-        lights = tuple(self.lights)
-        for number, light in enumerate(lights):
+        settle(self, lights=tuple(self.lights))
+        for number, light in enumerate(self.lights):
             one_of(light, DirectionalLight, f"lights[{number}]")
         if self.environment is not None:
             one_of(self.environment, Environment, "environment")
-        settle(self, lights=lights)
 
     def material(self, name: str | None) -> Material:
-        """Return the material that an object names; the default where it names none."""
+        """Return the material that an object names, the default for None; InputError where it is missing."""
         if name is not None and name not in self.materials:
             known = ", ".join(self.materials) or "none"
             raise InputError(f"there is no material {name!r}; the appearance has {known}")

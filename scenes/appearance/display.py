@@ -16,30 +16,24 @@ from xfrustum.scenes.arrays import Floats
 LEVELS = 255
 """Largest value of an 8-bit channel."""
 
-_KNEE, _ENCODED_KNEE = 0.0031308, 0.04045
-"""End of the curve's straight part (IEC 61966-2-1), in linear radiance and encoded."""
-
-
 Kind = TypeVar("Kind", bound=np.floating)
 
 
 def encoding_curve(linear: NDArray[Kind]) -> NDArray[Kind]:
     """Return sRGB values of linear ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
-    return np.where(linear <= _KNEE, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
     """Return linear values of sRGB ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
-    return np.where(shown <= _ENCODED_KNEE, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 
 def encoded(radiance: NDArray[np.floating]) -> Floats:
-    """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve.
-
-    Black where radiance is NaN.
-    """
-    linear = np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
-    return encoding_curve(linear)
+    """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve; black for NaN."""
+    return encoding_curve(
+        np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
+    )
 
 
 def decoded(shown: NDArray[np.floating]) -> Floats:

@@ -20,25 +20,12 @@ MAX_SAMPLES = 1 << 16
 class Sampling:
     """Samples per pixel and per aperture. Only color is averaged: the surface is that at the pixel's center.
 
-    Attributes
-    ----------
-    supersample
-        Points along each side of a pixel, on a regular grid: color is their mean (box filter).
-    multisample
-        Coverage samples of the rasterizer's own antialiasing, 1 for none; the reference answers with
-        the mean over the same box.
-    aperture
-        Sub-apertures over which the image is averaged (paper, section 6: band limiting).
-
-    Raises
-    ------
-    InputError
-        A count is below one or beyond `MAX_SAMPLES`.
+    Raises InputError where a count is below one or beyond `MAX_SAMPLES`.
     """
 
-    supersample: int = 1
-    multisample: int = 1
-    aperture: int = 1
+    supersample: int = 1  # points along each side of a pixel, on a regular grid (box filter)
+    multisample: int = 1  # coverage samples of the rasterizer; the reference averages over the same box
+    aperture: int = 1  # sub-apertures over which the image is averaged (paper, section 6: band limiting)
 
     def __post_init__(self) -> None:
         for name in ("supersample", "multisample", "aperture"):
@@ -54,22 +41,12 @@ class Sampling:
 class Transport:
     """Light transport that a rasterizer leaves out, and that Mitsuba simulates.
 
-    Attributes
-    ----------
-    shadows, interreflection
-        Whether surfaces hide lights from each other, and whether they light each other.
-    samples
-        Light paths per pixel.
-
-    Raises
-    ------
-    InputError
-        A switch is not True or False, or a count is below two or beyond `MAX_SAMPLES`.
+    Raises InputError where a switch is not True or False, or the count is below two or beyond `MAX_SAMPLES`.
     """
 
-    shadows: bool = False
-    interreflection: bool = False
-    samples: int = 64
+    shadows: bool = False  # whether surfaces hide lights from each other
+    interreflection: bool = False  # whether they light each other
+    samples: int = 64  # light paths per pixel
 
     def __post_init__(self) -> None:
         samples = whole(self.samples)
@@ -78,12 +55,8 @@ class Transport:
                 f"samples must be a count between 2 and {MAX_SAMPLES}, not {self.samples!r}: "
                 "fewer than two have no variance"
             )
-        settle(
-            self,
-            samples=samples,
-            shadows=switch(self.shadows, "shadows"),
-            interreflection=switch(self.interreflection, "interreflection"),
-        )
+        shadows, lit = switch(self.shadows, "shadows"), switch(self.interreflection, "interreflection")
+        settle(self, samples=samples, shadows=shadows, interreflection=lit)
 
     @property
     def simulated(self) -> bool:

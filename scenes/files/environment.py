@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Singles
 from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size, head_of
 from xfrustum.scenes.errors import InputError

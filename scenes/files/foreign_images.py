@@ -14,7 +14,7 @@ from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 
 
 class Encoding(StrEnum):

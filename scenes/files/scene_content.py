@@ -7,16 +7,19 @@ from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT, DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import (
+    DEFAULT_LIGHT,
+    Appearance,
+    DirectionalLight,
+    Environment,
+    Material,
+)
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.scene_file import ObjectTable, SceneTables, named
-from xfrustum.scenes.geometry.placement import magnification, place
+from xfrustum.scenes.geometry.operations import magnification, place, smoothed
 from xfrustum.scenes.geometry.shapes import build_shape
-from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate

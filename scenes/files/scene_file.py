@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Material
+from xfrustum.scenes.appearance.appearance import LARGEST_COEFFICIENT, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
 from xfrustum.scenes.disk.input_files import (
     SCENE_FILE_SIZE,
@@ -30,7 +29,7 @@ from xfrustum.scenes.disk.input_files import (
     regular_size,
 )
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
+from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
@@ -133,7 +132,7 @@ class ObjectTable(Table):
         """Return the (4, 4) matrix that places the mesh."""
         import numpy as np  # noqa: PLC0415 - keys are checked without it
 
-        from xfrustum.scenes.geometry.placement import placement  # noqa: PLC0415 - likewise
+        from xfrustum.scenes.geometry.operations import placement  # noqa: PLC0415 - likewise
 
         if self.transform is not None:
             return np.array(self.transform, dtype=np.float64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
+from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.model.scene import SceneObject
 
 Mesh = tuple[Floats, Indices]
@@ -27,9 +27,8 @@ def box() -> Mesh:
 
 def square() -> Mesh:
     """Return the square of side 1 in z = 0 that faces +z."""
-    return np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]), triangulate(
-        np.array([(0, 1, 2, 3)])
-    )
+    corners = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+    return corners, triangulate(np.array([(0, 1, 2, 3)]))
 
 
 def sphere() -> Mesh:
@@ -55,25 +54,12 @@ def torus() -> Mesh:
 
 
 def lathe(radii: Floats, heights: Floats, *, sectors: int) -> Mesh:
-    """Turn a profile about the y axis.
-
-    Parameters
-    ----------
-    radii, heights
-        (N,) points of the profile, from the bottom up along the outside; facets face outward.
-    sectors
-        Number of facets around.
-    """
+    """Turn a profile (N,), from the bottom up along the outside, about the y axis; facets face outward."""
     turn = 2 * np.pi * np.arange(sectors) / sectors
-    rings = np.stack(
-        [
-            radii[:, None] * np.sin(turn),
-            np.broadcast_to(heights[:, None], (len(heights), sectors)),
-            radii[:, None] * np.cos(turn),
-        ],
-        axis=-1,
+    level = np.broadcast_to(heights[:, None], (len(heights), sectors))
+    return wrapped_grid(
+        np.stack([radii[:, None] * np.sin(turn), level, radii[:, None] * np.cos(turn)], axis=-1)
     )
-    return wrapped_grid(rings)
 
 
 def wrapped_grid(rings: Floats) -> Mesh:
@@ -93,10 +79,14 @@ def wrapped_grid(rings: Floats) -> Mesh:
 
 def open_grid(points: Floats) -> Mesh:
     """Join a grid of points (N, M, 3) into a sheet; it faces where rows x columns point."""
-    rows, columns = points.shape[:2]
+    return np.round(points.reshape(-1, 3), 6) + 0.0, grid_faces(*points.shape[:2])
+
+
+def grid_faces(rows: int, columns: int) -> Indices:
+    """Return the faces of a sheet of rows x columns vertices, which faces where rows x columns point."""
     index = np.arange(rows * columns).reshape(rows, columns)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
-    return np.round(points.reshape(-1, 3), 6) + 0.0, triangulate(quads.reshape(-1, 4))
+    return triangulate(quads.reshape(-1, 4))
 
 
 def triangulate(quads: NDArray[np.integer]) -> Indices:
@@ -124,13 +114,7 @@ SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType(
 
 
 def build_shape(name: str, *, material: str | None = None) -> SceneObject:
-    """Return a built-in shape as an object in its own coordinates.
-
-    Raises
-    ------
-    InputError
-        There is no such shape.
-    """
+    """Return a built-in shape as an object in its own coordinates; InputError where there is none."""
     if name not in SHAPES:
         nearest = difflib.get_close_matches(name, list(SHAPES), n=1, cutoff=0.0)[0]
         raise InputError(

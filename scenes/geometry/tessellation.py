@@ -1,7 +1,12 @@
-"""Sets of Bezier patches as triangles: within a chord tolerance of the surface, and without cracks."""
+"""Bezier patches, and sets of them as triangles: within a chord tolerance of the surface, and without cracks.
+
+A control net is (n + 1, m + 1, 3): the surface of degree n along u, its first index, and m along v,
+both from 0 to 1 (Farin, "Curves and surfaces for CAGD", 5th ed., chapters 4 and 14).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,60 +15,142 @@ from scipy.sparse.csgraph import connected_components
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.geometry.bezier import casteljau, evenly, normals, steps_for, surface
-from xfrustum.scenes.geometry.shapes import drop_flat, triangulate
+from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 from xfrustum.scenes.model.scene import SceneObject
+
+EPSILON = float(np.finfo(np.float64).eps)
+"""Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding."""
+
+MAX_STEPS = 1e18
+"""Largest number of steps that is counted along a patch: the quotient that gives it may be infinite."""
+
+MAX_TRIANGLES = 20_000_000
+"""Largest number of triangles: a tolerance that asks for more is a mistake in its unit."""
 
 Steps = Sequence[tuple[int, int]]
 """Numbers of steps along u and v into which each patch is cut."""
 
-MAX_TRIANGLES = 20_000_000
-"""Largest number of triangles: a tolerance that asks for more is a mistake in its unit."""
+
+def evenly(count: int) -> Floats:
+    """Return the count + 1 parameters that divide 0..1 into equal steps."""
+    return np.asarray(np.arange(count + 1) / count)
+
+
+def casteljau(controls: Floats, at: Floats) -> Floats:
+    """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,).
+
+    De Casteljau's repeated interpolation, element by element, gives the same doubles on every machine, and
+    exactly the first and the last control point at 0 and 1.
+    """
+    at = at.reshape(-1, *(1 for _ in controls.shape))
+    points = np.broadcast_to(controls, (len(at), *controls.shape))
+    while points.shape[1] > 1:
+        points = points[:, :-1] * (1 - at) + points[:, 1:] * at
+    return points[:, 0]
+
+
+def surface(net: Floats, u: Floats, v: Floats) -> Floats:
+    """Return the points (U, V, 3) of a patch on a grid of parameters (U,) and (V,)."""
+    return np.ascontiguousarray(casteljau(casteljau(net, u).swapaxes(0, 1), v).swapaxes(0, 1))
+
+
+def derivative(net: Floats, axis: int) -> Floats:
+    """Return the control net of the derivative along u (axis 0) or v (axis 1), one degree lower."""
+    degree = net.shape[axis] - 1
+    return np.asarray(degree * np.diff(net, axis=axis)) if degree else np.zeros_like(net)
+
+
+def second_derivatives(net: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the control nets of f_uu, f_uv and f_vv."""
+    along_u, along_v = derivative(net, 0), derivative(net, 1)
+    return derivative(along_u, 0), derivative(along_u, 1), derivative(along_v, 1)
+
+
+def second_derivative_bounds(net: Floats) -> list[float]:
+    """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch."""
+    # A Bezier surface, hence also a derivative of one, lies in the convex hull of its control points.
+    return [float(np.linalg.norm(part, axis=-1).max()) for part in second_derivatives(net)]
+
+
+def normals(net: Floats, u: Floats, v: Floats) -> Floats:
+    """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
+
+    Where f_u x f_v is zero on a border, as all along a border that is collapsed to a point, the normal is
+    the limit from inside along the other parameter, in which f_u x f_v grows by its derivative.
+    """
+    # Step 1: f_u x f_v everywhere, and where it is zero within rounding. De Casteljau's interpolation of
+    # degree n rounds by at most 2 n epsilon of the largest control point, a difference of control points by
+    # epsilon of itself, and a cross product by 4 epsilon of the product of the lengths.
+    nets = derivative(net, 0), derivative(net, 1)
+    f_u, f_v = (surface(part, u, v) for part in nets)
+    cross = np.cross(f_u, f_v)
+    length_u, length_v = np.linalg.norm(f_u, axis=-1), np.linalg.norm(f_v, axis=-1)
+    off_u, off_v = (2 * sum(net.shape) * EPSILON * np.linalg.norm(part, axis=-1).max() for part in nets)
+    rounding = length_u * off_v + length_v * off_u + 4 * EPSILON * length_u * length_v
+    zero = np.linalg.norm(cross, axis=-1) <= rounding
+    if zero.any():
+        # Step 2: the derivatives of f_u x f_v along v and along u, by the product rule. Toward the inside, a
+        # parameter grows from 0 and falls from 1.
+        f_uu, f_uv, f_vv = (surface(part, u, v) for part in second_derivatives(net))
+        from_v = np.sign(0.5 - v)[:, None] * (np.cross(f_uv, f_v) + np.cross(f_u, f_vv))
+        from_u = np.sign(0.5 - u)[:, None, None] * (np.cross(f_uu, f_v) + np.cross(f_u, f_uv))
+        # Step 3: on a border the derivative toward the inside is the direction of the limit; along v first.
+        at_v, at_u = np.isin(v, (0, 1))[None, :, None], np.isin(u, (0, 1))[:, None, None]
+        limit = np.where(at_v & from_v.any(axis=-1, keepdims=True), from_v, np.where(at_u, from_u, 0.0))
+        cross = np.where(zero[..., None], limit, cross)
+    # Step 4: unit length, and NaN where even the limit is zero.
+    length = np.linalg.norm(cross, axis=-1, keepdims=True)
+    return np.asarray(np.divide(cross, length, out=np.full(cross.shape, np.nan), where=length > 0))
+
+
+def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
+    """Return the numbers of steps along u and v into which a patch must be cut to keep a chord tolerance.
+
+    Flat right triangles with legs 1/a and 1/b in the parameters lie within
+    (M_uu/a^2 + 2 M_uv/(a b) + M_vv/b^2) / 8 of the surface, point by point, M being the largest second
+    derivatives (Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3,
+    1986). With 2/(a b) <= 1/a^2 + 1/b^2 this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8;
+    the fewest triangles give each half of the tolerance.
+    """
+    m_uu, m_uv, m_vv = second_derivative_bounds(net)
+    along_u, along_v = m_uu + m_uv, m_uv + m_vv
+    # Each direction gets half of the tolerance, or all of it where the other one needs none.
+    halves = 2 if along_u > 0 and along_v > 0 else 1
+    # bound / (8 a^2) = tolerance / halves, solved for a.
+    needed = (math.sqrt(halves * (bound / chord_tolerance) / 8) for bound in (along_u, along_v))
+    steps_u, steps_v = (max(1, math.ceil(min(steps, MAX_STEPS))) for steps in needed)
+    return steps_u, steps_v
 
 
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches as triangles that lie within a tolerance of the surface.
+    """Return patches as triangles that lie within a tolerance of the surface, in the control points' unit.
 
     No point of the triangles is farther from the surface than the tolerance, and no point of the surface
     farther from the triangles. Where patches share an edge, by the same control points, both cut it in the
     same points, to the last bit.
-
-    Parameters
-    ----------
-    nets
-        Control nets (n + 1, m + 1, 3).
-    chord_tolerance
-        Largest distance, in the unit of the control points.
-    name, material
-        Name of the object and of its material.
 
     Raises
     ------
     InputError
         The tolerance asks for more than `MAX_TRIANGLES`, or all patches are without area.
     """
-    least = [steps_for(net, chord_tolerance) for net in nets]
-    triangles = _triangles(least)
+
+    def triangles(steps: Steps) -> int:
+        return sum(2 * along_u * along_v for along_u, along_v in steps)
+
+    steps = [steps_for(net, chord_tolerance) for net in nets]
     # Matching only adds steps. It counts them in 64 bits, which a senseless tolerance would overflow.
-    if triangles <= MAX_TRIANGLES:
-        least = matched_steps(nets, least)
-        triangles = _triangles(least)
-    if triangles > MAX_TRIANGLES:
+    if triangles(steps) <= MAX_TRIANGLES:
+        steps = matched_steps(nets, steps)
+    if (count := triangles(steps)) > MAX_TRIANGLES:
+        number = f"{count:,}" if count < 10**15 else f"{float(count):.0e}"
         raise InputError(
-            f"a chord tolerance of {chord_tolerance:.3g} takes {_count(triangles)} triangles, more than "
+            f"a chord tolerance of {chord_tolerance:.3g} takes {number} triangles, more than "
             f"{MAX_TRIANGLES:,}; choose a larger chord_tolerance"
         )
-    return cut(nets, least, name=name, material=material)
-
-
-def _count(number: int) -> str:
-    return f"{number:,}" if number < 10**15 else f"{float(number):.0e}"
-
-
-def _triangles(steps: Steps) -> int:
-    return sum(2 * along_u * along_v for along_u, along_v in steps)
+    return cut(nets, steps, name=name, material=material)
 
 
 def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:
@@ -75,21 +162,17 @@ def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None
     vertices, directions, faces = [], [], []
     start = 0
     for net, (along_u, along_v) in zip(nets, steps, strict=True):
-        points = _grid(net, along_u, along_v)
-        index = start + np.arange(points.shape[0] * points.shape[1]).reshape(points.shape[:2])
-        quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
-        faces.append(triangulate(quads.reshape(-1, 4)))
+        u, v = evenly(along_u), evenly(along_v)
+        points = surface(net, u, v)
+        points[:, 0], points[:, -1] = _edge(net[:, 0], along_u), _edge(net[:, -1], along_u)
+        points[0], points[-1] = _edge(net[0], along_v), _edge(net[-1], along_v)
+        faces.append(start + grid_faces(*points.shape[:2]))
         vertices.append(points.reshape(-1, 3))
-        directions.append(normals(net, evenly(along_u), evenly(along_v)).reshape(-1, 3))
-        start += index.size
+        directions.append(normals(net, u, v).reshape(-1, 3))
+        start += len(vertices[-1])
     kept, with_area = drop_flat(np.concatenate(vertices), np.concatenate(faces))
-    return SceneObject(
-        name=name,
-        vertices=kept,
-        faces=with_area,
-        material=material,
-        vertex_normals=np.concatenate(directions),
-    )
+    directed = np.concatenate(directions)
+    return SceneObject(name=name, vertices=kept, faces=with_area, material=material, vertex_normals=directed)
 
 
 def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
@@ -115,14 +198,6 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
     of_strip = np.zeros(strips, dtype=np.int64)
     np.maximum.at(of_strip, strip, wanted)
     return [(int(u), int(v)) for u, v in of_strip[strip].reshape(-1, 2)]
-
-
-def _grid(net: Floats, along_u: int, along_v: int) -> Floats:
-    """Return a patch's points (along_u + 1, along_v + 1, 3), its borders as curves of their own."""
-    points = surface(net, evenly(along_u), evenly(along_v))
-    points[:, 0], points[:, -1] = _edge(net[:, 0], along_u), _edge(net[:, -1], along_u)
-    points[0], points[-1] = _edge(net[0], along_v), _edge(net[-1], along_v)
-    return points
 
 
 def _edge(controls: Floats, steps: int) -> Floats:

@@ -91,7 +91,7 @@ class Listing:
 
 def _transferred_car() -> tuple[SceneObject, ...]:
     """Return the car about the transfer plane: all of it lies behind the plate, the master."""
-    from xfrustum.scenes.geometry.placement import place, placement  # noqa: PLC0415 - loads NumPy
+    from xfrustum.scenes.geometry.operations import place, placement  # noqa: PLC0415 - loads NumPy
     from xfrustum.scenes.library.car import car  # noqa: PLC0415 - likewise
 
     behind = placement(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, _TRANSFER_HEIGHT - _CAR_MIDDLE))
@@ -157,19 +157,19 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
         "mirror-sphere": Builtin(
             purpose="pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
             triangles=72_960,
-            objects=_made_by("library.optics", "mirror_spheres"),
-            appearance=_made_by("library.optics", "mirror"),
+            objects=_made_by("library.targets", "mirror_spheres"),
+            appearance=_made_by("library.targets", "mirror"),
         ),
         "grating": Builtin(
             purpose="bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
             triangles=464,
             objects=_made_by(
-                "library.optics",
+                "library.targets",
                 "gratings",
                 (_PLATE.size[0] / _PLATE.hogels[0], _PLATE.size[1] / _PLATE.hogels[1]),
             ),
             frustum=_SMALL,
-            appearance=_made_by("library.optics", "plain"),
+            appearance=_made_by("library.targets", "plain"),
             sampling=Sampling(aperture=16),
         ),
         "empty": Builtin(

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.geometry.placement import place, placement
+from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.geometry.shapes import Mesh, join, lathe, wrapped_grid
 from xfrustum.scenes.model.scene import SceneObject
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.geometry.placement import place, placement
+from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera

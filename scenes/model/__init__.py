@@ -3,7 +3,6 @@
 effects        The effects that a scene calls for, and why; the slabs of both frusta and what lies in them
 eye            An eye before the plate, the pixels of hogels that it is shown, and what it sees
 hogel_image    The one kind of image that every renderer returns: what one aperture shows, pixel by pixel
-look           The look of a scene: whether it says anything of it, and a hash beside that of its geometry
 plate_content  A plate as a stream of hogels: the arrays that are wanted, and those of each hogel
 region         A bound of the space that images can show, with the largest near offset and all rounding
 scene          A scene, the question to every renderer: immutable, validated, in scene coordinates

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError

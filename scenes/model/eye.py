@@ -16,9 +16,7 @@ from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, ShownImage
-from xfrustum.scenes.notebook.labels import Labelled
-from xfrustum.scenes.notebook.numbers import digits
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief, Labelled, digits
 
 RESOLUTION = (400, 300)
 """Pixels of an eye's film where nobody says otherwise."""

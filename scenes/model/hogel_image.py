@@ -15,10 +15,21 @@ from numpy.typing import NDArray
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.notebook.labels import NO_UNIT, SCENE_UNITS, Labelled, dataset
-from xfrustum.scenes.notebook.numbers import digits, percent, sides
-from xfrustum.scenes.notebook.pictures import as_shown, by_height, png
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook import (
+    NO_UNIT,
+    SCENE_UNITS,
+    Figure,
+    Labelled,
+    Shown,
+    Table,
+    as_shown,
+    by_height,
+    dataset,
+    digits,
+    percent,
+    png,
+    sides,
+)
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 

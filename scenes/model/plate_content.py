@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 from xfrustum.scenes.arguments import choice, settle, switch
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.notebook.shown import Brief
+from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.plate import Aperture
 
 

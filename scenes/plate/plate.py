@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import overload
 
 from xfrustum.scenes.arguments import real, reals, settle, whole, wholes
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aperture:
     """One aperture (hogel) of the plate: the point that every line of its image passes through.
 
-    Attributes
-    ----------
-    column, row
-        Index on the plate; row 0 is at the top.
-    x, y
-        Center in scene units; its z is 0, the plate.
-
-    Raises
-    ------
-    InputError
-        The column or row is no count, or a coordinate is not finite.
+    Raises InputError where the column or row is no count, or a coordinate is not finite.
     """
 
     column: int
-    row: int
-    x: float
+    row: int  # 0 is at the top
+    x: float  # center in scene units; its z is 0, the plate
     y: float
 
     def __post_init__(self) -> None:
@@ -50,18 +42,10 @@ class Aperture:
 
 @dataclass(frozen=True, kw_only=True)
 class Plate:
-    """The holographic plate: a rectangle in z = 0 about the origin, divided into apertures.
+    """The holographic plate: a rectangle in z = 0 about the origin, divided into apertures."""
 
-    Attributes
-    ----------
-    size
-        Width and height in scene units, both positive.
-    hogels
-        Number of columns and rows of apertures, both at least 1.
-    """
-
-    size: tuple[float, float]
-    hogels: tuple[int, int]
+    size: tuple[float, float]  # width and height in scene units
+    hogels: tuple[int, int]  # columns and rows of apertures
 
     def __post_init__(self) -> None:
         size, hogels = reals(self.size, 2), wholes(self.hogels, 2)
@@ -72,13 +56,7 @@ class Plate:
         settle(self, size=size, hogels=hogels)
 
     def aperture(self, column: int, row: int) -> Aperture:
-        """Return the aperture in a column and row.
-
-        Raises
-        ------
-        InputError
-            The index lies outside the plate.
-        """
+        """Return the aperture in a column and row; InputError where it lies outside the plate."""
         columns, rows = self.hogels
         given, column, row = (column, row), whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
@@ -87,12 +65,8 @@ class Plate:
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size
-        return Aperture(
-            column=column,
-            row=row,
-            x=(column + 0.5) * width / columns - width / 2,
-            y=height / 2 - (row + 0.5) * height / rows,
-        )
+        x, y = (column + 0.5) * width / columns - width / 2, height / 2 - (row + 0.5) * height / rows
+        return Aperture(column=column, row=row, x=x, y=y)
 
     def apertures(self) -> ApertureBlocks:
         """Return all apertures, row by row from the top left, as a sequence that is no list."""
@@ -108,3 +82,64 @@ class Plate:
     def corners(self) -> tuple[Aperture, Aperture]:
         """Two opposite corners, top left and bottom right: where a recentered frustum shears most."""
         return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)
+
+
+Block = tuple[range, range]
+"""Columns and rows of a block."""
+
+
+@dataclass(frozen=True, eq=False)
+class ApertureBlocks(Sequence[Aperture]):
+    """Blocks of apertures, counted and gone through without ever being listed.
+
+    Each goes row by row from the top left; an aperture in several blocks comes once.
+    """
+
+    plate: Plate
+    blocks: tuple[Block, ...]
+
+    def __iter__(self) -> Iterator[Aperture]:
+        """Yield the apertures of one block after the other."""
+        for number, (columns, rows) in enumerate(self.blocks):
+            earlier = self.blocks[:number]
+            for row in rows:
+                for column in columns:
+                    if not any(column in other and row in others for other, others in earlier):
+                        yield self.plate.aperture(column, row)
+
+    def __len__(self) -> int:
+        """Return the number of different apertures."""
+        # Rows between two neighboring ends of blocks lie in the same blocks, and have the same columns.
+        ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
+        total = 0
+        for start, stop in pairwise(ends):
+            columns, reached = 0, 0
+            for span in sorted((c for c, rows in self.blocks if start in rows), key=lambda one: one.start):
+                columns += max(0, span.stop - max(span.start, reached))
+                reached = max(reached, span.stop)
+            total += (stop - start) * columns
+        return total
+
+    @overload
+    def __getitem__(self, index: int) -> Aperture: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Aperture]: ...
+    def __getitem__(self, index: int | slice) -> Aperture | list[Aperture]:
+        """Return an aperture by its place; a single block computes it, several are gone through."""
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        place = index + len(self) if index < 0 else index
+        if not 0 <= place < len(self):
+            raise IndexError(index)
+        if len(self.blocks) == 1:
+            columns, rows = self.blocks[0]
+            row, column = divmod(place, len(columns))
+            return self.plate.aperture(columns[column], rows[row])
+        return next(aperture for number, aperture in enumerate(self) if number == place)
+
+    def __contains__(self, aperture: object) -> bool:
+        """Return whether an aperture lies in one of the blocks."""
+        index = getattr(aperture, "index", None)
+        return index is not None and any(
+            index[0] in columns and index[1] in rows for columns, rows in self.blocks
+        )

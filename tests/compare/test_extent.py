@@ -18,7 +18,7 @@ from xfrustum.compare.extent import apertures_in_sight, extents, in_sight, share
 from xfrustum.compare.extent_words import require_seen, unseen_sentence, warnings
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
-from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.plate.frustum import Screen
 
 CENTERED = Frustum(resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50)))

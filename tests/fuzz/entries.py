@@ -19,7 +19,7 @@ from xfrustum.terminal import say
 def read_scene(scene: str) -> None:
     """Read a scene, with its meshes, textures and maps."""
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.model.look import look_hash
+    from xfrustum.scenes.model.scene import look_hash
 
     opened = open_scene(scene)
     for warning in opened.warnings:

@@ -21,7 +21,7 @@ from xfrustum import (
     Scene,
     open_scene,
 )
-from xfrustum.scenes.library.hard import cases
+from xfrustum.scenes.library import hard_cases as cases
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "scenes"
 RESOLUTION = (96, 72)

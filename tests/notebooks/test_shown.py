@@ -43,8 +43,7 @@ from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate
 from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
-from xfrustum.scenes.notebook.pictures import MAX_SIDE_PX, png
-from xfrustum.scenes.notebook.shown import MAX_TABLE_ROWS, Figure, Shown, Table
+from xfrustum.scenes.notebook import MAX_SIDE_PX, MAX_TABLE_ROWS, Figure, Shown, Table, png
 
 SETTINGS = DoubleFrustum(near=2.0)
 MAX_LINE = 420

@@ -15,9 +15,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, Pivot, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, decide, needed

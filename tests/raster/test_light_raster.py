@@ -35,13 +35,10 @@ from xfrustum.scenes import (
     Scene,
     SceneObject,
 )
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.geometry.shapes import lathe
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
 RESOLUTION = (160, 120)

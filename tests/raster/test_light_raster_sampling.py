@@ -14,9 +14,7 @@ from tests.support.light import dressed_scene
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer, accumulate
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 

@@ -17,7 +17,7 @@ from xfrustum.reference.backend import constants, dr, on_device, recording, vect
 from xfrustum.reference.shading import light
 from xfrustum.reference.shading.surroundings import Surroundings, Textures, radiance_toward
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.appearance import Environment
 
 
 def assert_alike(one: HogelImage, other: HogelImage) -> None:

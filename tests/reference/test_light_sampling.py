@@ -12,7 +12,7 @@ from tests.support.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, ball, card
 from xfrustum.reference import Reference, convergence
 from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.scenes import Scene
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Singles
 

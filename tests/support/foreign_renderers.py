@@ -22,8 +22,7 @@ from xfrustum.scenes import (
     Plate,
     Scene,
 )
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
-from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot

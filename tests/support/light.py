@@ -11,9 +11,7 @@ import numpy as np
 
 from tests.support.views import lines_by_definition, view
 from xfrustum.scenes import HogelImage, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 
 SHINY = Material(

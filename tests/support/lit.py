@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike
 
 from tests.support.views import lines_by_definition
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.frustum import Screen

@@ -389,7 +389,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     """
     from xfrustum.compare import extent_words as extent
     from xfrustum.scenes.errors import InputError
-    from xfrustum.scenes.library.hard import cases as hard_cases
+    from xfrustum.scenes.library import hard_cases
 
     unseen = extent.unseen_sentence(scene, apertures)
     if unseen is None:

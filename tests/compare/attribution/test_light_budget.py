@@ -23,10 +23,8 @@ from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.display import decoded, encoded
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling
 
 SHINY = Material(ambient=(0.05,) * 3, diffuse=(0.3, 0.2, 0.1), specular=(0.5, 0.6, 0.7), exponent=15.0)

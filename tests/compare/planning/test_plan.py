@@ -37,7 +37,7 @@ from xfrustum.scenes import (
     SceneObject,
     open_scene,
 )
-from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.operations import refine
 from xfrustum.scenes.library import builtin
 
 SMALL = (192, 144)

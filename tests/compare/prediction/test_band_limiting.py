@@ -28,8 +28,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import lathe

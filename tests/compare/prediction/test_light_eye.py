@@ -23,9 +23,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.plate.double_frustum import Pivot
 

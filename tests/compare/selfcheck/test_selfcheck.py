@@ -27,8 +27,8 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.scenes import NOTHING, Aperture, Certainty, Frustum, HogelImage, InputError, Scene, Screen
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
-from xfrustum.scenes.library.hard import cases as hard_cases
 
 several = settings(max_examples=50, deadline=None, derandomize=True)
 

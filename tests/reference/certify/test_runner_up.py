@@ -15,7 +15,7 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.operations import refine
 from xfrustum.scenes.geometry.shapes import build_shape
 
 ALIKE = 1e-9

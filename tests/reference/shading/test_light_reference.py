@@ -10,8 +10,7 @@ import pytest
 from tests.support.lit import CENTERED, LAMP, PLATE, RECENTERED, ROUNDING, SUN, card, eyes, lit, quad
 from xfrustum.reference import Reference
 from xfrustum.scenes import Frustum
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)

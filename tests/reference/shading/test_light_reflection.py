@@ -11,8 +11,7 @@ import pytest
 from tests.support.lit import CENTERED, PLATE, ROUNDING, ball, eyes, lit, quad, sky, sky_radiance
 from xfrustum.reference import Reference
 from xfrustum.scenes import Scene
-from xfrustum.scenes.appearance.light import Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Environment, Material
 from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)

@@ -15,8 +15,7 @@ from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum, Scene, SceneObject
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 

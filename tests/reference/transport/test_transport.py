@@ -18,8 +18,7 @@ from xfrustum.reference.transport import transport
 from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes import InputError, Scene, SceneObject
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats, Mask
 

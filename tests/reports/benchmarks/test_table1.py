@@ -17,7 +17,7 @@ from xfrustum.reports.benchmarks.table1 import table as table_1
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
+from xfrustum.scenes.library.studio import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 

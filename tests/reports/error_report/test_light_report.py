@@ -15,12 +15,10 @@ import pytest
 from tests.support.views import view
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.effects import Effect, needed
-from xfrustum.scenes.model.look import is_shaded
+from xfrustum.scenes.model.scene import is_shaded
 
 NEARS = (1.5, 0.15, 0.015)
 DEPTHS = ((DepthFormat.D32F, DepthMapping.REVERSED),)

@@ -26,14 +26,12 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.geometry.smoothing import smoothed
+from xfrustum.scenes.geometry.operations import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.scene import look_hash
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)

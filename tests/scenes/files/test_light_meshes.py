@@ -16,10 +16,8 @@ from hypothesis.extra import numpy as npst
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.geometry.placement import magnification, place, placement
-from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.operations import magnification, place, placement, refine, smoothed
 from xfrustum.scenes.geometry.shapes import build_shape
-from xfrustum.scenes.geometry.smoothing import smoothed
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 

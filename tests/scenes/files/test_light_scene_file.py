@@ -11,8 +11,7 @@ from PIL import Image
 
 from tests.support.environment_maps import write_map
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
-from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL, Material
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.files.environment import read_environment

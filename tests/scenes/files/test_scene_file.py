@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from xfrustum.scenes import InputError, Plate, Screen, open_scene
-from xfrustum.scenes.geometry.placement import placement
+from xfrustum.scenes.geometry.operations import placement
 
 PLATE = "[plate]\nsize = [80, 60.0]\nhogels = [81, 61]\n"
 FRUSTUM = "[frustum]\nresolution = [512, 256]\nfov_deg = [60, 45.0]\nreach = [150, 100.0]\n"

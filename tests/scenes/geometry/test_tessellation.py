@@ -12,7 +12,7 @@ from xfrustum.reports.error_report.best import best_setting
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.sweep import DEFAULT_DEPTHS, default_nears, settings_grid, sweep
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.operations import refine
 
 LOG = logging.getLogger(__name__)
 """Log of the measured figures, shown with --log-cli-level=INFO."""

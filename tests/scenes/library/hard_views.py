@@ -11,7 +11,7 @@ from tests.support.views import lines_by_definition
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library import hard_cases
 
 Index = tuple[int, int]
 MIDDLE: Index = (2, 2)

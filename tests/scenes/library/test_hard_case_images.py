@@ -20,19 +20,27 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Indices, Mask
-from xfrustum.scenes.library.hard import cases as hard_cases
-from xfrustum.scenes.library.hard.aimed import EDGE_ON_COLUMN, EDGE_ON_ROW, GRID_STEP
-from xfrustum.scenes.library.hard.case import REACH
-from xfrustum.scenes.library.hard.frusta import (
+from xfrustum.scenes.library import hard_cases
+from xfrustum.scenes.library.hard_cases import (
     ASYMMETRIC_FRUSTUM,
     ASYMMETRIC_PLATE,
+    AT_REACH,
+    GRID_STEP,
+    REACH,
     ROOM,
     SCALES,
+    SEPARATIONS,
     SHEARED_SCREEN,
+    SHEET_ROWS,
+    SMALLEST,
+    THROUGH_COLUMN,
+    THROUGH_ROW,
+    TURNED_COLUMN,
+    TURNED_HALF_HEIGHT,
+    TURNED_MIDDLE,
     asymmetric_on_a_grid,
+    sheet_columns,
 )
-from xfrustum.scenes.library.hard.sheets import AT_REACH, SEPARATIONS, SHEET_ROWS, sheet_columns
-from xfrustum.scenes.library.hard.slivers import SMALLEST, TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
 
 ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
@@ -88,7 +96,7 @@ def test_the_outline_of_a_triangle_belongs_to_it() -> None:
 def test_a_surface_through_the_aperture_is_met_there_but_by_the_lines_that_lie_in_it() -> None:
     image = truth_of("hard/surface-through-aperture")
     column, _ = pixel_grid("hard/surface-through-aperture")
-    in_surface = column == EDGE_ON_COLUMN
+    in_surface = column == THROUGH_COLUMN
     np.testing.assert_array_equal(image.triangle, np.where(in_surface, 1, 0))
     np.testing.assert_array_equal(image.height, np.where(in_surface, -100.0, 0.0))
     np.testing.assert_array_equal(certain(image, Certainty.EXACT), in_surface)
@@ -108,7 +116,7 @@ def test_every_line_through_the_tip_of_a_pyramid_is_a_tie_of_its_sides() -> None
 def test_an_edge_through_the_aperture_is_a_tie_but_for_lines_in_either_side() -> None:
     image = truth_of("hard/edge-through-aperture")
     column, row = pixel_grid("hard/edge-through-aperture")
-    in_first, in_second = row == EDGE_ON_ROW, column == EDGE_ON_COLUMN
+    in_first, in_second = row == THROUGH_ROW, column == THROUGH_COLUMN
     expected = np.where(in_first, np.where(in_second, 2, 1), 0)
     np.testing.assert_array_equal(image.triangle, expected)
     np.testing.assert_array_equal(image.height, np.where(expected == 2, -100.0, 0.0))

@@ -29,8 +29,7 @@ from xfrustum.scenes import (
     InputError,
     open_scene,
 )
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library import builtin, hard_cases
 
 VIEWS = [
     pytest.param(name, aperture, id=f"{name}-{aperture[0]},{aperture[1]}")

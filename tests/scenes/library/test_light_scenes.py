@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from xfrustum.scenes import open_scene
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
-from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL, Appearance
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.optics import (
+from xfrustum.scenes.library.studio import surroundings
+from xfrustum.scenes.library.targets import (
     BACKDROP_HEIGHT,
     COARSE,
     FINE,
@@ -23,7 +22,6 @@ from xfrustum.scenes.library.optics import (
     GRATING_LEAN,
     MIRROR_SPHERES,
 )
-from xfrustum.scenes.library.studio import surroundings
 from xfrustum.scenes.model.effects import Effect, needed
 
 SHADED = ("car-studio", "mirror-sphere", "grating")

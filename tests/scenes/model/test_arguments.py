@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 import xfrustum
 from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, InputError, Offset, Pivot, Requirement
 from xfrustum.scenes import Aperture, Camera, Frustum, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.plate_content import PlateContent

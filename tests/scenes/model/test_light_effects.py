@@ -16,9 +16,7 @@ from hypothesis import strategies as st
 from xfrustum.cli.main import main
 from xfrustum.reports.explain import _time, cost, explain, summary, table
 from xfrustum.scenes import Camera, DepthFormat, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed, slab_contents
 

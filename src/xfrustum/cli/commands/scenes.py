@@ -13,7 +13,7 @@ from xfrustum.cli import options
 def scenes(hard: bool, as_json: bool) -> None:
     """List the built-in scenes, each with what it is for."""
     if hard:
-        from xfrustum.scenes.library.hard.cases import listing as listed
+        from xfrustum.scenes.library.hard_cases import listing as listed
     else:
         from xfrustum.scenes.library.builtin import listing as listed
 
