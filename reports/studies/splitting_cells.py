@@ -117,7 +117,7 @@ class Cell:
 class Row(Cell):
     """A cell, its picture judged, and the sheets at the far end of its side.
 
-    CONVENTIONS.md, "The study of splitting", says what each field is.
+    docs/answers.md, "The study of splitting", says what each field is.
     """
 
     judged: int
