@@ -10,7 +10,7 @@ from importlib import import_module
 
 import click
 
-from xfrustum.cli.options import Read, option
+from xfrustum.cli.options import Read
 
 SHORT_HELP_LENGTH = 150
 """Largest number of characters of a command's line in the list of commands: one sentence, on two lines."""
@@ -71,12 +71,16 @@ def _size(text: str) -> int:
     epilog="`xfrustum COMMAND --help` lists the options of a command and ends with an example.",
 )
 @click.version_option(package_name="xfrustum", message="%(version)s")
-@option(
+@click.option(
     "--max-input-memory",
-    Read("SIZE", _size, "a size such as 800M or 4G"),
-    "Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
+    type=Read("SIZE", _size, "a size such as 800M or 4G"),
+    help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
 )
-@option("--max-hogels", click.IntRange(min=1), "Largest number of hogels of a plate.  [default: 20000000]")
+@click.option(
+    "--max-hogels",
+    type=click.IntRange(min=1),
+    help="Largest number of hogels of a plate.  [default: 20000000]",
+)
 @click.option("--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings.")
 @click.pass_context
 def cli(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import TEXT, Asked, flag, option
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
 
 if TYPE_CHECKING:
@@ -19,66 +18,38 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.plate import Aperture
 
 _SAMPLES = click.IntRange(1, MAX_SAMPLES)
-
-
-def _samples(text: str) -> int:
-    if not 1 <= int(text) <= MAX_SAMPLES:
-        raise ValueError
-    return int(text)
-
-
-_POINTS = options.Read(
-    f"N|{options.AUTO}",
-    lambda text: text.lower() if text.lower() == options.AUTO else _samples(text),
-    "a number of points, or auto",
+_POINTS = options.or_auto(
+    options.Read("N", lambda text: options.number(text, int, 1, MAX_SAMPLES + 1), "a number of points")
 )
 _OF_SCENE = "  [default: the scene's]"
 
-_OPTIONS = {
-    "effects": click.option(
-        "--effects",
-        default="auto",
-        metavar="all|auto|NAME,..",
-        help="Effects that are simulated; auto: those that `explain` finds.",
-    ),
-    "supersample": option("--supersample", _SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}"),
-    "multisample": option("--multisample", _SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}"),
-    "aperture": option(
-        "--aperture-samples",
-        _POINTS,
-        f"Points of the aperture's area; auto: as many as `explain` asks for.{_OF_SCENE}",
-    ),
-    "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help=f"Shadows, traced by Mitsuba.{_OF_SCENE}"
-    ),
-    "interreflection": click.option(
-        "--interreflection/--no-interreflection",
-        default=None,
-        help=f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",
-    ),
-    "samples": option("--samples", click.IntRange(2), f"Light paths per pixel.{_OF_SCENE}"),
-}
-RASTER = ("effects", "supersample", "multisample", "aperture")
-ALL = tuple(_OPTIONS)
-REFERENCE = ("effects", "supersample", "aperture", "shadows", "interreflection", "samples")
+RASTER = ("effects", "supersample", "multisample", "aperture_samples")
+BUDGET = ("supersample", "aperture_samples", "shadows", "interreflection", "samples", "multisample")
+REFERENCE = ("effects", *BUDGET[:-1])
+ALL = (*RASTER, "shadows", "interreflection", "samples")
 
 
-def light_options(*names: str) -> Callable[[options.Command], options.Command]:
-    """Return what adds some of the options; the command receives them as one `light`."""
-    return options.gathered("light", Light, *(_OPTIONS[name] for name in names))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Light:
+class Light(Asked):
     """Settings of light on the command line; None leaves a setting as the scene has it."""
 
-    effects: str = "auto"
-    supersample: int | None = None
-    multisample: int | None = None
-    aperture_samples: int | str | None = None
-    shadows: bool | None = None
-    interreflection: bool | None = None
-    samples: int | None = None
+    effects = option(
+        TEXT,
+        "Effects that are simulated; auto: those that `explain` finds.",
+        default="auto",
+        metavar="all|auto|NAME,..",
+    )
+    supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")
+    multisample = option(_SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}")
+    aperture_samples = option(
+        _POINTS, f"Points of the aperture's area; auto: as many as `explain` asks for.{_OF_SCENE}"
+    )
+    shadows = flag(f"Shadows, traced by Mitsuba.{_OF_SCENE}", "--shadows/--no-shadows", default=None)
+    interreflection = flag(
+        f"Light from other surfaces, by Mitsuba.{_OF_SCENE}",
+        "--interreflection/--no-interreflection",
+        default=None,
+    )
+    samples = option(click.IntRange(2), f"Light paths per pixel.{_OF_SCENE}")
 
     def applied(self, scene: Scene) -> Scene:
         """Return the scene with these settings instead of its own; `auto` is computed, and said.
@@ -113,14 +84,9 @@ class Light:
         apertures: tuple[Aperture, ...] | None = None,
         settings: DoubleFrustum | None = None,
     ) -> frozenset[Effect]:
-        """Return the effects that are asked for.
+        """Return the effects that are asked for, of images of some apertures (None: all) with some settings.
 
-        Parameters
-        ----------
-        apertures
-            Apertures of the images; None for all of the plate.
-        settings
-            Settings that the images are drawn with; None where they are traced.
+        Settings are None where images are traced.
         """
         from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
@@ -135,15 +101,7 @@ class Light:
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
         """Return the name of the tracer, and whether it traces light paths, which only Mitsuba does.
 
-        Parameters
-        ----------
-        given
-            Tracer that the command line names; None chooses one that can do what is asked for.
-
-        Raises
-        ------
-        click.UsageError
-            Light transport is asked for with another tracer, or without some of the effects.
+        A tracer that the command line names is refused where it cannot do what is asked for; None: any.
         """
         if not scene.transport.simulated:
             return given or "embree", False
@@ -160,6 +118,15 @@ class Light:
         cause = f"--tracer {given}" if given else "--effects"
         options.note(f"{cause} leaves out the scene's shadows and interreflection")
         return given or "embree", False
+
+
+def light_options(*names: str) -> Any:
+    """Return some of the options as one Light; the others are None."""
+
+    def light(**given: Any) -> Light:
+        return Light(**{**dict.fromkeys(ALL), **given})
+
+    return options.group(light, **{name: vars(Light)[name] for name in names})
 
 
 def _given(**settings: Any) -> dict[str, Any]:

@@ -1,20 +1,22 @@
 """Options that commands share, the kinds of values that they take, and how commands print.
 
-A kind is a function that reads text (`Read`); options that belong together reach a command as one argument
-(`gathered`). Nothing heavy is imported before a command runs, so that `--help` answers at once.
+The options of a command are the attributes of a class (`Asked`), each stated once: its name, its kind and its
+help. The command gets one object with their values, whose types follow from the kinds. A kind is a function
+that reads text (`Read`). Nothing heavy is imported before a command runs, so that `--help` answers at once.
 """
 
 from __future__ import annotations
 
 import functools
+import inspect
 import json
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, get_type_hints, overload
 
 import click
 from click.core import ParameterSource
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-Decorator = Callable[[Any], Any]
+T = TypeVar("T")
+E = TypeVar("E", bound=StrEnum)
 
 LIMIT_EXCEEDED = 1
 """Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
@@ -43,38 +45,131 @@ AUTO = "auto"
 """Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst apertures."""
 
 
-def option(*names: Any, **settings: Any) -> Decorator:
-    """Return an option: its names, then its kind and its help, without keywords."""
-    *flags, kind, words = names
-    return click.option(*flags, type=kind, help=words, **settings)
+# Options as attributes
 
 
-def command(example: str, **settings: Any) -> Callable[[Callable[..., Any]], click.Command]:
-    """Return the decorator of a command whose help ends with an example."""
-    return click.command(epilog=f"\b\nExample:\n  {example}", **settings)
+@dataclass(frozen=True)
+class Declared:
+    """Parameters of click that are one attribute of a command: their value, or what is made of theirs."""
+
+    parameters: Callable[[str], list[click.Parameter]]
+    make: Callable[..., Any] | None = None
 
 
-class Read(click.ParamType[Any]):
+@overload
+def option(kind: click.ParamType[T], words: str, *flags: str, required: Literal[True]) -> T: ...
+@overload
+def option(kind: click.ParamType[T], words: str, *flags: str, default: Any, **settings: Any) -> T: ...
+@overload
+def option(kind: click.ParamType[T], words: str, *flags: str) -> T | None: ...
+def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
+    """Return the option of an attribute: its kind and its help; named like the attribute, or by flags."""
+
+    def parameters(name: str) -> list[click.Parameter]:
+        named = flags or (f"--{name.replace('_', '-')}",)
+        return [click.Option([name, *named], type=kind, help=words, **settings)]
+
+    return Declared(parameters)
+
+
+def flag(words: str, *flags: str, default: bool | None = False) -> bool:
+    """Return an option that is given or not, or, where it is named so, `--x/--no-x`."""
+    made: bool = option(click.BOOL, words, *flags, default=default, is_flag=True)
+    return made
+
+
+def argument(**settings: Any) -> Any:
+    """Return the argument of an attribute."""
+    return Declared(lambda name: [click.Argument([name], **settings)])
+
+
+def group(make: Callable[..., T], **members: Any) -> T:
+    """Return options by name that are one attribute, made of their values."""
+
+    def parameters(_: str) -> list[click.Parameter]:
+        return [parameter for name, one in members.items() for parameter in one.parameters(name)]
+
+    made: Any = Declared(parameters, make)
+    return made  # type: ignore[no-any-return]
+
+
+def several(**members: Any) -> dict[str, Any]:
+    """Return options by name that are one attribute, a dictionary."""
+    return group(dict[str, Any], **members)
+
+
+class Asked:
+    """What a command is asked; a subclass has its options in the order of its help, inherited ones last."""
+
+    def __init__(self, **values: Any) -> None:
+        vars(self).update(values)
+
+
+def command(
+    example: str, within: click.Group | None = None
+) -> Callable[[Callable[[Any], int | None]], click.Command]:
+    """Return the decorator of a command: a function of what is asked, whose help ends with an example."""
+
+    def made(function: Callable[[Any], int | None]) -> click.Command:
+        asked: type[Asked] = get_type_hints(function)["asked"]
+        declared: dict[str, tuple[Declared, list[click.Parameter]]] = {}
+        for kind in asked.__mro__:
+            for name, one in vars(kind).items():
+                if isinstance(one, Declared):
+                    declared.setdefault(name, (one, one.parameters(name)))
+
+        def called(**given: Any) -> int | None:
+            values = {}
+            for name, (one, parameters) in declared.items():
+                own = {str(parameter.name): given[str(parameter.name)] for parameter in parameters}
+                values[name] = own[name] if one.make is None else one.make(**own)
+            return function(asked(**values))
+
+        own = click.Command(
+            function.__name__,
+            callback=called,
+            params=[parameter for _, some in declared.values() for parameter in some],
+            help=inspect.getdoc(function),
+            epilog=f"\b\nExample:\n  {example}",
+        )
+        if within is not None:
+            within.add_command(own)
+        return own
+
+    return made
+
+
+def is_given(parameter: str) -> bool:
+    """Return whether the current command's parameter of that name was given, and has not its default."""
+    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
+
+
+# Kinds of values
+
+
+class Read(click.ParamType[T], Generic[T]):
     """A kind of value: a function that reads text, and what it wants where it raises ValueError."""
 
-    def __init__(self, name: str, read: Callable[[str], Any], wants: str) -> None:
+    def __init__(self, name: str, read: Callable[[str], T], wants: str) -> None:
         self.name, self.read, self.wants = name, read, wants
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """Return the form of the value, for the help."""
         return self.name
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> T:
         """Return the value that was read."""
         if not isinstance(value, str):  # a default
-            return value
+            return value  # type: ignore[no-any-return]
         try:
             return self.read(value.strip())
         except (ValueError, OverflowError):
             self.fail(f"{value!r} is not {self.wants}", param, ctx)
 
 
-def list_of(kind: Read, by: str = ",", name: str | None = None, wants: str | None = None) -> Read:
+def list_of(
+    kind: Read[T], by: str = ",", name: str | None = None, wants: str | None = None
+) -> Read[tuple[T, ...]]:
     """Return the kind of several values, separated by a character."""
     return Read(
         name or f"{kind.name}{by}..",
@@ -83,7 +178,7 @@ def list_of(kind: Read, by: str = ",", name: str | None = None, wants: str | Non
     )
 
 
-def or_auto(kind: Read) -> Read:
+def or_auto(kind: Read[Any]) -> Read[Any]:
     """Return the kind of a value or the word `auto`."""
     return Read(
         f"{kind.name}|{AUTO}",
@@ -92,40 +187,36 @@ def or_auto(kind: Read) -> Read:
     )
 
 
-def one_of(names: Iterable[str], read: Callable[[str], Any] = str) -> Read:
+def one_of(names: Iterable[str]) -> Read[str]:
     """Return the kind of a name out of some, in small letters."""
     known = tuple(names)
 
-    def chosen(text: str) -> Any:
+    def chosen(text: str) -> str:
         if text.lower() not in known:
             raise ValueError
-        return read(text.lower())
+        return text.lower()
 
     return Read(f"[{'|'.join(known)}]", chosen, f"one of {', '.join(known)}")
 
 
-def member(enumeration: type[StrEnum]) -> Read:
+def member(enumeration: type[E]) -> Read[E]:
     """Return the kind of a member of an enumeration."""
-    return one_of(enumeration, enumeration)
+    name = one_of(enumeration)
+    return Read(name.name, lambda text: enumeration(name.read(text)), name.wants)
 
 
-def _positive(text: str, below: float = math.inf) -> float:
-    number = float(text)
-    if not 0 < number < below:
+def number(text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf) -> Any:
+    """Return a number of a range, without its upper end; ValueError of any other."""
+    value = kind(text)
+    if not least <= value < below:
         raise ValueError
-    return number
+    return value
 
 
-def _at_least_1(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise ValueError
-    return number
-
-
-def _pair(text: str, by: str = ",", read: Callable[[str], int] = int) -> tuple[int, int]:
+def pair(text: str, by: str = ",", least: float = -math.inf) -> tuple[int, int]:
+    """Return two whole numbers."""
     first, second = text.split(by)
-    return read(first), read(second)
+    return number(first, int, least), number(second, int, least)
 
 
 def _share(text: str) -> float:
@@ -139,7 +230,7 @@ def _length(text: str) -> tuple[float, str | None]:
     match = re.fullmatch(r"([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", text)
     if match is None:
         raise ValueError
-    return _positive(match[1]), match[2] or None
+    return POSITIVE.read(match[1]), match[2] or None
 
 
 def _fit(text: str) -> Fit | float:
@@ -151,45 +242,30 @@ def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
     return DepthFormat(form), DepthMapping(mapping or "standard")
 
 
-POSITIVE = Read("FLOAT", _positive, "a positive, finite number")
-BELOW_1 = Read("FLOAT", functools.partial(_positive, below=1.0), "a number between 0 and 1, without both")
+_LEAST = math.nextafter(0.0, 1.0)
+POSITIVE = Read("FLOAT", functools.partial(number, least=_LEAST), "a positive, finite number")
+BELOW_1 = Read(
+    "FLOAT", functools.partial(number, least=_LEAST, below=1.0), "a number between 0 and 1, without both"
+)
 SHARE = Read("SHARE", _share, "a share such as 1% or 0.01")
 LENGTH = Read("LENGTH", _length, "a length such as 600 or 600mm")
 NUMBERS = list_of(Read("N", float, ""), wants="a list of numbers such as 0.1,0.01")
-SIZES = list_of(Read("N", _at_least_1, ""), wants="a list of positive whole numbers such as 512,1024")
-COUNT = Read("N", _at_least_1, "a number of at least 1")
-INDEX = Read("I,J", _pair, "column,row such as 40,30")
+COUNT = Read("N", functools.partial(number, kind=int, least=1), "a number of at least 1")
+SIZES = list_of(COUNT, wants="a list of positive whole numbers such as 512,1024")
+INDEX = Read("I,J", pair, "column,row such as 40,30")
 INDICES = list_of(INDEX, ";", "I,J;I,J", "a list of column,row such as 40,30;0,0")
-RESOLUTION = Read("W,H", functools.partial(_pair, read=_at_least_1), "W,H such as 400,300")
-TILES = Read("CxR", functools.partial(_pair, by="x", read=_at_least_1), "COLUMNSxROWS such as 8x6")
+RESOLUTION = Read("W,H", functools.partial(pair, least=1), "W,H such as 400,300")
+TILES = Read("CxR", functools.partial(pair, by="x", least=1), "COLUMNSxROWS such as 8x6")
 FIT = Read("angle|screen|Z", _fit, "angle, screen or a height")
 DEPTHS = list_of(
     Read("FORMAT[:MAPPING]", _depth, ""),
     wants=f"a list of {', '.join(DepthFormat)}, each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
-FOLDER = click.Path(path_type=Path)
+TEXT = click.STRING
+FOLDER: click.ParamType[Path] = click.Path(path_type=Path)
 
 
-def gathered(name: str, make: Callable[..., Any], *options: Decorator) -> Callable[[Command], Command]:
-    """Return what adds options that a command receives as one argument: what `make` makes of their values."""
-
-    def probe() -> None: ...
-
-    for option in options:
-        option(probe)
-    keys = [parameter.name for parameter in probe.__click_params__]  # type: ignore[attr-defined]
-
-    def add(function: Command) -> Command:
-        @functools.wraps(function)
-        def with_one(**given: Any) -> Any:
-            own = {key: given.pop(key) for key in keys}
-            return function(**{name: make(**own)}, **given)
-
-        for option in reversed(options):
-            option(with_one)
-        return with_one  # type: ignore[return-value]  # wraps() keeps the name, not the type
-
-    return add
+# Options of several commands
 
 
 _SETTINGS_HELP = {
@@ -205,18 +281,18 @@ _SETTINGS_HELP = {
 }
 
 
-def settings_options(*, required: bool = False) -> list[Decorator]:
+def settings_members(*, required: bool = False) -> dict[str, Any]:
     """Return an option for each field of DoubleFrustum, whose defaults hold where it is left out."""
-    kinds = {"near": POSITIVE, "fit": FIT, "slabs": NUMBERS}
+    kinds: dict[str, click.ParamType[Any]] = {"near": POSITIVE, "fit": FIT, "slabs": NUMBERS}
     defaults = {field.name: field.default for field in fields(DoubleFrustum)}
-    options = []
+    members: dict[str, Any] = {}
     for name, words in _SETTINGS_HELP.items():
-        default, needed = defaults[name], required and name == "near"
+        default = defaults[name]
         if isinstance(default, StrEnum):
-            words = f"{words}  [default: {default}]"  # noqa: PLW2901
-            kinds[name] = member(type(default))
-        options.append(option(f"--{name}", kinds[name], words, required=needed))
-    return options
+            kinds[name], words = member(type(default)), f"{words}  [default: {default}]"  # noqa: PLW2901
+        needed = {"required": True} if required and name == "near" else {}
+        members[name] = option(kinds[name], words, **needed)
+    return members
 
 
 def settings_of(**given: Any) -> DoubleFrustum | None:
@@ -227,8 +303,9 @@ def settings_of(**given: Any) -> DoubleFrustum | None:
     return DoubleFrustum(**named) if named else None
 
 
-double_frustum_options = gathered("settings", settings_of, *settings_options(required=True))
-optional_double_frustum_options = gathered("settings", settings_of, *settings_options())
+def settings_options(*, required: bool = False) -> Any:
+    """Return the options of the two cameras: a DoubleFrustum, or None where they may be left out and are."""
+    return group(settings_of, **settings_members(required=required))
 
 
 def engine_of(part: tuple[int, int] | None = None, **given: Any) -> Engine | None:
@@ -243,23 +320,21 @@ def engine_of(part: tuple[int, int] | None = None, **given: Any) -> Engine | Non
     return Engine(**asked) if asked else None
 
 
-def engine_options(default: str, *, draws: bool = True) -> Callable[[Command], Command]:
-    """Return what adds the options that say where blocks are done, which a command receives as `engine`.
+def engine_options(default: str, *, draws: bool = True) -> Any:
+    """Return the options that say where blocks are done; None without them: then `default`, in words, does.
 
-    It is None where none of them is given: then work is done by `default`, in words. Only where blocks are
-    drawn, devices are chosen.
+    Only where blocks are drawn, devices are chosen.
     """
-    part = Read("K/N", functools.partial(_pair, by="/"), "a part such as 3/8")
-    devices = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
-    added = [
-        click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
-        option("--workers", click.IntRange(1), f"Processes of this machine.  [default: {default}]"),
-        option("--part", part, "Do one of N parts, without Dask: for job arrays."),
-    ]
+    members: dict[str, Any] = {
+        "scheduler": option(TEXT, "Address of a Dask scheduler, such as tcp://host:8786."),
+        "workers": option(click.IntRange(1), f"Processes of this machine.  [default: {default}]"),
+    }
     if draws:
-        words = "EGL devices by index, taken in turn.  [default: GPUs]"
-        added.insert(2, option("--devices", devices, words))
-    return gathered("engine", engine_of, *added)
+        indices = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
+        members["devices"] = option(indices, "EGL devices by index, taken in turn.  [default: GPUs]")
+    part = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
+    words = "Do one of N parts, without Dask: for job arrays."
+    return group(engine_of, **members, part=option(part, words))
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -272,68 +347,88 @@ def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> l
     return [CompletionItem(begun, type="file"), *named]
 
 
-scene_argument = click.argument("scene", shell_complete=_scenes)
-aperture_option = option("--aperture", INDEX, "Column,row on the plate.  [default: the middle]")
-auto_option = option("--apertures", "auto", one_of([AUTO]), "The middle one and the worst of the plate.")
-tracer_option = option("--tracer", one_of(TRACERS), "Ray tracer.", default="embree")
+def _layout(text: str, *others: str) -> str:
+    from xfrustum.scenes.files.layouts import NAMES
+
+    return str(one_of((*NAMES, *others)).convert(text, None, None))
+
+
+def _accepted(text: str) -> tuple[str, ...]:
+    from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
+
+    kind = one_of((*ACCEPTABLE, "all"))
+    return ACCEPTABLE if text == "all" else tuple(kind.convert(part, None, None) for part in text.split(","))
+
+
+LAYOUT = Read("LAYOUT", _layout, "the name of a layout")
+LAYOUT_OR_ZARR = Read("LAYOUT", lambda text: _layout(text, "zarr"), "the name of a layout")
+ACCEPTED = Read("NAME,NAME,..", _accepted, "a list of conventions")
+
+scene_argument: str = argument(shell_complete=_scenes)
+aperture_option = option(INDEX, "Column,row on the plate.  [default: the middle]")
+tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
 decided_by_option = option(
-    "--decided-by",
     click.Choice(["certified", "embree", "mitsuba"]),
     "Certified truth, or a tracer's own picture.",
     default="certified",
 )
-tolerance_option = option(
-    "--tolerance-px", POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX
-)
-seed_option = option("--seed", click.IntRange(0), "Start of the random numbers.", default=0)
+tolerance_option = option(POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX)
+seed_option = option(click.IntRange(0), "Start of the random numbers.", default=0)
 encoding_option = option(
-    "--encoding",
     click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
     "What pixels of pictures hold; not for OpenEXR.  [default: rgb]",
 )
-quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
-json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
 
-def quiet_and_json(function: Command) -> Command:
-    """Add the options `--quiet` and `--json`."""
-    added: Command = quiet_option(json_option(function))
-    return added
+class Printed(Asked):
+    """A command that prints its result as text, or as one JSON object."""
+
+    as_json = flag("One JSON object on standard output.", "--json")
+
+    def tell(self, summary: Callable[[], Any], text: Callable[[], str]) -> None:
+        """Print the result on standard output."""
+        if not self.as_json:
+            echo(text())
+            return
+        from xfrustum.reports.common.json_ready import json_ready
+
+        # JSON escapes all other control characters.
+        echo(json.dumps(json_ready(summary()), allow_nan=False).replace("\x7f", "\\u007f"))
 
 
-def out_option(what: str, *, required: bool = False) -> Decorator:
-    """Return the option for the folder or file that a command writes."""
-    return option("--out", FOLDER, what, required=required)
+class Measured(Printed):
+    """A command that shows its progress, and prints what it has found."""
+
+    quiet = flag("No progress bar.")
+
+    @property
+    def progress(self) -> bool:
+        """Whether to draw a bar on standard error."""
+        return not self.quiet
 
 
-def layout_option(name: str, words: str, *others: str) -> Decorator:
-    """Return the option that names a layout of files, or one of some other names."""
+class OneOrAuto(Measured):
+    """A command about one aperture of a scene, or about its worst ones."""
 
-    def known(text: str) -> str:
-        from xfrustum.scenes.files.layouts import NAMES
+    scene = scene_argument
+    aperture = aperture_option
+    auto: str | None = option(one_of([AUTO]), "The middle one and the worst of the plate.", "--apertures")
 
-        kind = one_of((*NAMES, *others))
-        return str(kind.convert(text, None, None))
-
-    return option(name, Read("LAYOUT", known, "the name of a layout"), words)
-
-
-def accept_option(help_text: str) -> Decorator:
-    """Return the option for conventions that are no faults."""
-
-    def names(text: str) -> tuple[str, ...]:
-        from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
-
-        if text == "all":
-            return ACCEPTABLE
-        return tuple(one_of((*ACCEPTABLE, "all")).convert(part, None, None) for part in text.split(","))
-
-    return option("--accept", Read("NAME,NAME,..", names, "a list of conventions"), help_text)
+    def chosen(self, scene: Scene) -> Aperture | AutoApertures:
+        """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses."""
+        if self.auto is not None and self.aperture is not None:
+            raise click.UsageError(ONE_OR_MANY)
+        if self.auto is not None:
+            return auto_apertures(scene, progress=self.progress)
+        aperture = chosen_aperture(scene, self.aperture)
+        look_at(scene, [aperture])
+        return aperture
 
 
-def is_given(parameter: str) -> bool:
-    """Return whether the current command's parameter of that name was given, and has not its default."""
-    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
+ONE_OR_MANY = "--aperture names one aperture and --apertures asks for many: give one of them"
+
+
+# What commands do alike
 
 
 def open_scene(name: str) -> Scene:
@@ -346,46 +441,35 @@ def open_scene(name: str) -> Scene:
     return scene
 
 
+def check_out(folder: Path | None, files: Sequence[str]) -> None:
+    """Refuse a folder, if one is asked for, that cannot be written or that holds something else."""
+    if folder is not None:
+        from xfrustum.reports.common.outputs import check_writable_folder
+
+        check_writable_folder(folder, files)
+
+
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     """Return the aperture of an index, the middle one where there is none."""
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
-def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
+def auto_apertures(scene: Scene, *, progress: bool) -> AutoApertures:
     """Choose the worst apertures of the plate, and say on standard error which and why."""
-    from xfrustum.reports.scout import auto_apertures as chosen
-    from xfrustum.reports.scout import notes
+    from xfrustum.reports import scout
 
-    auto = chosen(scene, progress=not quiet)
+    auto = scout.auto_apertures(scene, progress=progress)
     look_at(scene, auto.apertures)
-    for note in notes(auto):
-        say(f"note: {note}")
+    for line in scout.notes(auto):
+        note(line)
     return auto
-
-
-def one_or_auto(
-    scene: Scene, index: tuple[int, int] | None, auto: str | None, *, quiet: bool
-) -> Aperture | AutoApertures:
-    """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses."""
-    if auto is not None and index is not None:
-        raise click.UsageError(
-            "--aperture names one aperture and --apertures asks for many: give one of them"
-        )
-    if auto is not None:
-        return auto_apertures(scene, quiet=quiet)
-    aperture = chosen_aperture(scene, index)
-    look_at(scene, [aperture])
-    return aperture
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
     """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
 
-    Parameters
-    ----------
-    black_is_right
-        Whether the command's answer is a picture, which may be black: then apertures that see nothing are
-        a warning as long as another one sees something, and in hard cases, which are empty on purpose.
+    Where the answer is a picture, black may be right: then apertures that see nothing are a warning as long
+    as another one sees something, and in hard cases, which are empty on purpose.
     """
     from xfrustum.compare import extent_words as extent
     from xfrustum.scenes.errors import InputError
@@ -413,17 +497,6 @@ def warn_of(scene: Scene) -> None:
 def note(line: str) -> None:
     """Print a note on standard error."""
     say(f"note: {line}")
-
-
-def tell(as_json: bool, summary: Callable[[], Any], text: Callable[[], str]) -> None:
-    """Print a command's result on standard output: one JSON object, or text."""
-    if not as_json:
-        echo(text())
-        return
-    from xfrustum.reports.common.json_ready import json_ready
-
-    # JSON escapes all other control characters.
-    echo(json.dumps(json_ready(summary()), allow_nan=False).replace("\x7f", "\\u007f"))
 
 
 def echo(text: str) -> None:

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import SIZES, Measured, option
 
 
-def _repeat_option(repeat: int) -> options.Decorator:
-    """Return the option for the number of timed repetitions."""
-    return option("--repeat", click.IntRange(1), "Timed, after a warm-up.", default=repeat)
+def _repeat(count: int) -> Any:
+    return option(click.IntRange(1), "Timed, after a warm-up.", default=count)
 
 
-def _side_option(pixels: int) -> options.Decorator:
-    """Return the option for the side of a square image."""
-    return option("--resolution", click.IntRange(1), "W = H.", default=pixels)
-
-
-def _sides_option(default: str) -> options.Decorator:
-    """Return the option for the sides of several square images."""
-    return option("--resolution", options.SIZES, f"W = H of each race.  [default: {default}]")
+def _sizes(default: str) -> Any:
+    return option(SIZES, f"W = H of each race.  [default: {default}]")
 
 
 @click.group(
@@ -30,75 +25,74 @@ def bench() -> None:
     """Measure speed on this machine."""
 
 
-@bench.command(epilog="\b\nExample:\n  xfrustum bench truth asymmetric --resolution 128 --repeat 1")
-@click.argument("scene", default="car")
-@_sides_option("512,1024,2048")
-@_repeat_option(9)
-@options.quiet_and_json
-def truth(*, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool) -> None:
+class _Truth(Measured):
+    scene: str = options.argument(default="car")
+    resolution = _sizes("512,1024,2048")
+    repeat = _repeat(9)
+
+
+@options.command("xfrustum bench truth asymmetric --resolution 128 --repeat 1", bench)
+def truth(asked: _Truth) -> None:
     """Measure the certified truth beside bare tracers, in million pixels per second."""
-    opened = options.open_scene(scene)
+    opened = options.open_scene(asked.scene)
     from xfrustum.reports.benchmarks import truth as benchmarks
 
-    sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.benchmark_truth(opened, sizes, repeat, progress=not quiet)
-    options.tell(as_json, lambda: measured, lambda: benchmarks.table(measured))
+    sizes = asked.resolution or benchmarks.RESOLUTIONS
+    measured = benchmarks.benchmark_truth(opened, sizes, asked.repeat, progress=asked.progress)
+    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
 
 
-@bench.command(epilog="\b\nExample:\n  xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1")
-@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
-@_sides_option("128,256,512,1024")
-@option("--triangles", click.IntRange(1), "Also globes of so many triangles.")
-@option("--hogels", click.IntRange(1), "Judged in each run.", default=6)
-@_repeat_option(5)
-@options.quiet_and_json
-def judge(
-    *,
-    scenes: tuple[str, ...],
-    resolution: tuple[int, ...] | None,
-    triangles: int | None,
-    hogels: int,
-    repeat: int,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+class _Judge(Measured):
+    scenes: tuple[str, ...] = options.argument(metavar="[SCENE]...", nargs=-1)
+    resolution = _sizes("128,256,512,1024")
+    triangles = option(click.IntRange(1), "Also globes of so many triangles.")
+    hogels = option(click.IntRange(1), "Judged in each run.", default=6)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1", bench)
+def judge(asked: _Judge) -> None:
     """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
 
     Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout, and globes
     of a million triangles.
     """
-    opened = [options.open_scene(name) for name in scenes]
+    opened = [options.open_scene(name) for name in asked.scenes]
     from xfrustum.reports.benchmarks import judge as benchmarks
 
-    count = triangles or (None if scenes else 1_000_000)
+    count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [benchmarks.globes_through_a_plate(count)]
-    sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.benchmark_judge(opened, sizes, hogels, repeat, progress=not quiet)
-    options.tell(as_json, lambda: measured, lambda: benchmarks.table(measured))
+    sizes = asked.resolution or benchmarks.RESOLUTIONS
+    measured = benchmarks.benchmark_judge(opened, sizes, asked.hogels, asked.repeat, progress=asked.progress)
+    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
 
 
-@bench.command(epilog="\b\nExample:\n  xfrustum bench plate asymmetric --resolution 64 --repeat 1")
-@click.argument("scene", default="car")
-@_side_option(128)
-@_repeat_option(5)
-@options.quiet_and_json
-def plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
+class _Plate(Measured):
+    scene: str = options.argument(default="car")
+    resolution = option(click.IntRange(1), "W = H.", default=128)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench plate asymmetric --resolution 64 --repeat 1", bench)
+def plate(asked: _Plate) -> None:
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
-    opened = options.open_scene(scene)
+    opened = options.open_scene(asked.scene)
     from xfrustum.reports.benchmarks import plate as benchmarks
 
-    measured = benchmarks.benchmark_plate(opened, resolution, repeat, progress=not quiet)
-    options.tell(as_json, lambda: measured, lambda: benchmarks.table(measured))
+    measured = benchmarks.benchmark_plate(opened, asked.resolution, asked.repeat, progress=asked.progress)
+    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
 
 
-@bench.command(epilog="\b\nExample:\n  xfrustum bench table1 --resolution 128 --repeat 1")
-@_side_option(512)
-@_repeat_option(5)
-@options.quiet_and_json
-def table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
+class _Table1(Measured):
+    resolution = option(click.IntRange(1), "W = H.", default=512)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench table1 --resolution 128 --repeat 1", bench)
+def table1(asked: _Table1) -> None:
     """Measure table 1 of the paper on the project's own car."""
     from xfrustum.reports.benchmarks import table1 as benchmarks
 
-    measured = benchmarks.benchmark_table1(resolution, repeat, progress=not quiet)
-    options.tell(as_json, lambda: measured, lambda: benchmarks.table(measured))
+    measured = benchmarks.benchmark_table1(asked.resolution, asked.repeat, progress=asked.progress)
+    asked.tell(lambda: measured, lambda: benchmarks.table(measured))

@@ -2,58 +2,42 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from xfrustum.cli import options
-from xfrustum.cli.light import REFERENCE, light_options
+from xfrustum.cli.light import BUDGET, light_options
+from xfrustum.cli.options import FOLDER, option
 
 if TYPE_CHECKING:
-    from xfrustum.cli.light import Light
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+    pass
+
+
+class _Asked(options.OneOrAuto):
+    settings = options.settings_options(required=True)
+    light = light_options(*BUDGET)
+    out = option(FOLDER, "Folder for a page, and pictures of causes and links.")
 
 
 @options.command("xfrustum budget car --near 0.1 --out budget")
-@options.scene_argument
-@options.aperture_option
-@options.auto_option
-@options.double_frustum_options
-@light_options(*REFERENCE[1:], "multisample")
-@options.out_option("Folder for a page, and pictures of causes and links.")
-@options.quiet_and_json
-def budget(
-    *,
-    scene: str,
-    aperture: tuple[int, int] | None,
-    auto: str | None,
-    settings: DoubleFrustum,
-    light: Light,
-    out: Path | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+def budget(asked: _Asked) -> None:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
     With --apertures auto, of one image for each of several apertures.
     """
-    opened = light.applied(options.open_scene(scene))
-    settings.check_against(opened.frustum)
+    opened = asked.light.applied(options.open_scene(asked.scene))
+    asked.settings.check_against(opened.frustum)
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports import budget as budgeting
-    from xfrustum.reports.budget import FILES, folder_of, write_budget
-    from xfrustum.reports.common.outputs import check_writable_folder
 
-    if out is not None:
-        check_writable_folder(out, () if auto else FILES)
-    chosen = options.one_or_auto(opened, aperture, auto, quiet=quiet)
+    options.check_out(asked.out, () if asked.auto else budgeting.FILES)
+    chosen = asked.chosen(opened)
     charged: budgeting.BudgetReport | budgeting.AutoBudget
     if isinstance(chosen, AutoApertures):
-        if out is not None:
-            for one in chosen.apertures:
-                check_writable_folder(out / folder_of(one), FILES)
-        charged = budgeting.auto_budget(opened, settings, chosen, progress=not quiet)
+        for one in chosen.apertures:
+            options.check_out(asked.out and asked.out / budgeting.folder_of(one), budgeting.FILES)
+        charged = budgeting.auto_budget(opened, asked.settings, chosen, progress=asked.progress)
     else:
-        charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
-    if out is not None:
-        write_budget(charged, out)
-    options.tell(as_json, charged.summary, charged.table)
+        charged = budgeting.budget(opened, asked.settings, chosen, progress=asked.progress)
+    if asked.out is not None:
+        budgeting.write_budget(charged, asked.out)
+    asked.tell(charged.summary, charged.table)

@@ -4,32 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from xfrustum.cli import options
+from xfrustum.cli.options import FOLDER, option
+
+
+class _Asked(options.Printed):
+    truth: Path = options.argument(type=FOLDER)
+    raster: Path = options.argument(type=FOLDER)
+    out = option(FOLDER, "Folder for error pictures.")
 
 
 @options.command("xfrustum compare truth.exr raster.exr --out compared")
-@click.argument("truth", type=options.FOLDER)
-@click.argument("raster", type=options.FOLDER)
-@options.out_option("Folder for error pictures.")
-@options.json_option
-def compare(truth: Path, raster: Path, out: Path | None, as_json: bool) -> None:
+def compare(asked: _Asked) -> None:
     """Compare a raster image with the truth, both EXR."""
-    from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.scenes.disk.input_files import regular_size
 
-    if out is not None:
-        check_writable_folder(out, ())
-    for image in (truth, raster):
+    options.check_out(asked.out, ())
+    for image in (asked.truth, asked.raster):
         regular_size(image, "image file")
-    from xfrustum.reports.comparison import FILES, compare_files, table, write_comparison
+    from xfrustum.reports import comparison
 
-    if out is not None:
-        check_writable_folder(out, FILES)
-    compared = compare_files(truth, raster)
+    options.check_out(asked.out, comparison.FILES)
+    compared = comparison.compare_files(asked.truth, asked.raster)
     for note in filter(None, (compared.note, compared.unexamined)):
         options.note(note)
-    if out is not None:
-        write_comparison(compared, out)
-    options.tell(as_json, compared.comparison.summary, lambda: table(compared.comparison))
+    if asked.out is not None:
+        comparison.write_comparison(compared, asked.out)
+    asked.tell(compared.comparison.summary, lambda: comparison.table(compared.comparison))

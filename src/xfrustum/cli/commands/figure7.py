@@ -4,39 +4,33 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from xfrustum.cli import options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import FOLDER, INDEX, POSITIVE, option
+
+
+class _Asked(options.Asked):
+    scene: str = options.argument(default="car-studio")
+    aperture = options.aperture_option
+    other = option(INDEX, "Second perspective of C*.  [default: where it shows most]")
+    near = option(POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
+    out = option(FOLDER, "Folder.  [default: figure7/NAME]")
 
 
 @options.command("xfrustum figure7 car --out figure7")
-@click.argument("scene", default="car-studio")
-@options.aperture_option
-@option("--other", options.INDEX, "Second perspective of C*.  [default: where it shows most]")
-@option("--near", options.POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
-@options.out_option("Folder.  [default: figure7/NAME]")
-def figure7(
-    *,
-    scene: str,
-    aperture: tuple[int, int] | None,
-    other: tuple[int, int] | None,
-    near: float | None,
-    out: Path | None,
-) -> None:
+def figure7(asked: _Asked) -> None:
     """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
 
     C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
     """
-    opened = options.open_scene(scene)
-    chosen = options.chosen_aperture(opened, aperture)
-    second = None if other is None else opened.plate.aperture(*other)
-    from xfrustum.reports.common.outputs import check_writable_folder
+    opened = options.open_scene(asked.scene)
+    chosen = options.chosen_aperture(opened, asked.aperture)
+    second = None if asked.other is None else opened.plate.aperture(*asked.other)
+    from xfrustum.reports import figure7 as figures
     from xfrustum.reports.error_report.report import default_folder
-    from xfrustum.reports.figure7 import FILES, default_settings, draw_figure, write_figure
 
-    folder = Path("figure7") / default_folder(opened).name if out is None else out
-    check_writable_folder(folder, FILES)
+    folder = asked.out or Path("figure7") / default_folder(opened).name
+    options.check_out(folder, figures.FILES)
     options.look_at(opened, [chosen])
-    write_figure(draw_figure(opened, chosen, default_settings(opened, near), second), folder)
+    settings = figures.default_settings(opened, asked.near)
+    figures.write_figure(figures.draw_figure(opened, chosen, settings, second), folder)
     options.echo(str(folder / "index.html"))

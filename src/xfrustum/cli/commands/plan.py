@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import BELOW_1, COUNT, INDEX, LENGTH, POSITIVE, group, option, several
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
-    from xfrustum.compare.eye.noticeable import Viewer
+    from collections.abc import Sequence
+
     from xfrustum.compare.planning.search import DepthBuffer
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.sampling import RandomSample
@@ -34,74 +34,69 @@ def _eyes(**given: Any) -> dict[str, Any]:
     """Return what options say of a viewer; they are refused without a distance, or beside single hogels."""
     said = {name: value for name, value in given.items() if value is not None}
     if said and "viewer" not in said:
-        option = next(iter(said)).replace("_", "-")
-        raise click.UsageError(f"--{option} describes a viewer: give --viewer too")
+        flag = next(iter(said)).replace("_", "-")
+        raise click.UsageError(f"--{flag} describes a viewer: give --viewer too")
     for name in ("aperture", "apertures", "tolerance_px") if said else ():
         if options.is_given(name):
-            option = name.replace("_", "-")
+            flag = name.replace("_", "-")
             raise click.UsageError(
-                f"--{option} is about hogels, and a viewer sees all of them at once: leave out "
-                f"--{option} or --viewer"
+                f"--{flag} is about hogels, and a viewer sees all of them at once: "
+                f"leave out --{flag} or --viewer"
             )
     return said
 
 
-_viewer_options = options.gathered(
-    "eyes",
-    _eyes,
-    option("--viewer", options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
-    option("--acuity", options.POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]"),
-    option("--stereo-acuity", options.POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]"),
-    option("--ipd", options.POSITIVE, "Millimeters between his eyes.  [default: 65]"),
-    option("--pupil", options.POSITIVE, "Millimeters of his pupils.  [default: 4]"),
-)
+class _Asked(options.Measured):
+    scene = options.scene_argument
+    aperture = option(INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
+    apertures = option(
+        options.or_auto(COUNT), "Plan for so many: middle, corners, then between; auto: the worst."
+    )
+    sample = option(
+        click.IntRange(1), "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS
+    )
+    seed = options.seed_option
+    required = several(
+        tolerance_px=options.tolerance_option,
+        separation=option(POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
+        max_wrong=option(BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
+    )
+    depth = option(options.member(DepthFormat), "Depth buffer format.  [default: any]")
+    mapping = option(options.member(DepthMapping), "Depth mapping.  [default: any]")
+    eyes = group(
+        _eyes,
+        viewer=option(LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
+        acuity=option(POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]"),
+        stereo_acuity=option(POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]"),
+        ipd=option(POSITIVE, "Millimeters between his eyes.  [default: 65]"),
+        pupil=option(POSITIVE, "Millimeters of his pupils.  [default: 4]"),
+    )
+
+    def chosen(self, scene: Scene) -> Sequence[Aperture] | AutoApertures | None:
+        """Return the apertures to plan for; None for the whole plate."""
+        from xfrustum.reports.planning import spread_apertures
+
+        if isinstance(self.apertures, str):
+            return options.auto_apertures(scene, progress=self.progress)
+        if self.aperture is None and self.apertures is None:
+            return None
+        one = options.chosen_aperture(scene, self.aperture)
+        chosen = [one] if self.apertures is None else spread_apertures(scene.plate, self.apertures)
+        options.look_at(scene, chosen)
+        return chosen
 
 
 @options.command("xfrustum plan asymmetric --apertures 3")
-@options.scene_argument
-@option("--aperture", options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
-@option(
-    "--apertures",
-    options.or_auto(options.COUNT),
-    "Plan for so many: middle, corners, then between; auto: the worst.",
-)
-@option(
-    "--sample", click.IntRange(1), "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS
-)
-@options.seed_option
-@options.tolerance_option
-@option("--separation", options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]")
-@option("--max-wrong", options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG)
-@option("--depth", options.member(DepthFormat), "Depth buffer format.  [default: any]")
-@option("--mapping", options.member(DepthMapping), "Depth mapping.  [default: any]")
-@_viewer_options
-@options.quiet_and_json
-def plan(
-    *,
-    scene: str,
-    aperture: tuple[int, int] | None,
-    apertures: int | str | None,
-    sample: int,
-    seed: int,
-    depth: DepthFormat | None,
-    mapping: DepthMapping | None,
-    eyes: dict[str, Any],
-    quiet: bool,
-    as_json: bool,
-    **required: float,
-) -> None:
+def plan(asked: _Asked) -> None:
     """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
 
     The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
     With --aperture or --apertures it is made for these alone. With --viewer near may be as large as eyes at
     that distance do not notice, whatever becomes of hogels' pixels.
     """
-    if aperture is not None and apertures is not None:
-        raise click.UsageError(
-            "--aperture names one aperture and --apertures asks for many: give one of them"
-        )
-    opened = options.open_scene(scene)
-    from xfrustum.compare.eye.noticeable import Viewer, scene_length
+    if asked.aperture is not None and asked.apertures is not None:
+        raise click.UsageError(options.ONE_OR_MANY)
+    opened = options.open_scene(asked.scene)
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.sampling import RandomSample
@@ -109,56 +104,39 @@ def plan(
     from xfrustum.raster import require_room
     from xfrustum.reports.planning import make_plan, table
 
-    requirement = Requirement(**required)
+    requirement = Requirement(**asked.required)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
     require_room(opened)
-    random, buffers = RandomSample(hogels=sample, seed=seed), depth_buffers(depth, mapping)
-    if eyes:
-        distance = scene_length(eyes.pop("viewer"), opened)
-        viewer = Viewer(distance=distance, **{_VIEWER_FIELDS[name]: value for name, value in eyes.items()})
-        _plan_for_eyes(opened, viewer, requirement, buffers, random, quiet=quiet, as_json=as_json)
+    sample = RandomSample(hogels=asked.sample, seed=asked.seed)
+    buffers = depth_buffers(asked.depth, asked.mapping)
+    if asked.eyes:
+        _plan_for_eyes(asked, opened, requirement, buffers, sample)
         return
-    chosen = _chosen(opened, aperture, apertures, quiet=quiet)
-    made = make_plan(opened, chosen, requirement, buffers, sample=random, progress=not quiet)
+    chosen = asked.chosen(opened)
+    made = make_plan(opened, chosen, requirement, buffers, sample=sample, progress=asked.progress)
     if chosen is None:
         # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
         options.warn_of(opened)
     drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
-    options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))
-
-
-def _chosen(
-    scene: Scene, aperture: tuple[int, int] | None, apertures: int | str | None, *, quiet: bool
-) -> Sequence[Aperture] | AutoApertures | None:
-    """Return the apertures to plan for; None for the whole plate."""
-    from xfrustum.reports.planning import spread_apertures
-
-    if isinstance(apertures, str):
-        return options.auto_apertures(scene, quiet=quiet)
-    if aperture is None and apertures is None:
-        return None
-    asked = options.chosen_aperture(scene, aperture)
-    chosen = [asked] if apertures is None else spread_apertures(scene.plate, apertures)
-    options.look_at(scene, chosen)
-    return chosen
+    asked.tell(made.summary, lambda: table(made, opened, drawn, requirement))
 
 
 def _plan_for_eyes(
+    asked: _Asked,
     scene: Scene,
-    viewer: Viewer,
     requirement: Requirement,
     buffers: Sequence[DepthBuffer],
     sample: RandomSample,
-    *,
-    quiet: bool,
-    as_json: bool,
 ) -> None:
+    from xfrustum.compare.eye.noticeable import Viewer, scene_length
     from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
     from xfrustum.reports.planning import make_viewer_plan, table
 
-    made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=not quiet)
+    said = {_VIEWER_FIELDS[name]: value for name, value in asked.eyes.items() if name != "viewer"}
+    viewer = Viewer(distance=scene_length(asked.eyes["viewer"], scene), **said)
+    made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=asked.progress)
     options.warn_of(scene)
-    record = planned_record(scene, made, seen, progress=not quiet)
+    record = planned_record(scene, made, seen, progress=asked.progress)
     made = replayed_plan(made, record)
 
     def text() -> str:
@@ -166,4 +144,4 @@ def _plan_for_eyes(
         planned = table(made, scene, [scene.plate.middle], seen, record.exceeded)
         return f"{planned_table(record, scene.units)}\n\n{planned}"
 
-    options.tell(as_json, lambda: {**made.summary(), "viewer": record}, text)
+    asked.tell(lambda: {**made.summary(), "viewer": record}, text)

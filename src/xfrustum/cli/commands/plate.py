@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,14 +11,10 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.convert import tell_losses
 from xfrustum.cli.light import ALL, light_options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import FOLDER, LAYOUT, TILES, flag, option
 
 if TYPE_CHECKING:
-    from xfrustum.cli.light import Light
-    from xfrustum.reports.blocks import Engine
-    from xfrustum.reports.exchange.convert import Conversion
-    from xfrustum.reports.plate.plate import PlateFiles
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+    pass
 
 Span = tuple[int, int] | None
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")
@@ -48,55 +43,56 @@ _BLOCKS = options.list_of(
 )
 
 
+class _Asked(options.Measured):
+    scene = options.scene_argument
+    blocks = option(_BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
+    settings = options.settings_options()
+    light = light_options(*ALL)
+    color = option(
+        click.Choice(["uint8", "float16", "float32"]), "Number type of the linear RGB.", default="float16"
+    )
+    ids = flag("Store triangle numbers too: the channel triangle.")
+    channels = option(
+        options.list_of(options.one_of(CHANNELS), name="NAME,NAME,.."),
+        "Images; certainty is of truths alone.  [default: color]",
+        default=(),
+    )
+    block = option(TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
+    truth = flag("Store truths, traced and certified, instead of --near.")
+    judge = flag("Trace every hogel too, and store how it differs (plate.parquet).")
+    check = flag("Read all finished hogels in full, and draw damaged ones again.")
+    layout = option(
+        LAYOUT,
+        "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
+    )
+    engine = options.engine_options("this process")
+    out = option(FOLDER, "Folder of a Zarr group.", required=True)
+
+    def refuse_contradictions(self) -> None:
+        """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
+        if self.truth and self.settings is not None:
+            raise click.UsageError(
+                "--truth is traced with the true frustum: leave out --near and its options"
+            )
+        if not self.truth and self.settings is None:
+            raise click.UsageError("Missing option '--near'; give it, or --truth for a plate of truths")
+        if not self.truth and (self.light.shadows or self.light.interreflection or self.light.samples):
+            raise click.UsageError(
+                "a rasterizer has no shadows and no interreflection: add --truth, or leave out light "
+                "transport"
+            )
+        part = self.engine is not None and not self.engine.part.everything
+        if self.layout is not None and (self.blocks is not None or part):
+            raise click.UsageError(
+                "--layout writes whole plates: leave out --apertures and --part, or draw these first, "
+                "without it"
+            )
+        if self.check and self.engine is not None:
+            raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
+
+
 @options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
-@options.scene_argument
-@option("--apertures", "blocks", _BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]")
-@options.optional_double_frustum_options
-@light_options(*ALL)
-@option(
-    "--color",
-    click.Choice(["uint8", "float16", "float32"]),
-    "Number type of the linear RGB.",
-    default="float16",
-)
-@click.option("--ids", is_flag=True, help="Store triangle numbers too: the channel triangle.")
-@option(
-    "--channels",
-    options.list_of(options.one_of(CHANNELS), name="NAME,NAME,.."),
-    "Images; certainty is of truths alone.  [default: color]",
-    default=(),
-)
-@option("--block", options.TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
-@click.option("--truth", is_flag=True, help="Store truths, traced and certified, instead of --near.")
-@click.option(
-    "--judge", is_flag=True, help="Trace every hogel too, and store how it differs (plate.parquet)."
-)
-@click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
-@options.layout_option(
-    "--layout",
-    "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
-)
-@options.engine_options("this process")
-@options.out_option("Folder of a Zarr group.", required=True)
-@options.quiet_and_json
-def plate(
-    *,
-    scene: str,
-    blocks: tuple[tuple[Span, Span], ...] | None,
-    settings: DoubleFrustum | None,
-    light: Light,
-    color: str,
-    ids: bool,
-    channels: tuple[str, ...],
-    truth: bool,
-    judge: bool,
-    layout: str | None,
-    engine: Engine | None,
-    out: Path,
-    quiet: bool,
-    as_json: bool,
-    **asked: Any,
-) -> None:
+def plate(asked: _Asked) -> None:
     """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
@@ -104,55 +100,41 @@ def plate(
     Any reader of Zarr opens it, xarray with names and units.
     With --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
-    _check_question(settings, light, truth)
-    opened = light.applied(options.open_scene(scene))
-    if truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
+    asked.refuse_contradictions()
+    light = asked.light
+    opened = light.applied(options.open_scene(asked.scene))
+    if asked.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.plate import HERE, blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
-    if layout is not None and (blocks is not None or not (engine is None or engine.part.everything)):
-        raise click.UsageError(
-            "--layout writes whole plates: leave out --apertures and --part, or draw these first, without it"
-        )
-    placed = None if layout is None else LaidOutPlate(out=out, layout=layout)
-    chosen = blocks_of_apertures(opened.plate, [(None, None)] if blocks is None else blocks)
+    placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
+    chosen = blocks_of_apertures(opened.plate, asked.blocks or [(None, None)])
     options.look_at(opened, chosen, black_is_right=True)
     content = PlateContent(
-        color=ColorType(color),
-        ids=ids,
-        channels=tuple(map(Channel, channels)),
-        effects=light.chosen(opened, settings=settings),
+        color=ColorType(asked.color),
+        ids=asked.ids,
+        channels=tuple(map(Channel, asked.channels)),
+        effects=light.chosen(opened, settings=asked.settings),
     )
     if placed is not None:
-        placed.check(opened, content, judged=judge)
-        out = placed.group
-    asked |= {"judge": judge, "progress": not quiet}
-    if engine is not None:
-        if asked["check"]:
-            raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
-        asked["engine"] = engine
-    files = write_plate(opened, settings, out, chosen, content, **asked)
+        placed.check(opened, content, judged=asked.judge)
+    files = write_plate(
+        opened,
+        asked.settings,
+        asked.out if placed is None else placed.group,
+        chosen,
+        content,
+        block=asked.block,
+        judge=asked.judge,
+        check=asked.check,
+        engine=asked.engine or HERE,
+        progress=asked.progress,
+    )
     for note in files.notes:
         options.note(note)
-    _tell(files, None if placed is None else placed.write(opened), as_json=as_json)
-
-
-def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -> None:
-    """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
-    if truth and settings is not None:
-        raise click.UsageError("--truth is traced with the true frustum: leave out --near and its options")
-    if not truth and settings is None:
-        raise click.UsageError("Missing option '--near'; give it, or --truth for a plate of truths")
-    if not truth and (light.shadows or light.interreflection or light.samples):
-        raise click.UsageError(
-            "a rasterizer has no shadows and no interreflection: add --truth, or leave out light transport"
-        )
-
-
-def _tell(files: PlateFiles, written: Conversion | None, *, as_json: bool) -> None:
-    """Print what became of a plate on standard output."""
+    written = None if placed is None else placed.write(opened)
     # A group that was drawn for the files of a layout alone is gone.
     summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
     summary |= {"drawn": files.drawn, "found": files.found, "damaged": files.damaged, "table": files.table}
@@ -164,4 +146,4 @@ def _tell(files: PlateFiles, written: Conversion | None, *, as_json: bool) -> No
         lines += [f"{written.files} files ({written.written_as})", str(written.out)]
         laid_out = {"layout": written.written_as, "out": written.out, "files": written.files}
         laid_out |= {"losses": written.losses, "notes": written.notes}
-    options.tell(as_json, lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))
+    asked.tell(lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))

@@ -2,83 +2,59 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import TYPE_CHECKING
 
 from xfrustum.cli import options
 from xfrustum.cli.commands.trace import check_no_other_tracer
 from xfrustum.cli.light import ALL, light_options
-from xfrustum.cli.options import option
+from xfrustum.cli.options import DEPTHS, FIT, FOLDER, INDICES, NUMBERS, flag, list_of, member, option, several
 from xfrustum.scenes.plate.double_frustum import Cull, Offset, Pivot
 
 if TYPE_CHECKING:
-    from xfrustum.cli.light import Light
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.plate.plate import Aperture
 
 _CUTS = options.Read(
     "Z,Z;none",
     lambda text: tuple(
-        () if part.strip().lower() == "none" else options.NUMBERS.read(part) for part in text.split(";")
+        () if part.strip().lower() == "none" else NUMBERS.read(part) for part in text.split(";")
     ),
     "lists of heights such as '15,40;20;none'",
 )
 
 
+class _Asked(options.Measured):
+    scene = options.scene_argument
+    sweep = several(
+        nears=option(
+            NUMBERS, "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]", "--near"
+        ),
+        depths=option(DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five]", "--depth"),
+        pivots=option(
+            list_of(member(Pivot)),
+            "Centers of the shear.  [default: as `raster`; if recentered, both]",
+            "--pivot",
+        ),
+        fits=option(list_of(FIT), "Heights |z| drawn exactly.  [default: the first cut, or angle]", "--fit"),
+        offsets=option(list_of(member(Offset)), "Whether cameras step back.  [default: plate]", "--offset"),
+        slabs=option(_CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]"),
+        cull=option(member(Cull), "Faces left out.", default=Cull.NONE),
+        causes=flag(
+            "Charge wrong pixels to causes, and predict errors.", "--causes/--no-causes", default=True
+        ),
+    )
+    apertures = option(
+        options.or_auto(INDICES),
+        "Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
+    )
+    tracer = options.tracer_option
+    decided_by = options.decided_by_option
+    light = light_options(*ALL)
+    out = option(FOLDER, "Folder.  [default: report/NAME]")
+
+
 @options.command("xfrustum report car --near 1,0.1,0.01 --depth d24,d32f:reversed --out report")
-@options.scene_argument
-@option(
-    "--near",
-    "nears",
-    options.NUMBERS,
-    "Offsets in scene units.  [default: 25, from 1e-1 to 1e-8 of the reach]",
-)
-@option(
-    "--apertures",
-    options.or_auto(options.INDICES),
-    "Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
-)
-@option("--depth", "depths", options.DEPTHS, "Depth buffers, such as d24,d32f:reversed.  [default: five]")
-@option(
-    "--pivot",
-    "pivots",
-    options.list_of(options.member(Pivot)),
-    "Centers of the shear.  [default: as `raster`; if recentered, both]",
-)
-@option(
-    "--fit",
-    "fits",
-    options.list_of(options.FIT),
-    "Heights |z| drawn exactly.  [default: the first cut, or angle]",
-)
-@option(
-    "--offset",
-    "offsets",
-    options.list_of(options.member(Offset)),
-    "Whether cameras step back.  [default: plate]",
-)
-@option("--slabs", _CUTS, "Heights |z| of cuts, such as '15,40;20;none'.  [default: none]")
-@option("--cull", options.member(Cull), "Faces left out.", default=Cull.NONE)
-@options.tracer_option
-@options.decided_by_option
-@light_options(*ALL)
-@click.option("--causes/--no-causes", default=True, help="Charge wrong pixels to causes, and predict errors.")
-@options.out_option("Folder.  [default: report/NAME]")
-@options.quiet_and_json
-def report(
-    *,
-    scene: str,
-    apertures: tuple[tuple[int, int], ...] | str | None,
-    tracer: str,
-    decided_by: str,
-    light: Light,
-    out: Path | None,
-    quiet: bool,
-    as_json: bool,
-    **sweep: Any,
-) -> None:
+def report(asked: _Asked) -> None:
     """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
@@ -86,29 +62,28 @@ def report(
     chooses the worst ones, and the page has a map of the plate. Without causes it takes a third of the time:
     wrong pixels are counted and shown, and not explained.
     """
-    check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
-    opened = light.applied(options.open_scene(scene))
+    check_no_other_tracer(asked.tracer if options.is_given("tracer") else None, asked.decided_by)
+    opened = asked.light.applied(options.open_scene(asked.scene))
     from xfrustum.reports.error_report.report import make_report
 
     chosen: AutoApertures | tuple[Aperture, ...]
-    if isinstance(apertures, str):
-        chosen = options.auto_apertures(opened, quiet=quiet)
+    if isinstance(asked.apertures, str):
+        chosen = options.auto_apertures(opened, progress=asked.progress)
     else:
-        given = None if apertures is None else tuple(opened.plate.aperture(*index) for index in apertures)
+        given = tuple(opened.plate.aperture(*index) for index in asked.apertures or ())
         chosen = given or opened.default_apertures()
         options.look_at(opened, chosen)
     files = make_report(
         opened,
-        out,
+        asked.out,
         apertures=chosen,
-        tracer=tracer,
-        effects=light.effects,
-        decided_by=decided_by,
-        progress=not quiet,
-        **sweep,
+        tracer=asked.tracer,
+        effects=asked.light.effects,
+        decided_by=asked.decided_by,
+        progress=asked.progress,
+        **asked.sweep,
     )
-    options.tell(
-        as_json,
+    asked.tell(
         lambda: {"files": files.places, **files.content},
         lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
     )

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import click
-
 from xfrustum.cli import options
+from xfrustum.cli.options import flag
+
+
+class _Asked(options.Measured):
+    scenes: tuple[str, ...] = options.argument(metavar="[SCENE]...", nargs=-1)
+    quick = flag("Fewer scenes and pixels, in less than a minute.")
 
 
 @options.command("xfrustum selfcheck asymmetric --quick")
-@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
-@click.option("--quick", is_flag=True, help="Fewer scenes and pixels, in less than a minute.")
-@options.quiet_and_json
-def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
+def selfcheck(asked: _Asked) -> int:
     """Compare the truth with integer brute force; exit status 1 if anything disagrees.
 
     Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
@@ -19,11 +20,10 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     """
     from xfrustum.scenes.opening import check_scene
 
-    for name in scenes:
+    for name in asked.scenes:
         check_scene(name)
-    from xfrustum.compare.selfcheck.selfcheck import selfcheck as compare_with_integers
-    from xfrustum.compare.selfcheck.selfcheck import table
+    from xfrustum.compare.selfcheck import selfcheck as checking
 
-    found = compare_with_integers(scenes, quick=quick, progress=not quiet)
-    options.tell(as_json, found.summary, lambda: table(found))
+    found = checking.selfcheck(asked.scenes, quick=asked.quick, progress=asked.progress)
+    asked.tell(found.summary, lambda: checking.table(found))
     return 0 if found.agrees else options.LIMIT_EXCEEDED

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from xfrustum.cli import options
 from xfrustum.cli.light import REFERENCE, light_options
-from xfrustum.cli.options import option
-
-if TYPE_CHECKING:
-    from xfrustum.cli.light import Light
+from xfrustum.cli.options import FOLDER, option
 
 
 def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
@@ -23,27 +19,19 @@ def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
         )
 
 
+class _Asked(options.Measured):
+    scene = options.scene_argument
+    aperture = options.aperture_option
+    tracer = option(
+        options.one_of(options.TRACERS), "Ray tracer.  [default: embree; for light paths mitsuba]"
+    )
+    decided_by = options.decided_by_option
+    light = light_options(*REFERENCE)
+    out = option(FOLDER, "EXR file, NAME.exr.", required=True)
+
+
 @options.command("xfrustum trace car --out truth.exr")
-@options.scene_argument
-@options.aperture_option
-@option(
-    "--tracer", options.one_of(options.TRACERS), "Ray tracer.  [default: embree; for light paths mitsuba]"
-)
-@options.decided_by_option
-@light_options(*REFERENCE)
-@options.out_option("EXR file, NAME.exr.", required=True)
-@options.quiet_and_json
-def trace(
-    *,
-    scene: str,
-    aperture: tuple[int, int] | None,
-    tracer: str | None,
-    decided_by: str,
-    light: Light,
-    out: Path,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+def trace(asked: _Asked) -> None:
     """Trace the truth of one aperture and write it as EXR.
 
     With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
@@ -51,32 +39,33 @@ def trace(
     With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
-    opened = light.applied(options.open_scene(scene))
-    chosen = options.chosen_aperture(opened, aperture)
+    opened = asked.light.applied(options.open_scene(asked.scene))
+    chosen = options.chosen_aperture(opened, asked.aperture)
     from xfrustum.reference import Reference
     from xfrustum.reports.common.outputs import check_writable_image
     from xfrustum.reports.trace import forecast, trace_alone, trace_to_file, trace_transported
 
-    check_writable_image(out)
+    check_writable_image(asked.out)
     options.look_at(opened, [chosen], black_is_right=True)
-    effects = light.chosen(opened, (chosen,))
+    effects = asked.light.chosen(opened, (chosen,))
     record: Any
-    if decided_by != "certified":
-        check_no_other_tracer(tracer, decided_by)
-        record = trace_alone(Reference(opened, tracer=decided_by, effects=effects), chosen, out)
+    if asked.decided_by != "certified":
+        check_no_other_tracer(asked.tracer, asked.decided_by)
+        reference = Reference(opened, tracer=asked.decided_by, effects=effects)
+        record = trace_alone(reference, chosen, asked.out)
     else:
-        who, transported = light.tracer(opened, tracer)
-        ahead = None if quiet else forecast(opened, transported=transported)
+        who, transported = asked.light.tracer(opened, asked.tracer)
+        ahead = None if asked.quiet else forecast(opened, transported=transported)
         if ahead is not None:
             options.note(ahead)
         reference = Reference(opened, tracer=who, effects=effects)
         if transported:
-            if as_json:
+            if asked.as_json:
                 raise click.UsageError(
                     "--json counts pixels of the certified truth: leave out light transport"
                 )
-            trace_transported(reference, chosen, out, progress=not quiet)
+            trace_transported(reference, chosen, asked.out, progress=asked.progress)
             return
-        record = trace_to_file(reference, chosen, out, compared=as_json, progress=not quiet)
-    if as_json:
-        options.tell(True, lambda: record, str)
+        record = trace_to_file(reference, chosen, asked.out, compared=asked.as_json, progress=asked.progress)
+    if asked.as_json:
+        asked.tell(lambda: record, str)
