@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 from typing import Any
 
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
@@ -43,12 +42,8 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
     """Raise `Interrupted` in the main thread where a signal asks this process to end.
 
     Signals that the parent process ignores, as shells do for jobs in the background, or that the program
-    around this handles itself, are left alone; outside of the main thread all are.
-
-    Parameters
-    ----------
-    ignored_afterwards
-        Whether signals are ignored from the end of the block on, for the process is about to end.
+    around this handles itself, are left alone; outside of the main thread all are. A process that is about to
+    end ignores them from the end of the block on.
     """
     global received, _raised
     if threading.current_thread() is not threading.main_thread() or _taken:
@@ -78,31 +73,26 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
 def delayed() -> Iterator[None]:
     """Let a short block run to its end before a signal is obeyed; not for anything that waits."""
     global _delays
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    _delays += 1
+    here = int(threading.current_thread() is threading.main_thread())
+    _delays += here
     try:
         yield
     finally:
-        _delays -= 1
-    if received is not None:
+        _delays -= here
+    if here and received is not None:
         _raise()
 
 
-def _handle(number: int, frame: FrameType | None) -> None:
+def _handle(number: int, _: object) -> None:
     global received
-    del frame
     if number in WORDS and received is None:
         received = signal.Signals(number)
         # What fails from here on, in callbacks and in other threads, fails because the command ends.
-        sys.unraisablehook = lambda _: None
-        threading.excepthook = lambda _: None
-    if received is None:
-        return
-    if signal.SIGALRM in _taken:
-        signal.setitimer(signal.ITIMER_REAL, RETRY_S)
-    _raise()
+        sys.unraisablehook, threading.excepthook = lambda _: None, lambda _: None
+    if received is not None:
+        if signal.SIGALRM in _taken:
+            signal.setitimer(signal.ITIMER_REAL, RETRY_S)
+        _raise()
 
 
 def _raise() -> None:

@@ -107,22 +107,20 @@ COMPLETION_VARIABLE = "_XFRUSTUM_COMPLETE"
 
 
 def invoke(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through.
-
-    Raises
-    ------
-    click.UsageError
-        An argument has bytes that are no UTF-8, which image files and JSON cannot hold, or a shell asks for
-        completion in an unknown way.
-    """
+    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
     for argument in arguments:
         try:
             argument.encode()
-        except UnicodeEncodeError as error:
+        except UnicodeEncodeError as error:  # image files and JSON cannot hold it
             raise click.UsageError(f"{argument} is not UTF-8; use another name") from error
     asked = os.environ.get(COMPLETION_VARIABLE)
     if asked is not None:
-        return _complete(asked)
+        from click.shell_completion import shell_complete
+
+        if shell_complete(cli, {}, "xfrustum", COMPLETION_VARIABLE, asked) == 0:
+            return 0
+        shells = "bash_source, zsh_source or fish_source"
+        raise click.UsageError(f"{COMPLETION_VARIABLE} is {asked!r}: set it to {shells}")
     try:
         with cli.make_context("xfrustum", list(arguments)) as context:
             status = cli.invoke(context)
@@ -131,15 +129,3 @@ def invoke(arguments: Sequence[str]) -> int:
     if sys.stdout is not None:
         sys.stdout.flush()
     return status if isinstance(status, int) else 0
-
-
-def _complete(asked: str) -> int:
-    """Print what a shell asks for, and return the exit status."""
-    from click.shell_completion import shell_complete
-
-    status = shell_complete(cli, {}, "xfrustum", COMPLETION_VARIABLE, asked)
-    if status != 0:
-        raise click.UsageError(
-            f"{COMPLETION_VARIABLE} is {asked!r}: set it to bash_source, zsh_source or fish_source"
-        )
-    return status

@@ -15,7 +15,6 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import IO
 
 from xfrustum import interrupts
 from xfrustum.terminal import say
@@ -25,14 +24,15 @@ BAD_INPUT, UNEXPECTED_ERROR = 2, 70
 
 TRACEBACK_OPTION = "--traceback"
 
+_FREE, _PERMISSION = "free some space or choose another place", "choose another place, or ask for permission"
 ADVICE = {
     errno.ENAMETOOLONG: "give a shorter name",
-    errno.ENOSPC: "free some space or choose another place",
-    errno.EDQUOT: "free some space or choose another place",
+    errno.ENOSPC: _FREE,
+    errno.EDQUOT: _FREE,
     errno.EFBIG: "choose a place where files may be larger",
     errno.EROFS: "choose another place",
-    errno.EACCES: "choose another place, or ask for permission",
-    errno.EPERM: "choose another place, or ask for permission",
+    errno.EACCES: _PERMISSION,
+    errno.EPERM: _PERMISSION,
     errno.ELOOP: "mend the symbolic links",
     errno.EMFILE: "raise the limit on open files (ulimit -n)",
 }
@@ -41,33 +41,34 @@ ADVICE = {
 
 def run() -> int:
     """Run the command line of this process and return its exit status."""
-    _open_closed_descriptors()
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:  # it is closed: libraries would write to a file that got such a number
+            os.open(os.devnull, os.O_RDWR)
     # To the true standard error, also where a library has taken its descriptor. Child processes inherit this.
     faulthandler.enable(os.dup(2))
     os.environ.setdefault("PYTHONFAULTHANDLER", "1")
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
+    streams = [stream for stream in (sys.stdout, sys.stderr) if stream is not None]
+    for stream in streams:
+        stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
     if TRACEBACK_OPTION not in sys.argv[1:2]:
         logging.disable()
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
     status = main()
-    _flush(sys.stdout)
-    _flush(sys.stderr)
+    for stream in streams:
+        try:
+            stream.flush()
+        except OSError:  # what cannot be written is dropped, or Python would report it at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if interrupts.received is not None:
         os._exit(status)  # at once: threads may be at work, and interrupted libraries in any state
     return status
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status.
-
-    Parameters
-    ----------
-    arguments
-        Arguments without the program's name; None for those of the process, which ends with this command.
-    """
+    """Run a command with arguments (None: those of this process, which it ends); return the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with interrupts.obeyed(ignored_afterwards=arguments is None):
@@ -103,12 +104,13 @@ def _status_of(error: BaseException, *, shown: bool) -> int:
         say(interrupts.WORDS[signal.SIGINT])
         return 128 + signal.SIGINT
     else:
-        return _report_unexpected(error, shown=shown)
+        _report_unexpected(error, shown=shown)
+        return UNEXPECTED_ERROR
     return BAD_INPUT
 
 
-def _report_unexpected(error: BaseException, *, shown: bool) -> int:
-    """Say in one line that the program failed, and where its traceback is; return the exit status."""
+def _report_unexpected(error: BaseException, *, shown: bool) -> None:
+    """Say in one line that the program failed, and where its traceback is."""
     import tempfile
     import traceback
 
@@ -119,7 +121,7 @@ def _report_unexpected(error: BaseException, *, shown: bool) -> int:
         if sys.stderr is not None:
             sys.stderr.write(text)
         say(what)
-        return UNEXPECTED_ERROR
+        return
     try:
         descriptor, name = tempfile.mkstemp(prefix="xfrustum-traceback-", suffix=".txt")
         with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
@@ -127,22 +129,3 @@ def _report_unexpected(error: BaseException, *, shown: bool) -> int:
         say(f"{what}; its traceback is in {name}")
     except OSError:
         say(f"{what}; its traceback could not be written: run `xfrustum --traceback ..` to see it")
-    return UNEXPECTED_ERROR
-
-
-def _open_closed_descriptors() -> None:
-    """Open those of 0, 1 and 2 that are closed: libraries would write to a file that got such a number."""
-    for descriptor in (0, 1, 2):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
-
-
-def _flush(stream: IO[str] | None) -> None:
-    """Flush a standard stream; what cannot be written is dropped, or Python would report it at its end."""
-    if stream is not None:
-        try:
-            stream.flush()
-        except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
