@@ -3,7 +3,8 @@
 This module is independent of the reference on purpose. The two share only the definition of the line of a
 pixel (`Pencil`). Here a line is intersected with a triangle's plane first; then the point is compared with
 the three edges in two dimensions, seen along the axis that the plane faces most. All doubles are integers
-over a common power of two, so that nothing is ever rounded.
+over a common power of two, so that nothing is ever rounded. Bounding boxes, widened by more than rounding,
+leave out triangles that a line surely misses.
 
 Conventions (CONVENTIONS.md): triangles are closed, a line that lies in a triangle's plane does not
 meet the triangle, the first s within the reach wins, and equal s is a tie.
@@ -15,9 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.selfcheck.boxes import boxes_met
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Floats, Indices, Numbers
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 Integers = tuple[int, int, int]
@@ -26,48 +26,131 @@ Integers = tuple[int, int, int]
 Ratio = tuple[int, int]
 """Numerator and positive denominator."""
 
+BOX_MARGIN = 2.0**-40
+"""Width added around every box, relative to the largest coordinate times 1 + the steepest slope. The bounds
+of a box are a difference of two coordinates and its product with a slope: at most 3 roundings of 2^-53, each
+of a number no larger than twice that product. The margin is over a thousand times as wide."""
+
+CHUNK_TRIANGLES = 1 << 13
+"""Triangles whose boxes are compared with all rows at once; each needs a byte for every row and column."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactRows:
-    """The first triangle on each line of some rows, decided without any rounding.
+    """The first triangle on each line of some rows, decided without any rounding."""
 
-    Attributes
-    ----------
-    triangle
-        (rows, W) int32 number of the triangle met first, the smallest one in a tie; `NOTHING` where a line
-        meets none.
-    s
-        (rows, W) the double nearest to the exact s of the meeting point; NaN where a line meets none.
-    ties
-        (N, 3) row of the image, column and triangle number of all triangles that are first together,
-        sorted.
+    triangle: Numbers  # (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
+    s: Floats  # (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
+    ties: (
+        Indices  # (N, 3) row of the image, column and number of all triangles first together, sorted
+    )
+
+
+def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> ExactRows:
+    """Decide the first of the triangles (F, 3, 3) on every line of some rows of a pencil, all in integers."""
+    width = pencil.resolution[0]
+    pixel, candidates, nearest = _boxes_met(triangles, pencil, rows)
+    lines = _ExactLines(triangles, np.unique(candidates), pencil)
+    triangle = np.full((len(rows), width), NOTHING, dtype=np.int32)
+    s = np.full((len(rows), width), np.nan)
+    ties: list[tuple[int, int, int]] = []
+    # Pairs are sorted by pixel; one pixel is decided after the other.
+    pixels, starts = np.unique(pixel, return_index=True)
+    ends = np.append(starts, len(pixel))[1:]
+    for number, start, end in zip(pixels.tolist(), starts.tolist(), ends.tolist(), strict=True):
+        row, column = divmod(number, width)
+        pairs = zip(candidates[start:end].tolist(), nearest[start:end].tolist(), strict=True)
+        winners, where = lines.first(rows.start + row, column, list(pairs))
+        if winners:
+            triangle[row, column], s[row, column] = winners[0], where
+        if len(winners) > 1:
+            ties.extend((rows.start + row, column, winner) for winner in winners)
+    return ExactRows(triangle=triangle, s=s, ties=np.array(ties, dtype=np.int64).reshape(-1, 3))
+
+
+# Bounding boxes ------------------------------------------------------------------------------------------
+
+
+def _boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> tuple[Indices, Indices, Floats]:
+    """Return all pairs of a pixel and a triangle (N,) except those that surely do not meet.
+
+    A point of the line has x - cx = s dx and s = cz - z. If the point lies in a triangle, s lies between the
+    least and the largest s of the corners. Therefore s dx lies in the interval between these two times dx,
+    and x - cx in the interval of the corners. The two intervals must overlap, for x and for y alike. Boxes
+    are widened by `BOX_MARGIN`, so that rounding loses no pair.
+
+    Returns
+    -------
+    Pixel number (W times the row within the given rows, plus the column), triangle number, and a lower bound
+    of s; sorted by pixel, then by this bound.
     """
+    center, slopes = np.asarray(pencil.center), (pencil.dx, pencil.dy[rows.start : rows.stop])
+    steepest = max(np.abs(one).max() for one in slopes)
+    pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
+    for start in range(0, len(triangles), CHUNK_TRIANGLES):
+        chunk = triangles[start : start + CHUNK_TRIANGLES]
+        size = np.maximum(np.abs(chunk).max(axis=(1, 2), initial=0.0), np.abs(center).max())
+        margin = (BOX_MARGIN * (1 + steepest) * size)[:, None]
+        relative = (chunk - center) * [1.0, 1.0, -1.0]
+        low, high = relative.min(axis=1) - margin, relative.max(axis=1) + margin
+        near, far = np.maximum(low[:, 2], pencil.s_range[0]), np.minimum(high[:, 2], pencil.s_range[1])
+        in_row = _reached((near, far), (low[:, 1], high[:, 1]), slopes[1])
+        some = np.flatnonzero((near <= far) & in_row.any(axis=1))
+        in_column = _reached((near[some], far[some]), (low[some, 0], high[some, 0]), slopes[0])
+        for box, columns in zip(some.tolist(), in_column, strict=True):
+            rows_of_box = np.flatnonzero(in_row[box])[:, None] * pencil.resolution[0]
+            pixel = (rows_of_box + np.flatnonzero(columns)).ravel()
+            pairs.append((pixel, np.full(len(pixel), start + box), np.full(len(pixel), low[box, 2])))
+    pixels, numbers, nearest = (np.concatenate(one) for one in zip(*pairs, strict=True))
+    order = np.lexsort((nearest, pixels))
+    return pixels[order], numbers[order], nearest[order]
 
-    triangle: Numbers
-    s: Floats
-    ties: Indices
+
+def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floats) -> Mask:
+    """Return (T, N) whether lines of slopes (N,) meet, within ranges of s (T,), intervals (T,) on an axis."""
+    one, other = (bound[:, None] * slopes for bound in s)
+    low, high = (end[:, None] for end in ends)
+    return np.asarray((np.minimum(one, other) <= high) & (np.maximum(one, other) >= low))
+
+
+# Integers ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class IntegerPlane:
-    """A triangle relative to the center, in integers.
+class _Plane:
+    """A triangle relative to the center, in integers: the plane is normal . q = offset.
 
-    Attributes
-    ----------
-    normal, offset
-        Coefficients of the plane: its points q have normal . q = offset.
-    axes
-        The two axes x and y that remain when the plane is seen along the third one, which it does not
-        contain.
-    edges
-        Coefficients (u, v, w) of each edge in these axes: u y - v x - w is at least zero on the triangle's
-        side of the edge.
+    It is seen along an axis that it does not contain. In the other two, x and y, each edge has coefficients
+    (u, v, w): u y - v x - w is at least zero on the triangle's side of the edge.
     """
 
     normal: Integers
     offset: int
     axes: tuple[int, int]
     edges: tuple[Integers, ...]
+
+    @classmethod
+    def of(cls, corners: list[Integers]) -> _Plane | None:
+        """Return a triangle's plane and edges; None for a triangle without area, which no line meets."""
+        # Step 1: the normal, by the cross product of two edges.
+        p0, p1, p2 = corners
+        a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]
+        normal = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+        if not any(normal):
+            return None
+        # Step 2: see the plane along the axis of the normal's largest component, which cannot be zero.
+        facing = max(range(3), key=lambda axis: abs(normal[axis]))
+        x, y = (facing + 1) % 3, (facing + 2) % 3
+        # Step 3: go around the triangle counterclockwise as x and y see it. The corners' own order is
+        # counterclockwise where that component of the normal is positive.
+        turns = ((p0, p1), (p1, p2), (p2, p0)) if normal[facing] > 0 else ((p1, p0), (p2, p1), (p0, p2))
+        edges = []
+        for start, end in turns:
+            u, v = end[x] - start[x], end[y] - start[y]
+            edges.append((u, v, u * start[y] - v * start[x]))
+        # Step 4: the plane goes through the first corner.
+        offset = normal[0] * p0[0] + normal[1] * p0[1] + normal[2] * p0[2]
+        return cls(normal=normal, offset=offset, axes=(x, y), edges=tuple(edges))
 
     def met_by(self, d: Integers) -> Ratio | None:
         """Return the ratio s at which the line s d meets the triangle; None where it does not."""
@@ -79,157 +162,62 @@ class IntegerPlane:
         offset, slope = (self.offset, slope) if slope > 0 else (-self.offset, -slope)
         # Step 3: slope times the meeting point, compared with slope times each edge's equation.
         x, y = offset * d[self.axes[0]], offset * d[self.axes[1]]
-        for u, v, w in self.edges:
-            if u * y - v * x < w * slope:
-                return None
+        if any(u * y - v * x < w * slope for u, v, w in self.edges):
+            return None
         return offset, slope
 
 
-class Integral:
-    """A scale that turns doubles into integers: value * 2**bits.
-
-    Parameters
-    ----------
-    values
-        All doubles that will be converted; finite.
-    """
+class _Integral:
+    """The scale 2**bits that turns some finite doubles into integers."""
 
     def __init__(self, values: Floats) -> None:
         denominators = {value.as_integer_ratio()[1] for value in np.unique(values).tolist()}
         self.bits = max(denominators, default=1).bit_length() - 1
 
     def __call__(self, value: float) -> int:
-        """Return one of the values as integer."""
         numerator, denominator = value.as_integer_ratio()
         return numerator << (self.bits - denominator.bit_length() + 1)
 
 
-def integer_plane(corners: tuple[Integers, Integers, Integers]) -> IntegerPlane | None:
-    """Return a triangle's plane and edges; None for a triangle without area, which no line meets."""
-    # Step 1: the normal, by the cross product of two edges.
-    p0, p1, p2 = corners
-    a, b = [(q[0] - p0[0], q[1] - p0[1], q[2] - p0[2]) for q in (p1, p2)]
-    normal = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    if not any(normal):
-        return None
-    # Step 2: see the plane along the axis of the normal's largest component, which cannot be zero.
-    facing = max(range(3), key=lambda axis: abs(normal[axis]))
-    x, y = (facing + 1) % 3, (facing + 2) % 3
-    # Step 3: go around the triangle counterclockwise as x and y see it. The corners' own order is
-    # counterclockwise where that component of the normal is positive.
-    turns = ((p0, p1), (p1, p2), (p2, p0)) if normal[facing] > 0 else ((p1, p0), (p2, p1), (p0, p2))
-    edges = []
-    for start, end in turns:
-        u, v = end[x] - start[x], end[y] - start[y]
-        edges.append((u, v, u * start[y] - v * start[x]))
-    # Step 4: the plane goes through the first corner.
-    offset = normal[0] * p0[0] + normal[1] * p0[1] + normal[2] * p0[2]
-    return IntegerPlane(normal=normal, offset=offset, axes=(x, y), edges=tuple(edges))
-
-
-class ExactLines:
-    """The lines of a pencil and some triangles, all in integers.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners in scene units.
-    numbers
-        Numbers of the triangles that the lines may meet.
-    pencil
-        Lines of all pixels of the image.
-    """
+class _ExactLines:
+    """The lines of a pencil, and those of the triangles (F, 3, 3) that they may meet, in integers."""
 
     def __init__(self, triangles: Floats, numbers: Indices, pencil: Pencil) -> None:
         # Lengths and slopes have scales of their own: each is a common power of two.
         corners = triangles[numbers]
-        self._length = Integral(np.concatenate((corners.ravel(), pencil.center, pencil.s_range)))
-        slope = Integral(np.concatenate((pencil.dx, pencil.dy)))
-        self._slope_bits = slope.bits
-        self._dx = [slope(value) for value in pencil.dx.tolist()]
-        self._dy = [slope(value) for value in pencil.dy.tolist()]
-        self._range = (self._length(float(pencil.s_range[0])), self._length(float(pencil.s_range[1])))
-        cx, cy, cz = (self._length(float(value)) for value in pencil.center)
-
-        def relative(point: list[float]) -> Integers:
-            x, y, z = point
-            return (self._length(x) - cx, self._length(y) - cy, self._length(z) - cz)
-
+        length = _Integral(np.concatenate((corners.ravel(), pencil.center, pencil.s_range)))
+        slope = _Integral(np.concatenate((pencil.dx, pencil.dy)))
+        self._bits = length.bits, slope.bits
+        self._dx, self._dy = ([slope(one) for one in axis.tolist()] for axis in (pencil.dx, pencil.dy))
+        self._begin, self._end = (length(float(end)) for end in pencil.s_range)
+        cx, cy, cz = (length(float(value)) for value in pencil.center)
         self._planes = {
-            number: integer_plane((relative(p0), relative(p1), relative(p2)))
-            for number, (p0, p1, p2) in zip(numbers.tolist(), corners.tolist(), strict=True)
+            number: _Plane.of([(length(x) - cx, length(y) - cy, length(z) - cz) for x, y, z in points])
+            for number, points in zip(numbers.tolist(), corners.tolist(), strict=True)
         }
 
-    def first(
-        self, row: int, column: int, numbers: list[int], nearest: list[float]
-    ) -> tuple[list[int], float]:
+    def first(self, row: int, column: int, pairs: list[tuple[int, float]]) -> tuple[list[int], float]:
         """Return the triangles met first, in ascending order, and the double nearest to their s.
 
-        Parameters
-        ----------
-        row, column
-            Pixel whose line is followed.
-        numbers, nearest
-            Numbers of the candidates, and a lower bound of s for each, in ascending order of the bounds.
+        `pairs` are the numbers of the candidates, and a lower bound of s for each, in ascending order of it.
         """
-        d = (self._dx[column], self._dy[row], -(1 << self._slope_bits))
-        winners: list[int] = []
-        first: Ratio = (0, 1)
-        where = float("nan")
-        for number, bound in zip(numbers, nearest, strict=True):
+        length_bits, slope_bits = self._bits
+        d = (self._dx[column], self._dy[row], -(1 << slope_bits))
+        winners, first, where = list[int](), (0, 1), float("nan")
+        for number, bound in pairs:
             # All further candidates lie behind the first one found.
             if winners and bound > where:
                 break
             plane = self._planes[number]
             met = plane.met_by(d) if plane else None
-            if met is None or not self._in_range(met):
+            if met is None or not self._begin * met[1] <= met[0] << slope_bits <= self._end * met[1]:
                 continue
             # The sign of the difference of two ratios, multiplied by both positive denominators.
             ahead = met[0] * first[1] - first[0] * met[1]
             if not winners or ahead < 0:
-                winners, first, where = [number], met, self._double(met)
+                # Python rounds a quotient of integers once, to the nearest double.
+                winners, first = [number], met
+                where = (met[0] << slope_bits) / (met[1] << length_bits)
             elif ahead == 0:
                 winners.append(number)
         return sorted(winners), where
-
-    def _in_range(self, met: Ratio) -> bool:
-        offset, slope = met
-        return self._range[0] * slope <= offset << self._slope_bits <= self._range[1] * slope
-
-    def _double(self, met: Ratio) -> float:
-        """Return the nearest double: Python rounds a quotient of integers once."""
-        return (met[0] << self._slope_bits) / (met[1] << self._length.bits)
-
-
-def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> ExactRows:
-    """Decide the first surface of every pixel in some rows, all in integers.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners in scene units.
-    pencil
-        Lines of all pixels of the image.
-    rows
-        Rows of the image, in order.
-    """
-    # Step 1: for every pixel, the triangles whose boxes its line may meet.
-    width = pencil.resolution[0]
-    met = boxes_met(triangles, pencil, rows)
-    # Step 2: only these triangles become integers.
-    lines = ExactLines(triangles, np.unique(met.triangle), pencil)
-    triangle = np.full((len(rows), width), NOTHING, dtype=np.int32)
-    s = np.full((len(rows), width), np.nan)
-    ties: list[tuple[int, int, int]] = []
-    # Step 3: pairs are sorted by pixel; decide one pixel after the other.
-    pixels, starts = np.unique(met.pixel, return_index=True)
-    ends = np.append(starts, len(met.pixel))[1:]
-    for pixel, start, end in zip(pixels.tolist(), starts.tolist(), ends.tolist(), strict=True):
-        row, column = divmod(pixel, width)
-        candidates, nearest = met.triangle[start:end].tolist(), met.nearest[start:end].tolist()
-        winners, where = lines.first(rows.start + row, column, candidates, nearest)
-        if winners:
-            triangle[row, column], s[row, column] = winners[0], where
-        if len(winners) > 1:
-            ties.extend((rows.start + row, column, winner) for winner in winners)
-    return ExactRows(triangle=triangle, s=s, ties=np.array(ties, dtype=np.int64).reshape(-1, 3))

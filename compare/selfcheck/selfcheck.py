@@ -1,50 +1,85 @@
-"""Is the truth true? The reference against integer brute force, pixel by pixel."""
+"""Is the truth true? The reference against integer brute force, pixel by pixel, and a sphere."""
 
 from __future__ import annotations
 
 import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from math import sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from tqdm import tqdm
 
-from xfrustum.compare.selfcheck.disagreements import Disagreement, disagreements
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck.sphere import SphereCheck, check_sphere
-from xfrustum.compare.selfcheck.views import View, views
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.certify.arbitrary_lines import FirstAlong, first_surfaces_along
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.llvm import worker_count
-from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.library import builtin, hard_cases
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
 MAX_TASK_PIXELS = 1 << 13
 """Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
 
+VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
+"""Approximate numbers of pixels in each view of a scene. With the larger one, the views of built-in scenes
+that show anything have 1.4 million pixels together. Hard cases keep their own resolution, at which their
+lines are aimed."""
+
+APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
+"""Places of the apertures as shares of the plate's columns and rows: the middle, a place off center on both
+axes, and two corners."""
+
+MAX_LISTED = 5
+"""Largest number of disagreements of one image that are described one by one."""
+
+UNIT_ROUNDOFF = 2.0**-53
+"""Largest relative error of one rounding to a double."""
+
+PLANE_ROUNDINGS = 16
+"""Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
+products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1 for the
+product, and 1 for the difference of two products. The product with q, which is a difference itself, has 2
+more, and the sum of three products 2 more: 8, in whatever order they are computed. The number is doubled to
+cover terms of second order and the rounding of this bound itself."""
+
+SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
+"""Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
+
+COUNTS = {
+    "pixels": "pixels",
+    "covered": "covered",
+    "proven": "proven",
+    "exact": "exact",
+    "ties": "ties",
+    "wrong": "wrong",
+    "tracer_wrong": "float32 wrong",
+}
+"""Counts of each view that are summed, with their titles in the table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disagreement:
+    """One pixel that the reference has wrong, with the integers' answer and the reference's."""
+
+    row: int
+    column: int
+    about: str  # "triangle", "certainty", "companions" or "position"
+    expected: str
+    got: str
+
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCheck:
-    """The comparison of one image with the exact answer.
-
-    Attributes
-    ----------
-    scene, aperture, resolution
-        Name of the scene, column and row of the aperture, W and H of the image.
-    pixels, covered, proven, exact, ties
-        Numbers of all pixels, of those that show a surface, and of those in each class.
-    wrong
-        Number of pixels that disagree with the exact answer.
-    disagreements
-        Descriptions of the first few disagreements.
-    tracer_wrong
-        Number of pixels without a tie that the float32 tracer alone gets wrong.
-    seconds
-        Time for tracing, waiting for the exact rows, and comparing; other processes work ahead meanwhile.
-    """
+    """The comparison of one image with the exact answer."""
 
     scene: str
     aperture: tuple[int, int]
@@ -55,24 +90,39 @@ class ViewCheck:
     exact: int
     ties: int
     wrong: int
-    disagreements: tuple[Disagreement, ...]
-    tracer_wrong: int
+    disagreements: tuple[Disagreement, ...]  # the first few
+    tracer_wrong: int  # pixels without a tie that the float32 tracer alone gets wrong
+    seconds: float  # other processes work ahead meanwhile
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereCheck:
+    """Lines from a sphere's center through its vertices and the middles of its edges.
+
+    A miss is a line that meets nothing; those of the tracer are in float32 alone, in its robust mode. Wrong
+    is a line that does not meet the right triangles: at a vertex all its triangles and no others, at s = 1;
+    in the middle of an edge one of its two triangles or both.
+    """
+
+    triangles: int
+    vertices: int
+    edges: int
+    vertex_misses: int
+    edge_misses: int
+    wrong: int
+    tracer_vertex_misses: int
+    tracer_edge_misses: int
     seconds: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every line meets the right triangles."""
+        return self.vertex_misses == self.edge_misses == self.wrong == 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SelfCheck:
-    """All images that were checked, and the sphere.
-
-    Attributes
-    ----------
-    views
-        The comparison of each image.
-    sphere
-        The check of the sphere; None where it was not asked for.
-    seconds
-        Time for everything.
-    """
+    """All images that were checked, and the sphere, or None where it was not asked for."""
 
     views: tuple[ViewCheck, ...]
     sphere: SphereCheck | None
@@ -89,30 +139,26 @@ class SelfCheck:
 
     def summary(self) -> dict[str, Any]:
         """Return everything as `selfcheck --json` prints it."""
-        counts = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
-        return {
-            "agrees": self.agrees,
-            **{count: self.total(count) for count in counts},
-            "sphere": asdict(self.sphere) if self.sphere else None,
-            "views": [asdict(view) for view in self.views],
-            "seconds": self.seconds,
-        }
+        counts = {count: self.total(count) for count in COUNTS}
+        return {"agrees": self.agrees, **counts, **asdict(self)}
 
 
 def table(check: SelfCheck) -> str:
     """Return a self-check in words: one row per scene, the sphere, every disagreement, the result."""
-    counts = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
-    titles = ("pixels", "covered", "proven", "exact", "ties", "wrong", "float32 wrong")
     of_scene: dict[str, list[ViewCheck]] = {}
     for view in check.views:
         of_scene.setdefault(view.scene, []).append(view)
     width = max(len(name) for name in of_scene)
-    lines = [" ".join([f"{'scene':<{width}}", "apertures", *(f"{title:>13}" for title in titles)])]
+    lines = [" ".join([f"{'scene':<{width}}", "apertures", *(f"{title:>13}" for title in COUNTS.values())])]
     for name, group in (*of_scene.items(), ("all", list(check.views))):
-        sums = (sum(getattr(view, count) for view in group) for count in counts)
+        sums = (sum(getattr(view, count) for view in group) for count in COUNTS)
         lines.append(" ".join([f"{name:<{width}}", f"{len(group):>9}", *(f"{n:>13,}" for n in sums)]))
-    if check.sphere is not None:
-        lines.append(check.sphere.sentence())
+    if one := check.sphere:
+        lines.append(
+            f"sphere of {one.triangles:,} triangles, lines from its center: {one.vertices:,} vertices, "
+            f"{one.vertex_misses:,} missed (float32 {one.tracer_vertex_misses:,}); {one.edges:,} edges, "
+            f"{one.edge_misses:,} missed (float32 {one.tracer_edge_misses:,}); {one.wrong:,} wrong"
+        )
     lines += [
         f"{view.scene} {view.aperture[0]},{view.aperture[1]}: column {at.column}, row {at.row}, "
         f"{at.about}: expected {at.expected}, got {at.got}"
@@ -120,12 +166,8 @@ def table(check: SelfCheck) -> str:
         for at in view.disagreements
     ]
     result = "agree" if check.agrees else "DISAGREE"
-    return "\n".join(
-        [
-            *lines,
-            f"reference and integers {result} on {check.total('pixels'):,} pixels ({check.seconds:.0f} s)",
-        ]
-    )
+    pixels = f"{check.total('pixels'):,} pixels"
+    return "\n".join([*lines, f"reference and integers {result} on {pixels} ({check.seconds:.0f} s)"])
 
 
 def selfcheck(
@@ -142,20 +184,27 @@ def selfcheck(
     progress
         Whether to show a progress bar on standard error.
     processes
-        Number of processes that compute; None for one per processor. With 1 no process is started: a script
-        that does not guard its main module needs this.
+        Number of processes that compute; None for one per processor, 1 for this one alone.
 
     Raises
     ------
     InputError
-        There is no such scene.
+        There is no such scene, or it is a giant.
     """
     started = time.perf_counter()
-    chosen = views(names, quick=quick)
-    with _pool(processes or worker_count()) as pool, _progress_bar(chosen, progress) as bar:
-        # All tasks are submitted at once: the other processes stay busy while this one traces.
-        waiting = [(view, list(_exact_rows(view, pool))) for view in chosen]
-        checked = [_check(view, rows, bar) for view, rows in waiting]
+    views = [view for name in names or default_names() for view in _views(name, quick)]
+    pixels = sum(int(np.prod(scene.frustum.resolution)) for _, scene, _ in views)
+    # Processes are spawned, not forked: they inherit no thread, no lock and no OpenGL context.
+    pool = ProcessPoolExecutor(processes or worker_count(), mp_context=multiprocessing.get_context("spawn"))
+    compute: Callable[..., Iterator[ExactRows]] = map if processes == 1 else pool.map
+    try:
+        with tqdm(total=pixels, unit="px", unit_scale=True, disable=not progress) as bar:
+            # All tasks are submitted at once: the other processes stay busy while this one traces.
+            waiting = [(*view, _exact_rows(compute, *view[1:])) for view in views]
+            checked = [_check(*view, bar) for view in waiting]
+    finally:
+        # After an error the remaining tasks are dropped.
+        pool.shutdown(cancel_futures=True)
     return SelfCheck(
         views=tuple(checked),
         sphere=None if names else check_sphere(quick=quick),
@@ -163,73 +212,229 @@ def selfcheck(
     )
 
 
-def _check(view: View, rows: list[Future[ExactRows]], bar: Any) -> ViewCheck:
-    """Trace a view, wait for its exact rows and compare."""
+def default_names() -> list[str]:
+    """Return the built-in scenes, the hard cases, and scene files where there are any beside the checkout."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes"
+    files = (str(path) for path in sorted(beside.glob("*.toml")))
+    return [*builtin.names(), *hard_cases.names(giants=False), *files]
+
+
+def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
+    """Yield the images of a scene or hard case that are checked, small enough for integers.
+
+    Quickly, views of scenes have fewer pixels, and hard cases only the apertures that they name.
+    """
+    case = hard_cases.CASES.get(name)
+    if case is not None and case.giant:
+        raise InputError(f"{name} is a giant, which integers take hours for: leave it out of the self-check")
+    scene = case.build() if case else _at_about(open_scene(name), QUICK_VIEW_PIXELS if quick else VIEW_PIXELS)
+    columns, rows = scene.plate.hogels
+    places = [(min(int(x * columns), columns - 1), min(int(y * rows), rows - 1)) for x, y in APERTURE_SHARES]
+    if case is not None:
+        places = [*case.apertures, *(places if not quick else ())]
+    yield from ((name, scene, scene.plate.aperture(*place)) for place in dict.fromkeys(places))
+
+
+def _at_about(scene: Scene, pixels: int) -> Scene:
+    """Return the scene with about that many pixels, in an odd number of columns.
+
+    An odd number of columns has a middle one, whose lines have no slope in x: in symmetric scenes they run
+    along edges.
+    """
+    width, height = scene.frustum.resolution
+    factor = sqrt(pixels / (width * height))
+    resolution = (max(1, round(width * factor)) | 1, max(1, round(height * factor)))
+    return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
+
+
+def _exact_rows(
+    compute: Callable[..., Iterator[ExactRows]], scene: Scene, aperture: Aperture
+) -> Iterator[ExactRows]:
+    """Have an image decided in bands of rows."""
+    pencil = crossed_frustum(scene.frustum, aperture)
+    width, height = pencil.resolution
+    step = max(1, MAX_TASK_PIXELS // width)
+    bands = [range(start, min(start + step, height)) for start in range(0, height, step)]
+    return compute(first_by_brute_force, [scene.triangles] * len(bands), [pencil] * len(bands), bands)
+
+
+def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows], bar: Any) -> ViewCheck:
+    """Trace an image, wait for its exact rows and compare."""
     started = time.perf_counter()
-    image = Reference(view.scene).trace(view.aperture)
-    assert image.certainty is not None
-    assert image.overruled is not None
+    image = Reference(scene).trace(aperture)
+    assert image.certainty is not None and image.overruled is not None
     parts = []
     for part in rows:
-        parts.append(part.result())
-        bar.update(parts[-1].triangle.size)
+        parts.append(part)
+        bar.update(part.triangle.size)
     exact = ExactRows(
         triangle=np.concatenate([part.triangle for part in parts]),
         s=np.concatenate([part.s for part in parts]),
         ties=np.concatenate([part.ties for part in parts]),
     )
-    pencil = crossed_frustum(view.scene.frustum, view.aperture)
-    found = disagreements(image, exact, pencil, view.scene.triangles)
+    pencil = crossed_frustum(scene.frustum, aperture)
+    wrong, listed = disagreements(image, exact, pencil, scene.triangles)
     counts = np.bincount(image.certainty.ravel(), minlength=len(Certainty))
     return ViewCheck(
-        scene=view.name,
-        aperture=view.aperture.index,
+        scene=name,
+        aperture=aperture.index,
         resolution=pencil.resolution,
         pixels=image.triangle.size,
         covered=int(image.covered.sum()),
         proven=int(counts[Certainty.PROVEN]),
         exact=int(counts[Certainty.EXACT]),
         ties=int(counts[Certainty.TIE]),
-        wrong=int(found.wrong.sum()),
-        disagreements=found.listed,
+        wrong=int(wrong.sum()),
+        disagreements=listed,
         tracer_wrong=int(image.overruled.sum()),
         seconds=time.perf_counter() - started,
     )
 
 
-def _exact_rows(view: View, pool: Executor) -> Iterator[Future[ExactRows]]:
-    """Submit a view to the pool in bands of rows."""
-    pencil = crossed_frustum(view.scene.frustum, view.aperture)
-    width, height = pencil.resolution
-    step = max(1, MAX_TASK_PIXELS // width)
-    for start in range(0, height, step):
-        rows = range(start, min(start + step, height))
-        yield pool.submit(first_by_brute_force, view.scene.triangles, pencil, rows)
+# Disagreements -------------------------------------------------------------------------------------------
 
 
-class _HereAndNow(Executor):
-    """An executor that computes every task at once, in this process."""
+def disagreements(
+    image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats
+) -> tuple[Mask, tuple[Disagreement, ...]]:
+    """Compare every pixel of a traced image with the exact answer for all its rows.
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        done.set_result(fn(*args, **kwargs))
-        return done
+    A pixel is wrong in each of these cases:
+
+    * its triangle is another one, or none where the line meets one, or one where the line meets none;
+    * a tie is not called one, a pixel without a tie is called one, or the pixel was not examined;
+    * its tie has other companions;
+    * its position is off its line, or farther from the exact position along the line than
+      `position_bound`; where the reference claims rational arithmetic, farther than one rounding.
+
+    Returns
+    -------
+    (H, W) pixels with any disagreement, and descriptions of the first few.
+    """
+    assert image.certainty is not None and image.companions is not None
+    shape = exact.triangle.shape
+    expected, got = set(map(tuple, exact.ties.tolist())), set(map(tuple, image.companions.tolist()))
+    tie, companions = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    for mask, places in ((tie, expected), (companions, got ^ expected)):
+        for row, column, _ in places:
+            mask[row, column] = True
+    claimed = image.certainty == Certainty.TIE
+    found: dict[str, Mask] = {
+        "triangle": image.triangle != exact.triangle,
+        "certainty": (claimed != tie) | (image.certainty == Certainty.UNEXAMINED),
+        "companions": companions,
+        "position": _misplaced(image, exact, pencil, triangles),
+    }
+
+    def described(about: str, pixel: tuple[int, int]) -> Disagreement:
+        """Describe the integers' answer and the reference's."""
+        tied, said = (sorted(n for *at, n in one if tuple(at) == pixel) for one in (expected, got))
+        assert image.certainty is not None
+        words = {
+            "triangle": (str(exact.triangle[pixel]), str(image.triangle[pixel])),
+            "certainty": ("tie" if tied else "no tie", Certainty(image.certainty[pixel]).name.lower()),
+            "companions": (str(tied), str(said)),
+            "position": (f"s = {exact.s[pixel]!r}", f"position {image.position[pixel].tolist()}"),
+        }[about]
+        return Disagreement(row=pixel[0], column=pixel[1], about=about, expected=words[0], got=words[1])
+
+    pixels = [(about, (row, column)) for about, mask in found.items() for row, column in np.argwhere(mask)]
+    listed = tuple(described(about, (int(row), int(column))) for about, (row, column) in pixels[:MAX_LISTED])
+    return np.logical_or.reduce(list(found.values())), listed
 
 
-@contextmanager
-def _pool(processes: int) -> Iterator[Executor]:
-    """Yield processes that inherit no thread, no lock and no OpenGL context: spawned, not forked."""
-    if processes == 1:
-        yield _HereAndNow()
-        return
-    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        yield pool
-    finally:
-        # After an error the remaining tasks are dropped.
-        pool.shutdown(cancel_futures=True)
+def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
+    """Return the pixels whose position is not where the line meets the exact triangle, (H, W)."""
+    assert image.certainty is not None
+    mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
+    same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
+    d, s = pencil.directions()[same], exact.s[same]
+    center = np.asarray(pencil.center)
+    allowed = position_bound(triangles[exact.triangle[same]] - center, d, s)
+    allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
+    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8 covers
+    # these and the same operations in this check.
+    reach = np.abs(center) + np.abs(s[:, None] * d)
+    off = np.abs(image.position[same] - (center + s[:, None] * d))
+    mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
+    return mask
 
 
-def _progress_bar(chosen: list[View], shown: bool) -> Any:
-    pixels = sum(int(np.prod(view.scene.frustum.resolution)) for view in chosen)
-    return tqdm(total=pixels, unit="px", unit_scale=True, disable=not shown)
+def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
+    """Return the largest error (N,) of an s that was computed in double precision.
+
+    `corners` (N, 3, 3) are those of the triangles met, relative to the center; d (N, 3) the directions, and s
+    (N,) the exact values, rounded to the nearest double. Where rounding leaves the sign of d . n in doubt,
+    only rational arithmetic can decide s: there the bound is that of a rounded exact s.
+    """
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    magnitude = np.stack(
+        [np.abs(a[:, i] * b[:, j]) + np.abs(a[:, j] * b[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))], axis=1
+    )
+    rounding = PLANE_ROUNDINGS * UNIT_ROUNDOFF
+    offset_error = rounding * np.sum(np.abs(corners[:, 0]) * magnitude, axis=1)
+    slope_error = rounding * np.sum(np.abs(d) * magnitude, axis=1)
+    slope = np.abs(np.sum(np.cross(a, b) * d, axis=1)) - slope_error
+    decidable = slope > 0
+    error = (offset_error + np.abs(s) * slope_error) / np.where(decidable, slope, 1.0)
+    return np.where(decidable, error, 0.0) + 2 * UNIT_ROUNDOFF * np.abs(s)
+
+
+# The sphere ----------------------------------------------------------------------------------------------
+
+
+def check_sphere(*, quick: bool = False) -> SphereCheck:
+    """Ask the reference about every vertex and every edge of a sphere about the origin.
+
+    No line through the center may miss the closed mesh, least of all at its corners. In float32 and without
+    its robust mode, Embree misses a quarter of them.
+    """
+    started = time.perf_counter()
+    mesh = trimesh.creation.icosphere(subdivisions=QUICK_SUBDIVISIONS if quick else SUBDIVISIONS)
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    edges = np.asarray(mesh.edges_unique, dtype=np.int64)
+    middles = vertices[edges].mean(axis=1)
+    # s runs from the center to beyond the unit sphere, which is met at about 1.
+    at_vertices, at_edges = (
+        first_surfaces_along(vertices[faces], (0.0, 0.0, 0.0), lines, (0.0, 2.0))
+        for lines in (vertices, middles)
+    )
+    # Plate and frustum play no part for the tracer.
+    scene = Scene(
+        name="sphere",
+        plate=Plate(size=(1.0, 1.0), hogels=(1, 1)),
+        frustum=Frustum(resolution=(1, 1), reach=(1.0, 1.0), fov=(1.0, 1.0)),
+        objects=(SceneObject(name="sphere", vertices=vertices, faces=faces),),
+    )
+    tracer = EmbreeTracer(scene)
+    return SphereCheck(
+        triangles=len(faces),
+        vertices=len(vertices),
+        edges=len(edges),
+        vertex_misses=int((at_vertices.triangle < 0).sum()),
+        edge_misses=int((at_edges.triangle < 0).sum()),
+        wrong=_wrong_at_vertices(at_vertices, faces) + _wrong_at_edges(at_edges, faces, edges),
+        tracer_vertex_misses=int((tracer.first_hits(np.zeros_like(vertices), vertices) < 0).sum()),
+        tracer_edge_misses=int((tracer.first_hits(np.zeros_like(middles), middles) < 0).sum()),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _wrong_at_vertices(found: FirstAlong, faces: Indices) -> int:
+    """Count the vertices at which a line meets other triangles than exactly theirs, or not at s = 1."""
+    around: list[list[int]] = [[] for _ in found.triangle]
+    for number, corners in enumerate(faces.tolist()):
+        for vertex in corners:
+            around[vertex].append(number)
+    return sum(
+        found.ties.get(vertex, ()) != tuple(numbers) or float(found.s[vertex]) != 1.0
+        for vertex, numbers in enumerate(around)
+    )
+
+
+def _wrong_at_edges(found: FirstAlong, faces: Indices, edges: Indices) -> int:
+    """Count the edges at the rounded middle of which a line meets a triangle that is not the edge's own."""
+    return sum(
+        not all(set(ends) <= set(faces[number].tolist()) for number in found.ties.get(line, (triangle,)))
+        for line, (ends, triangle) in enumerate(zip(edges.tolist(), found.triangle.tolist(), strict=True))
+    )

@@ -16,7 +16,7 @@ from tests.support.scene_file import film, named
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.cli.main import main
 from xfrustum.compare.selfcheck.rational import first_by_brute_force
-from xfrustum.compare.selfcheck.views import default_names
+from xfrustum.compare.selfcheck.selfcheck import default_names
 from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, InputError, Scene, Screen
