@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
-from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, make_budget, said_of_budget
+from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, make_budget
 from xfrustum.compare.attribution.radiance_budget import (
     RadianceBudget,
     RadianceLink,
@@ -135,9 +135,7 @@ class BudgetReport(Shown, Summarized[BudgetRecord]):
     def _said(self) -> str:
         column, row = self.aperture.index
         settings = f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
-        return (
-            f"{self.scene.name!r}, aperture {column},{row} with {settings}: {said_of_budget(self.geometry)}"
-        )
+        return f"{self.scene.name!r}, aperture {column},{row} with {settings}: {self.geometry._said()}"
 
     def _tables(self) -> Sequence[Table]:
         head = ("charged to", "pixels", "surface", "moves by, px rms")
@@ -195,13 +193,12 @@ class AutoBudget(Shown, Summarized[AutoBudgetRecord]):
 
     def _said(self) -> str:
         return f"{len(self.budgets)} apertures; " + "; ".join(
-            f"{one.aperture.column},{one.aperture.row}: {said_of_budget(one.geometry)}"
-            for one in self.budgets
+            f"{one.aperture.column},{one.aperture.row}: {one.geometry._said()}" for one in self.budgets
         )
 
     def _tables(self) -> Sequence[Table]:
         pairs = zip(self.auto.chosen, self.budgets, strict=True)
-        rows = [(*spelled(chosen).split(": ", 1), said_of_budget(one.geometry)) for chosen, one in pairs]
+        rows = [(*spelled(chosen).split(": ", 1), one.geometry._said()) for chosen, one in pairs]
         return (Table(rows=rows),)
 
 

@@ -5,8 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -14,94 +13,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.attribution.explain import differing_triangles, explain
-from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.metrics.displacement import film_shifts, root_mean_square, shifts_at
-from xfrustum.compare.metrics.error_maps import (
-    PixelErrors,
-    differing_pixels,
-    judged_pixels,
-    pixel_errors,
+from xfrustum.compare.metrics.displacement import (
+    film_shifts,
+    lengths,
+    pixel_centers,
+    root_mean_square,
+    shifts_at,
 )
+from xfrustum.compare.metrics.error_maps import PixelErrors, differing_pixels, judged_pixels, pixel_errors
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
-from xfrustum.compare.rounding.causes import Causes
+from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
+from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
 from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief, Shown
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepSize:
-    """Root mean square and 99th percentile of the lengths of some displacements, in pixels."""
-
-    rms: float
-    p99: float
-
-    @classmethod
-    def of(cls, values: Floats) -> StepSize | None:
-        """Return the size of lengths (N,), the numbers of a `Spread`; None where there is none."""
-        if not values.size:
-            return None
-        with np.errstate(invalid="ignore"):
-            return cls(rms=root_mean_square(values), p99=float(np.percentile(values, 99)))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Steps:
-    """What links add to displacement, where each image before and after them shows a surface off the plate.
-
-    Attributes
-    ----------
-    known
-        (H W,) whether a pixel is one of these.
-    lengths
-        (H W,) lengths in pixels for each link; None for a link that changes no image.
-    """
-
-    known: Mask
-    lengths: tuple[Floats | None, ...]
-
-    @classmethod
-    def between(cls, shifts: Sequence[Floats]) -> Steps:
-        """Return the steps from image to image.
-
-        Parameters
-        ----------
-        shifts
-            Displacement (2, H W) of each image, see `film_shifts`; that of the same image is the same array.
-        """
-        lengths = tuple(
-            None if after is before else np.hypot(*(after - before)) for before, after in pairwise(shifts)
-        )
-        known: Mask = np.asarray(np.isfinite(shifts[0]).all(axis=0))
-        for length in lengths:
-            if length is not None:
-                known &= np.isfinite(length)
-        return cls(known=known, lengths=lengths)
-
-    def sizes(self) -> tuple[StepSize | None, ...]:
-        """Return the size of the steps of each link."""
-        still = StepSize(rms=0.0, p99=0.0) if self.known.any() else None
-        return tuple(still if one is None else StepSize.of(one[self.known]) for one in self.lengths)
-
-    def with_last(self, pixels: Indices, step: Floats) -> Steps:
-        """Return the steps with one more link, which displaces nothing but some pixels.
-
-        Parameters
-        ----------
-        pixels
-            (M,) flat numbers of pixels that this link may displace.
-        step
-            (M,) lengths; not finite where the image before or after the link shows no surface off the plate.
-        """
-        known, last = self.known.copy(), np.zeros(self.known.size)
-        known[pixels] &= np.isfinite(step)
-        last[pixels] = step
-        return Steps(known=known, lengths=(*self.lengths, last))
-
+from xfrustum.scenes.plate.double_frustum import Offset, Pivot
+from xfrustum.scenes.plate.frustum import Frustum
 
 RIGHT = -1
 """Value in a map of charges of a pixel that is right in the end, or not judged."""
@@ -111,15 +43,9 @@ RIGHT = -1
 class CauseNumbers:
     """What one link of the chain does, measured and predicted; None where nothing is displaced.
 
-    Attributes
-    ----------
-    surface, triangle
-        Numbers of judged pixels charged to it that show the wrong surface, and another triangle.
-    displacement_rms_px, displacement_p99_px
-        Root mean square and 99th percentile of what it adds to displacement, where every image of the chain
-        shows a surface off the plate.
-    predicted_displacement_rms_px, predicted_surface
-        The same by closed forms, where there are any.
+    `surface` and `triangle` count the judged pixels charged to it that show the wrong surface, and another
+    triangle. Displacement is what the link adds, where every image of the chain shows a surface off the
+    plate.
     """
 
     surface: int
@@ -131,14 +57,14 @@ class CauseNumbers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Named:
-    """The name of a link, one of `links_of`."""
+class Named:
+    """The name of a link, one of `links_of`: the first field of what inherits from it."""
 
     name: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cause(CauseNumbers, _Named):
+class Cause(CauseNumbers, Named):
     """A link of the chain by its name, and what it does."""
 
     @property
@@ -170,21 +96,11 @@ class BudgetNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class VectorBudget(Brief):
-    """What each link adds to a quantity, where every image of the chain shows a surface.
+    """What each link adds to a quantity, where every image of the chain shows a surface."""
 
-    Attributes
-    ----------
-    steps
-        (links, H, W, components) differences between neighboring images, NaN elsewhere.
-    total
-        (H, W, components) last image minus first.
-    elsewhere
-        Number of pixels left out, because some image shows no surface or one in the plate.
-    """
-
-    steps: Floats
-    total: Floats
-    elsewhere: int
+    steps: Floats  # (links, H, W, components) differences between neighboring images, NaN elsewhere
+    total: Floats  # (H, W, components) last image minus first
+    elsewhere: int  # pixels left out, because some image shows no surface or one in the plate
 
     @classmethod
     def of(cls, values: Floats) -> VectorBudget:
@@ -201,19 +117,27 @@ class VectorBudget(Brief):
         return [float(np.sqrt(np.nanmean(link))) if np.isfinite(link).any() else None for link in squared]
 
 
+Size = tuple[float | None, float | None]
+"""Root mean square and 99th percentile of some lengths; None where there are none."""
+
+
+def _size(steps: Floats | None, known: Mask) -> Size:
+    """Return the size of steps (H W,) where they are known; None stands for steps that are all 0."""
+    if not known.any():
+        return None, None
+    if steps is None:
+        return 0.0, 0.0
+    with np.errstate(invalid="ignore"):
+        return root_mean_square(steps[known]), float(np.percentile(steps[known], 99))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ChainStart(Brief):
-    """All images of a chain but the last: what the depth buffers of one pair of cameras share.
-
-    Attributes
-    ----------
-    subpixel_bits
-        Subpixel bits of the device that drew R0.
-    """
+    """All images of a chain but the last: what the depth buffers of one pair of cameras share."""
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    subpixel_bits: int
+    subpixel_bits: int  # of the device that drew R0
 
     @property
     def truth(self) -> HogelImage:
@@ -236,26 +160,18 @@ class ChainStart(Brief):
         return judged_pixels(self.truth)
 
     @cached_property
+    def changing(self) -> tuple[int, ...]:
+        """Numbers of the links up to R0 that change anything: the first one, which traces, always does."""
+        pairs = enumerate(pairwise(self.images))
+        return tuple(link for link, (before, after) in pairs if after is not before)
+
+    @cached_property
     def charge(self) -> NDArray[np.int8]:
         """(H, W) the last link that changes the triangle of each pixel up to R0, `RIGHT` where none does."""
         charge = np.full(self.truth.triangle.shape, RIGHT, dtype=np.int8)
         for link in self.changing:
             charge[self.images[link].triangle != self.images[link + 1].triangle] = link
         return charge
-
-    @cached_property
-    def changing(self) -> tuple[int, ...]:
-        """Numbers of the links up to R0 that change anything: the first one, which traces, always does."""
-        return tuple(
-            link for link, (before, after) in enumerate(pairwise(self.images)) if after is not before
-        )
-
-    @cached_property
-    def changed(self) -> Mapping[int, Indices]:
-        """Flat numbers of the pixels whose triangle each of the links `changing`, but the first, changes."""
-        return {
-            link: differing_triangles(self.images[link], self.images[link + 1]) for link in self.changing[1:]
-        }
 
     @cached_property
     def exact(self) -> PixelErrors:
@@ -271,42 +187,50 @@ class ChainStart(Brief):
 
     @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
-        """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not.
-
-        Traced images are judged at these pixels alone; images that are one, once.
-        """
-        wrong = self.exact_wrong
-        pixels = np.flatnonzero(wrong)
+        """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not."""
+        # Traced images are judged at these pixels alone. The truth is right everywhere: until a later image
+        # is, the first link is charged.
+        pixels = np.flatnonzero(self.exact_wrong)
         truth = self.truth.at(pixels)
-        # The truth is right everywhere: until a later image is, the first link is charged.
         first, *later = self.changing
         found = np.full(pixels.size, first, dtype=np.int8)
         for link in later:
             found[~wrong_surface(truth, self.images[link].at(pixels), self.reference)[0]] = link
-        charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
+        charge = np.full(self.exact_wrong.shape, RIGHT, dtype=np.int8)
         charge.reshape(-1)[pixels] = found
         return charge
 
     @cached_property
     def shifts(self) -> tuple[Floats, ...]:
-        """Displacement of each image in pixels, (2, H W); see `film_shifts`."""
+        """Displacement of each image in pixels, (2, H W); that of the same image is the same array."""
         found = {id(image): film_shifts(image, self.truth.camera) for image in dict.fromkeys(self.images)}
         return tuple(found[id(image)] for image in self.images)
 
     @cached_property
-    def steps(self) -> Steps:
-        """What each link but the last adds to displacement, where all images show a surface off the plate."""
-        return Steps.between(self.shifts)
+    def steps(self) -> tuple[Floats | None, ...]:
+        """(H W,) lengths in pixels that each link adds to displacement; None for one that changes nothing."""
+        pairs = pairwise(self.shifts)
+        return tuple(None if after is before else np.hypot(*(after - before)) for before, after in pairs)
 
     @cached_property
-    def step_sizes(self) -> tuple[StepSize | None, ...]:
-        """How far each link but the last displaces the pixels of `steps`."""
-        return self.steps.sizes()
+    def known(self) -> Mask:
+        """(H W,) pixels at which all these images show a surface off the plate."""
+        known: Mask = np.isfinite(self.shifts[0]).all(axis=0)
+        for steps in self.steps:
+            if steps is not None:
+                known &= np.isfinite(steps)
+        return known
+
+    @cached_property
+    def sizes(self) -> tuple[Size, ...]:
+        """How far each link but the last displaces the pixels that are `known`."""
+        return tuple(_size(steps, self.known) for steps in self.steps)
 
     @cached_property
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
-        return self.causes_of(self.rasterization, self.images[-1], self.changed[self.rasterization])
+        model, drawn = self.images[-2:]
+        return explain(self.reference.scene, model, drawn, self.subpixel_bits)
 
     @cached_property
     def shear(self) -> ShearNumbers | None:
@@ -315,37 +239,21 @@ class ChainStart(Brief):
 
     def find_shared(self) -> None:
         """Find what all budgets share, in the thread of the caller: other threads then only read it."""
-        for name in ("exact_wrong", "surface_charge", "step_sizes", "rounding", "shear"):
+        for name in ("charge", "exact_wrong", "surface_charge", "sizes", "rounding", "shear"):
             getattr(self, name)
         self.exact.find_maps()
-
-    def causes_of(self, link: int, after: HogelImage, pixels: Indices) -> Causes:
-        """Return the causes of what a link that rounds has changed between two images, at pixels (N,)."""
-        return explain(self.reference.scene, self.images[link], after, self.subpixel_bits, pixels)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Budget(Shown):
-    """The error of one image, link by link.
-
-    Attributes
-    ----------
-    changed
-        (N,) flat numbers of the pixels at which the last shows other than R0.
-    charge
-        (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
-    surface_charge
-        (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
-    explanation
-        Causes of the pixels charged to rasterization and depth.
-    """
+    """The error of one image, link by link."""
 
     start: ChainStart
     drawn: HogelImage
-    changed: Indices
-    charge: NDArray[np.int8]
-    surface_charge: NDArray[np.int8]
-    explanation: Causes
+    changed: Indices  # (N,) flat numbers of the pixels at which the last image shows other than R0
+    charge: NDArray[np.int8]  # (H, W) the link that each wrong pixel is charged to, else `RIGHT`
+    surface_charge: NDArray[np.int8]  # (H, W) the link from which on each pixel shows a wrong surface
+    explanation: Causes  # of the pixels charged to rasterization and depth
     predicted: tuple[LinkPrediction, ...]
 
     @property
@@ -357,11 +265,6 @@ class Budget(Shown):
     def wrong(self) -> int:
         """Number of judged pixels that show another triangle in the end."""
         return int((self.charge != RIGHT).sum())
-
-    @property
-    def cancelled(self) -> int:
-        """Number of judged pixels that are right in the end although some link changed them."""
-        return int((self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)).sum())
 
     @property
     def moved(self) -> Floats:
@@ -392,41 +295,30 @@ class Budget(Shown):
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        # Links that change no image are charged with nothing, and nothing is counted.
-        changing = (*self.start.changing, self.start.depth)
-        charges = self.surface_charge, self.charge
-        return tuple(
-            self._cause(
-                link,
-                size,
-                [int(np.count_nonzero(charge == link)) if link in changing else 0 for charge in charges],
-            )
-            for link, size in enumerate(self._step_sizes())
-        )
-
-    def _step_sizes(self) -> tuple[StepSize | None, ...]:
-        """Return how far each link displaces what is shown."""
-        start, changed, camera = self.start, self.changed, self.start.truth.camera
+        start, changed = self.start, self.changed
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
         off_plate = self.drawn.off_plate.reshape(-1)[changed]
         step = np.full(changed.size, np.nan)
-        after = shifts_at(self.drawn, camera, changed[off_plate])
+        after = shifts_at(self.drawn, start.truth.camera, changed[off_plate])
         step[off_plate] = np.hypot(*(after - start.shifts[-1][:, changed[off_plate]]))
-        steps = start.steps.with_last(changed, step)
-        if np.array_equal(steps.known, start.steps.known):
-            last = Steps(known=steps.known, lengths=steps.lengths[-1:])
-            return (*start.step_sizes, *last.sizes())
-        return steps.sizes()
-
-    def _cause(self, link: int, size: StepSize | None, wrong: list[int]) -> Cause:
-        return Cause(
-            name=self.links[link],
-            surface=wrong[0],
-            triangle=wrong[1],
-            displacement_rms_px=size.rms if size else None,
-            displacement_p99_px=size.p99 if size else None,
-            predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
-            predicted_surface=self.predicted[link].surface_pixels,
+        known, last = start.known.copy(), np.zeros(start.known.size)
+        known[changed] &= np.isfinite(step)
+        last[changed] = step
+        same = np.array_equal(known, start.known)
+        sizes = start.sizes if same else [_size(steps, known) for steps in start.steps]
+        # Links that change no image are charged with nothing, and nothing is counted.
+        changing = (*start.changing, start.depth)
+        return tuple(
+            Cause(
+                name=self.links[link],
+                surface=int(np.count_nonzero(self.surface_charge == link)) if link in changing else 0,
+                triangle=int(np.count_nonzero(self.charge == link)) if link in changing else 0,
+                displacement_rms_px=rms,
+                displacement_p99_px=p99,
+                predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
+                predicted_surface=self.predicted[link].surface_pixels,
+            )
+            for link, (rms, p99) in enumerate((*sizes, _size(last, known)))
         )
 
     @property
@@ -438,30 +330,26 @@ class Budget(Shown):
             LinkNumbers(**vars(cause), pixels=cause.triangle, height_rms=raised)
             for cause, raised in zip(self.causes, self.height.rms(), strict=True)
         )
+        # Right in the end although some link changed them.
+        cancelled = self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)
         return BudgetNumbers(
             judged=self.judged,
             wrong=self.wrong,
             links=tuple(links),
             explained=counts,
-            cancelled=self.cancelled,
+            cancelled=int(cancelled.sum()),
             unexplained=unexplained,
             not_in_every_link=self.displacement.elsewhere,
         )
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `budget --json` prints them."""
-        numbers = self.numbers
-        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
+        return asdict(self.numbers)
 
     def _said(self) -> str:
-        return said_of_budget(self)
-
-
-def said_of_budget(budget: Budget) -> str:
-    """Return in a line how many pixels are wrong, and how many of these nothing explains."""
-    unexplained = budget.explanation.counts()["unexplained"]
-    wrong = f"{budget.wrong:,} of {budget.judged:,} judged pixels show another triangle"
-    return f"{wrong}, {unexplained:,} unexplained"
+        unexplained = self.explanation.counts()["unexplained"]
+        wrong = f"{self.wrong:,} of {self.judged:,} judged pixels show another triangle"
+        return f"{wrong}, {unexplained:,} unexplained"
 
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:
@@ -488,39 +376,130 @@ def charged(
     errors
         Errors of the last image, where it was compared with the truth beside R0 already.
     """
-    charge = np.full(drawn.triangle.shape, RIGHT, dtype=np.int8)
+    exact, depth = start.images[-1], start.depth
+    changed, surface = (errors.changed, errors.surface) if errors else (None, None)
+    if changed is None:
+        changed = differing_pixels(exact, drawn)
+    if surface is None:
+        surface = wrong_surface(start.truth, drawn, start.reference) & start.judged
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
-    # A wrong pixel that no later link changes was made wrong by the first. Later links change few pixels.
-    charge[wrong] = start.changing[0]
-    exact = start.images[-1]
-    changed = errors.changed if errors else None
-    changed = differing_pixels(exact, drawn) if changed is None else changed
-    depth = differing_triangles(exact, drawn, changed)
-    for link, pixels in (*start.changed.items(), (start.depth, depth)):
-        charge.reshape(-1)[pixels[wrong.reshape(-1).take(pixels)]] = link
+    before, after = (image.triangle.reshape(-1).take(changed) for image in (exact, drawn))
+    by_depth = changed[(before != after) & wrong.reshape(-1).take(changed)]
+    charge = np.ascontiguousarray(np.where(wrong, start.charge, np.int8(RIGHT)))
+    charge.reshape(-1)[by_depth] = depth
+    # What R0 shows rightly goes wrong by depth, whatever the images before show.
+    by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     rounding = start.rounding
-    by_rasterizing = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.rasterization)
-    by_depth = depth[charge.reshape(-1).take(depth) == start.depth]
-    by_rounding_depth = start.causes_of(start.depth, drawn, by_depth)
+    rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.rasterization)
+    swapped = explain(start.reference.scene, exact, drawn, start.subpixel_bits, by_depth)
     return Budget(
         start=start,
         drawn=drawn,
         changed=changed,
         charge=charge,
-        surface_charge=_surface_charge(start, drawn, errors),
-        explanation=by_rasterizing.joined(by_rounding_depth),
+        surface_charge=np.where(surface, by_surface, np.int8(RIGHT)),
+        explanation=rounded.joined(swapped),
         predicted=predicted,
     )
 
 
-def _surface_charge(start: ChainStart, drawn: HogelImage, errors: PixelErrors | None) -> NDArray[np.int8]:
-    """Return the link (H, W) from which on each pixel shows a wrong surface; parameters as for `charged`."""
-    if errors is None or errors.surface is None:
-        wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
-    else:
-        wrong = errors.surface
-    # What R0 shows rightly goes wrong by depth, whatever the images before show. Few pixels differ from R0.
-    charge = start.surface_charge.copy()
-    pixels = np.flatnonzero(wrong != start.exact_wrong)
-    charge.reshape(-1)[pixels] = np.where(wrong.reshape(-1).take(pixels), start.depth, RIGHT)
-    return charge
+# Rounding ------------------------------------------------------------------------------------------------
+
+
+def explain(
+    scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int, pixels: Indices | None = None
+) -> Causes:
+    """Find the cause of every pixel where the raster shows another triangle than the traced model.
+
+    Parameters
+    ----------
+    model
+        Image that `Reference.trace_model` makes with the raster's settings; or a raster image with another
+        depth buffer, to explain what depth alone has changed.
+    subpixel_bits
+        Subpixel bits of the device that drew the raster.
+    pixels
+        (N,) flat numbers of pixels at which the two differ; all that do where None.
+    """
+    if pixels is None:
+        pixels = np.flatnonzero(model.triangle != raster.triangle)
+    cameras = _drawing_cameras(scene, raster, subpixel_bits) if len(pixels) else []
+    return find_causes(scene.triangles, cameras, model, raster, pixels)
+
+
+def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
+    """Return the pixels whose centers the triangles drawn there do not reach, (H, W).
+
+    Surface points of the raster are computed on the drawn triangle, for the pixel's center (docs/adr/0005):
+    this is the other half of the measurement, that the triangle was drawn where its camera puts it.
+    """
+    return misplaced_pixels(scene.triangles, _drawing_cameras(scene, raster, subpixel_bits), raster)
+
+
+def _drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> list[RoundingCamera]:
+    """Return the cameras that drew an image of our rasterizer; each draws the heights of its own slab."""
+    settings = raster.camera.settings
+    assert settings is not None
+    precision = Precision(subpixel_bits=subpixel_bits, depth=settings.depth, mapping=settings.mapping)
+    return [
+        RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
+        for camera in model_cameras(scene.frustum, raster.camera.aperture, settings)
+    ]
+
+
+# Shear ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShearNumbers:
+    """How far surface points are drawn from where cameras that are sheared about the aperture draw them.
+
+    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns to the right and
+    rows down, and the largest difference is between a traced shift and its closed form.
+    """
+
+    pixels: int  # that show a surface off the plate: all are measured
+    rms_px: float
+    closed_form_rms_px: float
+    mean_px: tuple[float, float]
+    closed_form_mean_px: tuple[float, float]
+    largest_difference_px: float
+
+
+def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
+    """Measure the shear of T2, a traced model whose cameras are sheared about their own centers.
+
+    Each pixel shows a surface point, and the cameras of the paper, sheared about the aperture, would draw
+    this point elsewhere: the distance is what the pivot alone does to the point. Points are compared with
+    themselves, so that nothing depends on which surfaces come into view.
+
+    Returns
+    -------
+    None where there is no such shear: another pivot, no offset, or a centered frustum; and where no surface
+    off the plate is shown.
+    """
+    settings, shown = model.camera.settings, model.off_plate
+    assert settings is not None, "a model says whose cameras it shows"
+    sheared = settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE and frustum.recentered
+    if not sheared or not shown.any():
+        return None
+    points = model.position[shown].astype(np.float64)
+    about_aperture = np.empty((len(points), 2))
+    for camera in model_cameras(frustum, model.camera.aperture, replace(settings, pivot=Pivot.APERTURE)):
+        side: Mask = (points[:, 2] < 0) == camera.orthoscopic
+        about_aperture[side] = pixel_places(points[side], camera.pencil)
+    moved = pixel_centers(model.camera)[shown] - about_aperture
+    shear, half_extent = (np.asarray(pair) for pair in film_window(frustum, model.camera.aperture))
+    width, height = model.camera.resolution
+    share = settings.near / (np.abs(points[:, 2]) + settings.near)
+    expected = -share[:, None] * (shear / half_extent * np.array([width / 2, -height / 2]))
+    rms = [float(np.sqrt(np.mean(np.square(lengths(shifts))))) for shifts in (moved, expected)]
+    means = [(float(columns), float(rows)) for columns, rows in (moved.mean(axis=0), expected.mean(axis=0))]
+    return ShearNumbers(
+        pixels=len(points),
+        rms_px=rms[0],
+        closed_form_rms_px=rms[1],
+        mean_px=means[0],
+        closed_form_mean_px=means[1],
+        largest_difference_px=float(lengths(moved - expected).max()),
+    )

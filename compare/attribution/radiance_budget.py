@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.attribution.budget import VectorBudget
+from xfrustum.compare.attribution.budget import Named, VectorBudget
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.left_out import measure_left_out
 from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
@@ -71,15 +71,9 @@ class RadianceChange:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadianceLink:
-    """What one link adds to the radiance error; see `RadianceChange` and `RadianceBudget.errors`."""
+class RadianceLink(RadianceChange, Named):
+    """What one link adds to the radiance error, with its standard error where light is sampled."""
 
-    name: str
-    mean: float | None
-    rms: float | None
-    max: float | None
-    rms_same_triangle: float | None
-    max_same_triangle: float | None
     standard_error: float | None
 
 
@@ -95,68 +89,53 @@ class RadianceNumbers:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RadianceBudget(Brief):
-    """The radiance error of one image, link by link.
-
-    Attributes
-    ----------
-    change
-        Radiance that each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a
-        pixel that shows no surface is black.
-    judged
-        (H, W) pixels whose truth is no tie.
-    same
-        (H, W) judged pixels that show the same triangle in all images of the chain.
-    errors
-        Standard error of the image that a link is measured against, root mean square over the pixels, by the
-        name of the link; only for links that are measured against samples.
-    """
+    """The radiance error of one image, link by link."""
 
     links: tuple[str, ...]
-    change: VectorBudget
-    judged: Mask
-    same: Mask
-    errors: dict[str, float]
+    change: VectorBudget  # linear RGB; nothing is left out, for a pixel that shows no surface is black
+    judged: Mask  # (H, W) pixels whose truth is no tie
+    same: Mask  # (H, W) judged pixels that show the same triangle in all images of the chain
+    errors: dict[str, float]  # by link that is measured against samples, their rms standard error
 
     @property
     def numbers(self) -> RadianceNumbers:
         """The numbers alone, without the images."""
-        links = (
-            RadianceLink(name=name, **vars(self._change(step)), standard_error=self.errors.get(name))
-            for name, step in zip(self.links, self.change.steps, strict=True)
-        )
+
+        def changed(change: Floats) -> RadianceChange:
+            sizes: list[tuple[float, float] | tuple[None, None]] = [
+                (float(np.sqrt(np.mean(some**2))), float(np.abs(some).max())) if len(some) else (None, None)
+                for some in (change[self.judged], change[self.same])
+            ]
+            (rms, largest), (rms_same, largest_same) = sizes
+            return RadianceChange(
+                mean=float(change[self.judged].mean()) if self.judged.any() else None,
+                rms=rms,
+                max=largest,
+                rms_same_triangle=rms_same,
+                max_same_triangle=largest_same,
+            )
+
         return RadianceNumbers(
             judged=int(self.judged.sum()),
             same_triangle=int(self.same.sum()),
-            links=tuple(links),
-            total=self._change(self.change.total),
+            links=tuple(
+                RadianceLink(name=name, **vars(changed(step)), standard_error=self.errors.get(name))
+                for name, step in zip(self.links, self.change.steps, strict=True)
+            ),
+            total=changed(self.change.total),
         )
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `budget --json` prints them."""
-        numbers = self.numbers
-        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
-
-    def _change(self, change: Floats) -> RadianceChange:
-        everywhere, same = change[self.judged], change[self.same]
-        return RadianceChange(
-            mean=float(everywhere.mean()) if len(everywhere) else None,
-            rms=_rms(everywhere),
-            max=float(np.abs(everywhere).max()) if len(everywhere) else None,
-            rms_same_triangle=_rms(same),
-            max_same_triangle=float(np.abs(same).max()) if len(same) else None,
-        )
+        return asdict(self.numbers)
 
 
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
 
     The chain's images are sampled once per pixel: T0 to R1 shaded truly, then R1 with the eye vector of the
-    camera that drew each point, then R1 as the device shaded it.
-
-    Parameters
-    ----------
-    side
-        Number of the chain's pixels along each side of the square over which a color is the mean.
+    camera that drew each point, then R1 as the device shaded it. Each color is the mean over `side` x `side`
+    of the chain's pixels.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -164,28 +143,31 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     aperture = drawn.camera.aperture
     pixel_lines = crossed_frustum(scene.frustum, aperture).directions()
 
+    def averaged(color: Floats) -> Floats:
+        height, width, _ = color.shape
+        boxes = color.reshape(height // side, side, width // side, side, 3)
+        return np.asarray(boxes.mean(axis=(1, 3))) if side > 1 else color
+
     def shaded(image: HogelImage, lines: Floats) -> Floats:
         # A point in the plate lies on every line: on that of its pixel, too.
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
         shown = image.triangle != NOTHING
         color, position = np.zeros(image.position.shape), image.position[shown].astype(np.float64)
         color[shown] = radiance_along(scene, shader, image.triangle[shown], position, lines[shown])
-        return _boxes(color, side)
+        return averaged(color)
 
     truly = [shaded(image, true_lines(image.position, aperture)) for image in chain.images]
     bent = shaded(drawn, drawn_lines(drawn.position, scene.frustum, aperture, chain.settings))
-    return np.stack([*truly, bent, _boxes(drawn.color.astype(np.float64), side)])
+    return np.stack([*truly, bent, averaged(drawn.color.astype(np.float64))])
 
 
-def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | None = None) -> RadianceBudget:
-    """Take the radiance error of a chain's last image apart.
+def make_radiance_budget(
+    scene: Scene, chain: Chain, done: Callable[[], Any] = lambda: None
+) -> RadianceBudget:
+    """Take the radiance error of the last image of a chain, sampled once per pixel, apart.
 
-    Parameters
-    ----------
-    chain
-        Images of one aperture, sampled once per pixel.
+    `done` is called as often as `steps` says, after each part of the work.
     """
-    done = done or (lambda: None)
     truth, settings = chain.images[0], chain.settings
     aperture = truth.camera.aperture
     links, errors = [*links_of(settings), EYE_VECTOR, SHADING], dict[str, float]()
@@ -209,14 +191,11 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
         errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
         links.insert(0, TRANSPORT)
         colors = np.concatenate((colors[:1] + left_out.mean, colors))
-    links += [CLIPPING, OUTPUT]
     clipped = np.clip(colors[-1:], 0.0, 1.0)
-    colors = np.concatenate((colors, clipped, through_8_bits(clipped)))
-    judged = judged_pixels(truth)
-    numbers = np.stack([image.triangle for image in chain.images])
+    judged, numbers = judged_pixels(truth), np.stack([image.triangle for image in chain.images])
     return RadianceBudget(
-        links=tuple(links),
-        change=VectorBudget.of(colors),
+        links=(*links, CLIPPING, OUTPUT),
+        change=VectorBudget.of(np.concatenate((colors, clipped, through_8_bits(clipped)))),
         judged=judged,
         same=judged & truth.covered & (numbers == numbers[0]).all(axis=0),
         errors=errors,
@@ -259,14 +238,3 @@ def averaged_colors(
             total = total + local_colors(fine, make_chain(reference, rasterizer, point, settings), side)
             done()
     return total / len(points)
-
-
-def _boxes(color: Floats, side: int) -> Floats:
-    """Return the means over side x side pixels."""
-    height, width, _ = color.shape
-    boxes = color.reshape(height // side, side, width // side, side, 3)
-    return np.asarray(boxes.mean(axis=(1, 3))) if side > 1 else color
-
-
-def _rms(change: Floats) -> float | None:
-    return float(np.sqrt(np.mean(change**2))) if len(change) else None

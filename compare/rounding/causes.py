@@ -12,7 +12,7 @@ to the format), and the depth buffer starts at a clear value that a surface must
   shown covers the pixel.
 
 A pixel that bears no mark is unexplained: somebody's bug. The classifier knows nothing of settings or of
-models of renderers. It takes cameras; `xfrustum.compare.attribution.explain` makes them for our rasterizer,
+models of renderers. It takes cameras; `xfrustum.compare.attribution.budget` makes them for our rasterizer,
 `xfrustum.compare.judging.judged` for somebody else's renderer.
 """
 

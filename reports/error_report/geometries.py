@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import plotly.graph_objects as go
 
-from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.error_report import best, figures
 from xfrustum.reports.error_report.best import Recommendation

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from xfrustum.compare.attribution.budget import Cause
-from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.attribution.budget import Cause, ShearNumbers
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet

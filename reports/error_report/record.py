@@ -10,8 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from xfrustum.compare import Spread
-from xfrustum.compare.attribution.budget import CauseNumbers
-from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.attribution.budget import CauseNumbers, ShearNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.chain import links_of

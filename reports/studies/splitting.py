@@ -19,10 +19,12 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare import compare_images
-from xfrustum.compare.attribution.wrong_by_depth import DepthControl
 from xfrustum.compare.metrics.displacement import lengths
+from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
+from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -105,15 +107,19 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
     }
     sheets = _sheets(cells)
     with Rasterizer(scene) as rasterizer:
-        control, predicted = None, None
+        exact: DoubleFrustum | None = None
         for cell in cells:
-            if control is None or not control.serves(cell.settings):
-                control = DepthControl.of(rasterizer, truth, reference, cell.settings)
-                predicted = predict.displacement(truth, scene.frustum, control.settings)
+            if with_exact_depth(cell.settings) != exact:
+                # What a frame with exact depth shows rightly is charged to the depth buffer.
+                exact = with_exact_depth(cell.settings)
+                control = rasterizer.render(aperture, exact, normals=False, color=False)
+                control_wrong = wrong_surface(truth, control, reference) & judged_pixels(truth)
+                predicted = predict.displacement(truth, scene.frustum, exact)
             drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px
             assert wrong is not None and judged.surface is not None
+            by_depth = wrong & ~control_wrong
             moved = lengths(judged.maps.displacement)[drawn.off_plate]
             yield Row(
                 **vars(cell),
@@ -122,8 +128,8 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 covered=judged.covered,
                 surface_wrong=int(wrong.sum()),
                 outside=judged.surface.outside,
-                depth_wrong=int(control.charged(wrong).sum()),
-                lost=int(control.lost(wrong, drawn).sum()),
+                depth_wrong=int(by_depth.sum()),
+                lost=int((by_depth & control.covered & ~drawn.covered).sum()),
                 displacement_rms=spread.rms if spread else None,
                 displacement_p99=spread.p99 if spread else None,
                 displacement_max=spread.max if spread else None,

@@ -12,7 +12,7 @@ import pytest
 from tests.compare.metrics.test_flips import pictured
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.compare.attribution.explain import explain, misplaced
+from xfrustum.compare.attribution.budget import explain, misplaced
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras import passes
 from xfrustum.raster.cameras.cameras import clip_from_scene

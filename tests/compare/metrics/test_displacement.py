@@ -10,7 +10,7 @@ import pytest
 from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare import compare_images
-from xfrustum.compare.attribution.explain import misplaced
+from xfrustum.compare.attribution.budget import misplaced
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
