@@ -5,8 +5,7 @@ beyond           When a hogel is beyond a tolerance: the one definition
 diagnosis/       What a foreign renderer does otherwise than asked, and whether that explains its errors
 eye/              What a viewer sees: the display's loss, the renderer's, and the scene that a near offset
                   replays
-extent           Where the objects of a scene lie, and which apertures see them
-extent_words     The same in words: why nothing is seen, what the reach cuts off, what lies in the plate
+extent           Where the objects of a scene lie, and which apertures see them; the same in words
 judging/         One hogel of a foreign renderer judged
 metrics/         Truth against image: what is measured, pixel by pixel and in numbers
 planning/        The planner: settings to draw with, the fewest slabs, then the largest margin

@@ -1,17 +1,20 @@
-"""Where a scene lies, before anything is drawn: what reach and frusta hold of each object.
+"""Where a scene lies, before anything is drawn: what reach and frusta hold of each object, also in words.
 
-Hidden surfaces are not considered: an object behind another one is in sight.
+Occlusion is not considered: an object behind another one is in view.
 """
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
@@ -26,10 +29,10 @@ unit in the last place of the single precision in which rasterizers and mesh fil
 FILM_MARGIN_PX = 1e-6
 """Margin around the area that a triangle covers on the film. Film coordinates have a dozen roundings of
 doubles, an error below 1e-12 px on films of any size; a triangle nearer than the margin to a pixel's center
-counts as in sight."""
+counts as in view."""
 
-IN_SIGHT_CHUNK_TRIANGLES = 1 << 14
-"""Triangles examined together to find any one in sight: most meshes have one among the first."""
+VIEW_CHUNK_TRIANGLES = 1 << 14
+"""Triangles examined together to find any one in view: most meshes have one among the first."""
 
 MAX_SPLIT_TRIANGLES = 50_000
 """Largest number of triangles that a coarse mesh is split into before its apertures are counted. The
@@ -39,65 +42,45 @@ HALVINGS = 6
 """Number of halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of
 the reach, has every error that grows as 1/|z|."""
 
+MAX_NAMED_OBJECTS = 3
+"""Largest number of objects that one message names, so that it stays one line; the others are counted."""
+
+MAX_SINGLE_APERTURES = 4
+"""Largest number of apertures that are examined one by one. With more, the count over the whole plate first
+leaves out those that see nothing."""
+
+MIN_SIZE_FRACTION = 0.01
+"""Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
+is more likely in other units, meters for millimeters or inches, than made for the plate: a pixel of a hogel
+is a hundredth or more of that side."""
+
 
 # Objects -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sight:
-    """The apertures of a plate whose crossed frusta hold some part of an object, whatever hides it.
-
-    Attributes
-    ----------
-    apertures, of
-        Number of these apertures, and number of all.
-    columns, rows
-        First and last column and row of these apertures; None where there are none.
-    corners
-        Whether the apertures at the top left, top right, bottom left and bottom right are among them.
-    """
+class Visibility:
+    """The apertures of a plate whose crossed frusta hold some part of an object, without occlusion."""
 
     apertures: int
     of: int
-    columns: tuple[int, int] | None
+    columns: tuple[int, int] | None  # first and last column of these apertures
     rows: tuple[int, int] | None
     middle: bool
-    corners: tuple[bool, bool, bool, bool]
-
-    @classmethod
-    def of_flags(cls, flags: Mask, plate: Plate) -> Sight:
-        """Count the (rows, columns) flags of a plate's apertures."""
-        rows, columns = np.nonzero(flags)
-        column, row = plate.middle.index
-        return cls(
-            apertures=len(rows),
-            of=flags.size,
-            columns=(int(columns.min()), int(columns.max())) if len(rows) else None,
-            rows=(int(rows.min()), int(rows.max())) if len(rows) else None,
-            middle=bool(flags[row, column]),
-            corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
-        )
+    corners: tuple[bool, bool, bool, bool]  # top left, top right, bottom left, bottom right
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectExtent:
-    """The place and the size of one object.
-
-    Attributes
-    ----------
-    low, high
-        Corners of its bounding box, scene units; its heights run from low[2] to high[2].
-    share_in_reach
-        Share of its surface between the ends of the reach; None where the surface has no area.
-    """
+    """The place and the size of one object, scene units."""
 
     number: int
     name: str
     triangles: int
-    low: Point
+    low: Point  # corners of the bounding box
     high: Point
-    share_in_reach: float | None
-    sight: Sight
+    share_in_reach: float | None  # of its surface; None where the surface has no area
+    sight: Visibility  # by the name that `check --json` has for it
 
     @property
     def size(self) -> Point:
@@ -108,18 +91,32 @@ class ObjectExtent:
 
 def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     """Return the place and the size of each object of a scene."""
-    return tuple(
-        ObjectExtent(
-            number=number,
-            name=part.name,
-            triangles=len(part.faces),
-            low=box(part)[0],
-            high=box(part)[1],
-            share_in_reach=share_in_reach(part, scene.frustum),
-            sight=Sight.of_flags(apertures_in_sight(part, scene.frustum, scene.plate), scene.plate),
+    found = []
+    for number, part in enumerate(scene.objects):
+        flags = apertures_in_view(part, scene.frustum, scene.plate)
+        rows, columns = np.nonzero(flags)
+        column, row = scene.plate.middle.index
+        visibility = Visibility(
+            apertures=len(rows),
+            of=flags.size,
+            columns=(int(columns.min()), int(columns.max())) if len(rows) else None,
+            rows=(int(rows.min()), int(rows.max())) if len(rows) else None,
+            middle=bool(flags[row, column]),
+            corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
         )
-        for number, part in enumerate(scene.objects)
-    )
+        low, high = box(part)
+        found.append(
+            ObjectExtent(
+                number=number,
+                name=part.name,
+                triangles=len(part.faces),
+                low=low,
+                high=high,
+                share_in_reach=share_in_reach(part, scene.frustum),
+                sight=visibility,
+            )
+        )
+    return tuple(found)
 
 
 def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4) -> Iterator[Floats]:
@@ -130,21 +127,16 @@ def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4
 
 def box(part: SceneObject) -> tuple[Point, Point]:
     """Return the lowest and the highest coordinates of an object's triangles."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for triangles in triangles_in_chunks(part):
-        low = np.minimum(low, triangles.min(axis=(0, 1)))
-        high = np.maximum(high, triangles.max(axis=(0, 1)))
-    (x0, y0, z0), (x1, y1, z1) = low.tolist(), high.tolist()
+    corners = part.vertices[part.faces.ravel()]
+    x0, y0, z0 = corners.min(axis=0, initial=np.inf).tolist()
+    x1, y1, z1 = corners.max(axis=0, initial=-np.inf).tolist()
     return (x0, y0, z0), (x1, y1, z1)
 
 
 def in_plate(part: SceneObject) -> int:
     """Return how many triangles of an object lie in the plate, within `PLATE_ROUNDING`."""
     allowed = PLATE_ROUNDING * float(np.abs(part.vertices).max(initial=0.0))
-    return sum(
-        int(np.count_nonzero((np.abs(one[..., 2]) <= allowed).all(axis=1)))
-        for one in triangles_in_chunks(part)
-    )
+    return int(np.count_nonzero((np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)))
 
 
 def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
@@ -154,13 +146,13 @@ def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
     # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
     size = max(float(np.abs(part.vertices).max()), np.finfo(np.float64).tiny)
     for triangles in triangles_in_chunks(part):
-        area = areas(triangles / size)
+        area = _areas(triangles / size)
         whole += float(area.sum())
         within += float((area * share_between(triangles, -back, toward)).sum())
     return within / whole if whole > 0 else None
 
 
-def areas(triangles: Floats) -> Floats:
+def _areas(triangles: Floats) -> Floats:
     """Return the (F,) areas of triangles (F, 3, 3), square scene units."""
     edges = triangles[:, 1:] - triangles[:, :1]
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
@@ -168,62 +160,38 @@ def areas(triangles: Floats) -> Floats:
 
 def share_between(triangles: Floats, low: float, high: float) -> Floats:
     """Return the (F,) share of each triangle's area that lies between two heights, both ends included."""
-    z = np.sort(triangles[..., 2], axis=1)
-    flat = z[:, 0] == z[:, 2]
-    share = _share_below(z, high) - _share_below(z, low)
-    return np.where(flat, (z[:, 0] >= low) & (z[:, 0] <= high), np.clip(share, 0.0, 1.0))
-
-
-def _share_below(z: Floats, height: float) -> Floats:
-    """Return the (F,) share of each triangle's area below a height, from (F, 3) ascending heights.
-
-    The length of a triangle's section grows linearly from its lowest corner to its middle one, and
-    shrinks linearly from there: the area below is quadratic in the height on either side.
-    """
-    lowest, middle, highest = z.T
+    lowest, middle, highest = z = np.sort(triangles[..., 2], axis=1).T
 
     def quotient(part: Floats, whole: Floats) -> Floats:
         # Quotients outside 0 to 1 are not used, and might overflow.
         usable = (whole > 0) & (part >= 0) & (part <= whole)
-        return np.divide(part, whole, out=np.ones(len(z)), where=usable)
+        return np.divide(part, whole, out=np.ones(z.shape[1]), where=usable)
 
-    rise, fall = height - lowest, highest - height
-    rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
-    falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
-    within = np.where(height < middle, rising, 1.0 - falling)
-    return np.where(height <= lowest, 0.0, np.where(height >= highest, 1.0, within))
+    def below(height: float) -> Floats:
+        # The length of a triangle's section grows linearly from its lowest corner to its middle one, and
+        # shrinks linearly from there: the area below is quadratic in the height on either side.
+        rise, fall = height - lowest, highest - height
+        rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
+        falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
+        within = np.where(height < middle, rising, 1.0 - falling)
+        return np.where(height <= lowest, 0.0, np.where(height >= highest, 1.0, within))
 
-
-# In sight ------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Layer:
-    """The parts of some triangles between two heights that lie on one side of the plate.
-
-    Within it the film coordinate of a point, and the range of apertures that see it, are functions of the
-    point's height without a pole: over a convex part they are extreme at its corners.
-
-    Attributes
-    ----------
-    corners, valid
-        (F, 9, 3) corners of each part in no order, and (F, 9) whether each exists.
-    behind
-        Whether the layer lies behind the plate, z <= 0.
-    """
-
-    corners: Floats
-    valid: Mask
-    behind: bool
-
-    def ends(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        """Return the (F,) extremes of (F, 9) values at the corners; infinite where they are undefined."""
-        low = np.where(self.valid, np.where(np.isnan(low), -np.inf, low), np.inf)
-        high = np.where(self.valid, np.where(np.isnan(high), np.inf, high), -np.inf)
-        return low.min(axis=1), high.max(axis=1)
+    inside = (lowest >= low) & (lowest <= high)
+    return np.where(lowest == highest, inside, np.clip(below(high) - below(low), 0.0, 1.0))
 
 
-def _layers(triangles: Floats, frustum: Frustum) -> Iterator[_Layer]:
+# In view -------------------------------------------------------------------------------------------------
+
+
+Layer = tuple[Floats, Mask, bool]
+"""The parts of F triangles between two heights on one side of the plate: (F, 9, 3) corners of each part in no
+order, (F, 9) whether each exists, and whether the layer lies behind the plate, z <= 0.
+
+Within it the film coordinate of a point, and the range of apertures that see it, are functions of the point's
+height without a pole: over a convex part they are extreme at its corners."""
+
+
+def _layers(triangles: Floats, frustum: Frustum) -> Iterator[Layer]:
     """Cut triangles (F, 3, 3) by the reach, the plate, and the height of the projection screen."""
     toward, back = frustum.reach
     heights = [-back, 0.0, toward]
@@ -240,9 +208,20 @@ def _layers(triangles: Floats, frustum: Frustum) -> Iterator[_Layer]:
             points[..., 2] = height
             corners.append(points)
             valid.append(crossing)
-        yield _Layer(
-            corners=np.concatenate(corners, axis=1), valid=np.concatenate(valid, axis=1), behind=high <= 0
-        )
+        yield np.concatenate(corners, axis=1), np.concatenate(valid, axis=1), high <= 0
+
+
+def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tuple[Indices, Indices]:
+    """Return the (F,) first and last of `count` cells of [-1, 1] whose centers lie between extremes.
+
+    These are the extremes of values (F, 9) at the valid corners of a layer; NaN stands for any number. The
+    centers of cells 0 to n - 1 lie at (2 k + 1)/n - 1, whichever way k counts.
+    """
+    least = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
+    most = np.where(valid, np.where(np.isnan(high), np.inf, high), -np.inf).max(axis=1)
+    first = np.ceil(np.clip((least + 1) * count / 2 - 0.5 - FILM_MARGIN_PX, 0, count))
+    last = np.floor(np.clip((most + 1) * count / 2 - 0.5 + FILM_MARGIN_PX, -1, count - 1))
+    return first.astype(np.int64), last.astype(np.int64)
 
 
 def _slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, float]:
@@ -255,37 +234,35 @@ def _slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, flo
     return (frustum.screen.center[axis] - center) / depth, frustum.screen.size[axis] / 2 / abs(depth)
 
 
-def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
-    """Return whether the image of an aperture can show any of an object, whatever hides it.
+def in_view(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
+    """Return whether the image of an aperture can show any of an object, without occlusion.
 
     False is certain: no pixel's center lies in the rectangle about any triangle on the film, or the film
     lies wholly beyond one of its edges. True may be wrong by slivers between two pixels' centers.
     """
     return any(
         bool(_can_be_shown(triangles, layer, frustum, aperture).any())
-        for triangles in triangles_in_chunks(part, IN_SIGHT_CHUNK_TRIANGLES)
+        for triangles in triangles_in_chunks(part, VIEW_CHUNK_TRIANGLES)
         for layer in _layers(triangles, frustum)
     )
 
 
-def _can_be_shown(triangles: Floats, layer: _Layer, frustum: Frustum, aperture: Aperture) -> Mask:
+def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: Aperture) -> Mask:
     """Return (F,) whether a pixel's center may lie in the image of each triangle's part in a layer."""
-    shown: Mask = np.asarray(layer.valid.any(axis=1))
-    s = -layer.corners[..., 2]
+    corners, valid, behind = layer
+    shown: Mask = np.asarray(valid.any(axis=1))
+    s = -corners[..., 2]
     for axis, pixels in enumerate(frustum.resolution):
         shear, half = _slopes(frustum, aperture, axis)
-        across = layer.corners[..., axis] - (aperture.x, aperture.y)[axis] - shear * s
+        across = corners[..., axis] - (aperture.x, aperture.y)[axis] - shear * s
         # The sign is that of the layer: in the plate s is zero, or minus zero, on either side of it. A point
         # in the aperture itself lies on every line, and has no film coordinate.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            u = (across if layer.behind else -across) / (half * np.abs(s))
-        low, high = layer.ends(u, u)
-        # The centers of pixels 0 to n - 1 lie at film coordinates (2 k + 1)/n - 1, whichever way k counts.
-        first = np.ceil(np.clip((low + 1) * pixels / 2 - 0.5 - FILM_MARGIN_PX, 0, pixels))
-        last = np.floor(np.clip((high + 1) * pixels / 2 - 0.5 + FILM_MARGIN_PX, -1, pixels - 1))
+            u = (across if behind else -across) / (half * np.abs(s))
+        first, last = _centers_between(u, u, valid, pixels)
         shown &= first <= last
     if shown.any():
-        shown[shown] = ~_film_beyond_an_edge(triangles[shown], layer.behind, frustum, aperture)
+        shown[shown] = ~_film_beyond_an_edge(triangles[shown], behind, frustum, aperture)
     return shown
 
 
@@ -311,7 +288,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     return np.asarray((np.abs(whole) > doubt) & beyond.all(axis=2).any(axis=1))
 
 
-def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
+def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
     """Return (rows, columns) whether each aperture's crossed frustum holds any part of an object.
 
     No aperture that holds a part is missed. Beside these, apertures within the size of a triangle may be
@@ -322,53 +299,41 @@ def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mas
     # both are the numbers of rectangles over each aperture.
     steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     for triangles in triangles_in_chunks(part):
-        for layer in _layers(_split_coarse(triangles, len(part.faces)), frustum):
+        split, total = triangles, len(part.faces)
+        while 4 * total <= MAX_SPLIT_TRIANGLES:
+            a, b, c = split.transpose(1, 0, 2)
+            ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
+            quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+            split, total = np.concatenate([np.stack(one, axis=1) for one in quarters]), 4 * total
+        for layer in _layers(split, frustum):
             (left, right), (low, high) = (_aperture_range(layer, frustum, plate, axis) for axis in (0, 1))
             # Rows are numbered downward, heights upward.
-            top, bottom = rows - 1 - high, rows - 1 - low
-            some = layer.valid.any(axis=1) & (left <= right) & (top <= bottom)
-            for r, c, sign in (
-                (top, left, 1),
-                (top, right + 1, -1),
-                (bottom + 1, left, -1),
-                (bottom + 1, right + 1, 1),
-            ):
+            top, end = rows - 1 - high, rows - low
+            some = layer[1].any(axis=1) & (left <= right) & (top < end)
+            for r, c, sign in ((top, left, 1), (top, right + 1, -1), (end, left, -1), (end, right + 1, 1)):
                 np.add.at(steps, (r[some], c[some]), sign)
     return np.asarray(steps.cumsum(axis=0).cumsum(axis=1)[:rows, :columns] > 0)
 
 
-def _split_coarse(triangles: Floats, total: int) -> Floats:
-    """Return the triangles, each split in four as long as all stay below `MAX_SPLIT_TRIANGLES`."""
-    while 4 * total <= MAX_SPLIT_TRIANGLES:
-        a, b, c = triangles.transpose(1, 0, 2)
-        ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
-        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
-        total *= 4
-    return triangles
-
-
-def _aperture_range(layer: _Layer, frustum: Frustum, plate: Plate, axis: int) -> tuple[Indices, Indices]:
+def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> tuple[Indices, Indices]:
     """Return the (F,) first and last column, or row counted upward, whose lines may meet each part.
 
     A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s). The screen is at
     s = S and has its middle at m; without a screen 1/S is zero. In a layer 1 - s/S keeps its sign.
     """
-    s = -layer.corners[..., 2]
+    corners, valid, _ = layer
+    s = -corners[..., 2]
     _, half = _slopes(frustum, plate.middle, axis)
-    x, toward_a = layer.corners[..., axis], np.ones_like(s)
+    x, toward_a = corners[..., axis], np.ones_like(s)
     if frustum.screen is not None:
         depth = -frustum.screen.height
         x = x - s * (frustum.screen.center[axis] / depth)
         toward_a = 1.0 - s / depth
-    sign = np.where(np.where(layer.valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    x, toward_a = x * sign, np.abs(toward_a)
+    sign = np.where(np.where(valid, toward_a, 0.0).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    x, toward_a = x * sign, np.abs(toward_a) * (plate.size[axis] / 2)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        low, high = layer.ends((x - half * np.abs(s)) / toward_a, (x + half * np.abs(s)) / toward_a)
-    count, pitch = plate.hogels[axis], plate.size[axis] / plate.hogels[axis]
-    first = np.ceil(np.clip((low + plate.size[axis] / 2) / pitch - 0.5 - FILM_MARGIN_PX, 0, count))
-    last = np.floor(np.clip((high + plate.size[axis] / 2) / pitch - 0.5 + FILM_MARGIN_PX, -1, count - 1))
-    return first.astype(np.int64), last.astype(np.int64)
+        low, high = (x - half * np.abs(s)) / toward_a, (x + half * np.abs(s)) / toward_a
+    return _centers_between(low, high, valid, plate.hogels[axis])
 
 
 def aside_of_frusta(
@@ -393,26 +358,14 @@ def aside_of_frusta(
 
 @dataclass(frozen=True, kw_only=True)
 class DepthBin:
-    """The content of the frusta between two distances from the plate, on one side of it.
-
-    Attributes
-    ----------
-    heights
-        Distances |z| between which the bin lies, scene units.
-    nearest, farthest
-        Range of |z| of the content, scene units, from the bounding boxes of its triangles.
-    triangles
-        Number of triangles that reach into the bin, inside the frusta.
-    share
-        Share of their surface, by area, of that of all bins; 0 where all of it has no area.
-    """
+    """The content of the frusta between two distances |z| from the plate, on one side of it; scene units."""
 
     behind: bool
     heights: tuple[float, float]
-    nearest: float
+    nearest: float  # range of |z| of the content, from the bounding boxes of its triangles
     farthest: float
-    triangles: int
-    share: float
+    triangles: int  # that reach into the bin, inside the frusta
+    share: float  # of the surface of all bins, by area; 0 where all of it has no area
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
@@ -432,20 +385,19 @@ def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tup
                     low, high = min(low, ends.min(initial=np.inf)), max(high, ends.max(initial=0.0))
                     count, area = count + len(ends), area + one
             if count:
-                found.append((behind, heights, float(low), float(high), count, area))
-    whole = sum(area for *_, area in found)
-    bins = [
-        DepthBin(
-            behind=behind,
-            heights=heights,
-            nearest=low,
-            farthest=high,
-            triangles=count,
-            share=area / whole if whole > 0 else 0.0,
-        )
-        for behind, heights, low, high, count, area in found
-    ]
-    return tuple(sorted(bins, key=lambda one: one.heights[1] * (-1 if one.behind else 1)))
+                found.append(
+                    DepthBin(
+                        behind=behind,
+                        heights=heights,
+                        nearest=float(low),
+                        farthest=float(high),
+                        triangles=count,
+                        share=area,
+                    )
+                )
+    whole = sum(one.share for one in found) or 1.0
+    found.sort(key=lambda one: one.heights[1] * (-1 if one.behind else 1))
+    return tuple(replace(one, share=one.share / whole) for one in found)
 
 
 def _held(
@@ -466,5 +418,165 @@ def _held(
     low[:, 2], high[:, 2] = np.maximum(low[:, 2], low_z), np.minimum(high[:, 2], high_z)
     held = region.holds(low, high) if len(inside) else np.zeros(0, dtype=np.bool_)
     kept = inside[held]
-    area = float((areas(kept) * share_between(kept, low_z, high_z)).sum())
+    area = float((_areas(kept) * share_between(kept, low_z, high_z)).sum())
     return np.abs(np.stack((low[held, 2], high[held, 2]), axis=1)), area
+
+
+# In words ------------------------------------------------------------------------------------------------
+
+
+def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
+    """Raise InputError if a scene has objects and none of the apertures can show any of them.
+
+    The line says where the objects lie and how far the frusta go. A scene without objects passes: the true
+    image of nothing is nothing.
+    """
+    if sentence := unseen_sentence(scene, apertures):
+        raise InputError(sentence)
+
+
+def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
+    """Say why apertures see nothing, as `unseen_facts` does, and what to do about it; None where they see."""
+    facts = unseen_facts(scene, apertures)
+    command = shlex.join(("xfrustum", "check", scene.source or scene.name))
+    advice = "Change the object's scale or translate, or the frustum's reach"
+    return facts and f"{facts}. {advice}; `{command}` shows where everything lies"
+
+
+def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
+    """Say with sizes why apertures see nothing; None where one sees an object, or where there are none."""
+    for part in scene.objects:
+        some = list(apertures)
+        if len(some) > MAX_SINGLE_APERTURES:
+            flags = apertures_in_view(part, scene.frustum, scene.plate)
+            some = [one for one in some if flags[one.row, one.column]]
+        if any(in_view(part, scene.frustum, one) for one in some):
+            return None
+    if not scene.objects:
+        return None
+    named = [
+        f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
+        for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
+    ]
+    if more := len(scene.objects) - len(named):
+        named.append(f"and {more} more objects are not in view")
+    who = f"none of the {len(apertures)} apertures asked for sees anything"
+    if len(apertures) >= np.prod(scene.plate.hogels):
+        who = "no aperture of the plate sees anything"
+    elif len(apertures) == 1:
+        who = f"aperture {apertures[0].column},{apertures[0].row} sees nothing"
+    return f"{scene.name}: {who} of the scene: {'; '.join(named)}"
+
+
+def warnings(scene: Scene) -> tuple[str, ...]:
+    """Return a sentence for each object that the reach cuts, and for each object that is tiny."""
+    (toward, back), units, side = scene.frustum.reach, scene.units, max(scene.plate.size)
+    reach = f"and the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
+    cut, tiny = [], []
+    for number, part in enumerate(scene.objects):
+        name, (low, high) = _name(number, part), box(part)
+        if low[2] < -back or high[2] > toward:
+            share = share_in_reach(part, scene.frustum)
+            told = f"{name} {_spans(low[2], high[2], units)}, {reach}"
+            beyond = "of its surface is beyond and is not imaged"
+            cut.append(told if share is None else f"{told}: {_percent(1 - share)} {beyond}")
+        if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
+            told = f"{name} is {_size(low, high)} {units}, and the plate is {length(side)} {units} wide"
+            tiny.append(f"{told}: give it a scale if it is in other units")
+    return (*_first(cut), *_first(tiny))
+
+
+def plate_warnings(scene: Scene) -> tuple[str, ...]:
+    """Return a sentence for each object with triangles in the plate, where displacement is undefined."""
+    told = (
+        "lie in the plate, within rounding: displacement is undefined there, and no plan holds for apertures "
+        "that show it; move it before or behind the plate"
+    )
+    return _first(
+        [
+            f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}"
+            for number, part in enumerate(scene.objects)
+            if (count := in_plate(part))
+        ]
+    )
+
+
+def _first(found: list[str]) -> tuple[str, ...]:
+    """Return the first few sentences; the last one ends with the number of sentences that are left out."""
+    named, more = found[:MAX_NAMED_OBJECTS], len(found) - MAX_NAMED_OBJECTS
+    if more > 0:
+        named[-1] += f"; and so for {more} more objects"
+    return tuple(named)
+
+
+def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
+    """Say with sizes why apertures see nothing of an object: beyond the reach, aside, or too small."""
+    (toward, back), units, (low, high) = scene.frustum.reach, scene.units, box(part)
+    for beyond, reach in ((high[2] < -back, back), (low[2] > toward, toward)):
+        if beyond:
+            return f"{_spans(low[2], high[2], units)}; the reach is {length(reach)} {units} there"
+    if share_in_reach(part, scene.frustum) == 0.0:
+        reaches = f"{length(back)} {units} behind the plate and {length(toward)} before it"
+        return f"lies beyond the reach of {reaches}"
+    # How far aside of the lines the box lies: the gap between them, and their ends from the plate's middle.
+    ends, gaps = (max(low[2], -back), min(high[2], toward)), list[tuple[float, str]]()
+    for axis, words in enumerate((("to the left of", "to the right of"), ("below", "above"))):
+        left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
+        for gap, first, last, limit, word in (
+            (left - high[axis], -high[axis], -low[axis], -left, words[0]),
+            (low[axis] - right, low[axis], high[axis], right, words[1]),
+        ):
+            told = f"lies {_range(first, last)} {units} {word} the plate's middle"
+            gaps.append((gap, f"{told}; at its height the lines end {length(limit)} {units} from there"))
+    widest, aside = max(gaps, key=lambda one: one[0])
+    if widest > 0:
+        return aside
+    where = f"is {_size(low, high)} {units}, {heights(low[2], high[2], units)}"
+    flags = apertures_in_view(part, scene.frustum, scene.plate)
+    if any(flags[one.row, one.column] for one in apertures):
+        return f"{where}, and falls between the centers of pixels: it needs a larger scale, or other units"
+    return f"{where}, and lies beside the lines of the image"
+
+
+def length(value: float) -> str:
+    """Write a length in four digits, thousands between commas."""
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        digits = 3 - int(np.floor(np.log10(abs(value)))) if value else 0
+        text = f"{value:,.{max(digits, 0)}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{value:.4g}"
+
+
+def heights(low: float, high: float, units: str) -> str:
+    """Say between which heights something lies, as distances from the plate."""
+    if low == high == 0:
+        return "in the plate"
+    if high <= 0:
+        return f"{_range(-high, -low)} {units} behind the plate"
+    if low >= 0:
+        return f"{_range(low, high)} {units} before the plate"
+    return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
+
+
+def _spans(low: float, high: float, units: str) -> str:
+    """Say between which heights something lies, with the verb: a flat object lies at one height."""
+    return f"{'lies' if length(low) == length(high) else 'spans'} {heights(low, high, units)}"
+
+
+def _range(low: float, high: float) -> str:
+    return length(low) if length(low) == length(high) else f"{length(low)} to {length(high)}"
+
+
+def _name(number: int, part: SceneObject) -> str:
+    return f"object {number} ({Path(part.name).name})"
+
+
+def _size(low: Point, high: Point) -> str:
+    return " x ".join(length(b - a) for a, b in zip(low, high, strict=True))
+
+
+def _percent(share: float) -> str:
+    """Write a share as percent without calling some of it none or all of it."""
+    if 0 < share < 0.001:
+        return "less than 0.1 %"
+    return "more than 99.9 %" if 0.999 < share < 1 else f"{100 * share:.3g} %"

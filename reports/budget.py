@@ -24,7 +24,7 @@ from xfrustum.compare.attribution.radiance_budget import (
     make_radiance_budget,
     steps,
 )
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import CULLING, LINKS, Chain, make_chain
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import DepthBin, depth_bins, require_seen
 from xfrustum.compare.prediction.band_limiting import (
     LEVEL,
     band_limit,

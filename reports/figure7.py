@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page

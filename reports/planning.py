@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import scipy
 
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, PlateResult, depth_buffers, plan
 from xfrustum.compare.planning.search import DepthBuffer

@@ -215,7 +215,7 @@ class ChainStart(Brief):
     @cached_property
     def known(self) -> Mask:
         """(H W,) pixels at which all these images show a surface off the plate."""
-        known: Mask = np.isfinite(self.shifts[0]).all(axis=0)
+        known: Mask = np.asarray(np.isfinite(self.shifts[0]).all(axis=0))
         for steps in self.steps:
             if steps is not None:
                 known &= np.isfinite(steps)

@@ -11,7 +11,7 @@ from typing import Any
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.beyond import displacement_p99
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer

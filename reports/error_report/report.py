@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid

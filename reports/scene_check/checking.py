@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.extent import ObjectExtent, Sight, extents
-from xfrustum.compare.extent_words import heights, length, plate_warnings, unseen_facts, warnings
+from xfrustum.compare.extent import (
+    ObjectExtent,
+    Visibility,
+    extents,
+    heights,
+    length,
+    plate_warnings,
+    unseen_facts,
+    warnings,
+)
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.scene_check.drawing import View, draw_view
@@ -162,7 +170,7 @@ def table(checked: SceneCheck) -> str:
             ("size", " x ".join(length(side) for side in extent.size) + f" {units}"),
             ("height", heights(extent.low[2], extent.high[2], units)),
             ("in the reach", "no area" if share is None else f"{100 * share:.4g} % of its surface"),
-            ("seen by", _sight(extent.sight)),
+            ("seen by", _seen_by(extent.sight)),
             ("normals", one.normals),
             ("colors", one.colors),
             ("textures", one.textures),
@@ -171,17 +179,17 @@ def table(checked: SceneCheck) -> str:
     return "\n".join(lines)
 
 
-def _sight(sight: Sight) -> str:
+def _seen_by(found: Visibility) -> str:
     """Say which apertures see an object."""
-    if sight.columns is None or sight.rows is None:
-        return f"none of {sight.of:,} apertures"
-    if sight.apertures == sight.of:
-        return f"all {sight.of:,} apertures"
-    (left, right), (top, bottom) = sight.columns, sight.rows
-    middle = "the middle one too" if sight.middle else "not the middle one"
+    if found.columns is None or found.rows is None:
+        return f"none of {found.of:,} apertures"
+    if found.apertures == found.of:
+        return f"all {found.of:,} apertures"
+    (left, right), (top, bottom) = found.columns, found.rows
+    middle = "the middle one too" if found.middle else "not the middle one"
     return (
-        f"{sight.apertures:,} of {sight.of:,} apertures, columns {left} to {right}, rows {top} to {bottom}; "
-        f"{middle}, {sum(sight.corners)} of 4 corners"
+        f"{found.apertures:,} of {found.of:,} apertures, columns {left} to {right}, rows {top} to {bottom}; "
+        f"{middle}, {sum(found.corners)} of 4 corners"
     )
 
 

@@ -13,8 +13,7 @@ from markupsafe import Markup
 from PIL import Image, ImageDraw
 from skimage.measure import approximate_polygon, find_contours
 
-from xfrustum.compare.extent import aside_of_frusta, box, triangles_in_chunks
-from xfrustum.compare.extent_words import heights, length, warnings
+from xfrustum.compare.extent import aside_of_frusta, box, heights, length, triangles_in_chunks, warnings
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.plate import Aperture

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from xfrustum.compare.extent import PLATE_ROUNDING, box, in_plate
-from xfrustum.compare.extent_words import heights, length
+from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
 from xfrustum.reports.blocks import Engine, Workers, open_workers
 from xfrustum.reports.common.json_ready import json_ready

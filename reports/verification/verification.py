@@ -14,7 +14,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import Findings, declared, diagnose
 from xfrustum.compare.diagnosis.evidence import Evidence
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel

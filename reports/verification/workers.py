@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from xfrustum.compare.extent_words import require_seen
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers

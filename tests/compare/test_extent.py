@@ -1,4 +1,4 @@
-"""The place of a scene: what is in sight, what the reach holds, and what commands say of unseen scenes."""
+"""The place of a scene: what is in view, what the reach holds, and what commands say of unseen scenes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,15 @@ import xfrustum
 from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
-from xfrustum.compare.extent import apertures_in_sight, extents, in_sight, share_between
-from xfrustum.compare.extent_words import require_seen, unseen_sentence, warnings
+from xfrustum.compare.extent import (
+    apertures_in_view,
+    extents,
+    in_view,
+    require_seen,
+    share_between,
+    unseen_sentence,
+    warnings,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.library import hard_cases
@@ -66,16 +73,16 @@ def one(corners: object) -> SceneObject:
 
 @FRUSTA
 @pytest.mark.parametrize("size", [0.3, pytest.param(5.0, marks=pytest.mark.slow)])
-def test_what_the_truth_shows_is_in_sight(frustum: Frustum, size: float) -> None:
-    """Most objects in sight show, so that the test does not always say yes."""
+def test_what_the_truth_shows_is_in_view(frustum: Frustum, size: float) -> None:
+    """Most objects in view show, so that the test does not always say yes."""
     scene = soup(triangles(5, 250, size), frustum)
     shown, claimed = set(), set()
     for index in ((8, 8), (0, 0), (15, 3)):
         aperture = scene.plate.aperture(*index)
-        # Each triangle alone, for in sight is what could be seen if nothing hid it.
+        # Each triangle alone, for in view is what could be seen if nothing hid it.
         for number, corners in enumerate(scene.triangles):
             part = one(corners)
-            if in_sight(part, frustum, aperture):
+            if in_view(part, frustum, aperture):
                 claimed.add((index, number))
                 alone = Scene(name="one", plate=scene.plate, frustum=frustum, objects=(part,))
                 if (Reference(alone).trace(aperture).triangle >= 0).any():
@@ -91,9 +98,9 @@ def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum
     plate = Plate(size=(16.0, 16.0), hogels=(16, 16))
     for corners in triangles(7, 6, 1.0):
         part = one(corners)
-        flags = apertures_in_sight(part, frustum, plate)
+        flags = apertures_in_view(part, frustum, plate)
         seen = np.array(
-            [[in_sight(part, frustum, plate.aperture(i, j)) for i in range(16)] for j in range(16)]
+            [[in_view(part, frustum, plate.aperture(i, j)) for i in range(16)] for j in range(16)]
         )
         assert not (seen & ~flags).any()
 
@@ -112,11 +119,11 @@ def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> N
     assert found.sight.middle and not any(found.sight.corners)
 
 
-def test_a_wall_beside_the_frustum_is_out_of_sight_though_its_box_is_not() -> None:
+def test_a_wall_beside_the_frustum_is_out_of_view_though_its_box_is_not() -> None:
     wall = one([(9.0, -1.0, -1.0), (40.0, -1.0, -14.0), (40.0, 1.0, -14.0)])
     here = Aperture(column=0, row=0, x=0.0, y=0.0)
-    assert not in_sight(wall, CENTERED, here)
-    assert in_sight(wall, CENTERED, Aperture(column=0, row=0, x=12.0, y=0.0))
+    assert not in_view(wall, CENTERED, here)
+    assert in_view(wall, CENTERED, Aperture(column=0, row=0, x=12.0, y=0.0))
 
 
 @settings(max_examples=60)

@@ -471,7 +471,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
     Where the answer is a picture, black may be right: then apertures that see nothing are a warning as long
     as another one sees something, and in hard cases, which are empty on purpose.
     """
-    from xfrustum.compare import extent_words as extent
+    from xfrustum.compare import extent
     from xfrustum.scenes.errors import InputError
     from xfrustum.scenes.library import hard_cases
 
@@ -488,7 +488,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
 
 def warn_of(scene: Scene) -> None:
     """Warn on standard error of objects that the reach cuts, and of those that are tiny beside the plate."""
-    from xfrustum.compare import extent_words as extent
+    from xfrustum.compare import extent
 
     for warning in extent.warnings(scene):
         say(f"warning: {warning}")
