@@ -1,4 +1,4 @@
-"""Draw the pictures of eyes in docs as PNG: python scripts/draw_eye_figures.py [FOLDER] [NAME ..].
+"""Draw the pictures of eyes in docs as PNG: python -m scripts.draw_eye_figures [FOLDER] [NAME ..].
 
 `moved-car` and `moved-asymmetric` belong to docs/method.md, `plans-car` to docs/noticeable.md.
 """
@@ -12,20 +12,21 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from tests.support.moved_scene import MovedScene, moved_scene
 
 from xfrustum.compare.eye.loss import LossMaps, Views, display_loss, renderer_loss
-from xfrustum.compare.eye.moved import MovedScene, moved_scene
 from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.eye.shown import Collector, collected, film_parts
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.eye.pictures import WRONG, shown
+from xfrustum.reports.eye.pictures import shown
 from xfrustum.reports.eye.view import Drawing
 from xfrustum.reports.planning import make_plan, make_viewer_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.notebook.pictures import WRONG
 
 FOLDER = Path("docs") / "images"
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -28,8 +29,12 @@ ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 MAX_PIXELS_PER_DEGREE = 10_000
 """Largest number of an eye's pixels in a degree: eyes resolve 60, and FLIP's filters grow with it."""
 
+SAME_PLACE = 2.0
+"""Distance between two surface points that count as one, in widths of what a pixel of the eye sees there and
+of a hogel together: the point that one eye is shown lies between the pixels of the other."""
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Quantiles:
     """How a quantity is distributed over an eye's pixels."""
 
@@ -38,56 +43,42 @@ class Quantiles:
     max: float
 
     @classmethod
-    def of(cls, values: Floats) -> Quantiles | None:
+    def of(cls, values: Floats) -> Self | None:
         """Return the quantiles of the finite ones of some values; None where there are none."""
         known = values[np.isfinite(values)]
-        if not known.size:
-            return None
-        p50, p99 = np.percentile(known, [50, 99])
-        return cls(p50=float(p50), p99=float(p99), max=float(known.max()))
+        return cls(*map(float, np.percentile(known, [50, 99, 100]))) if known.size else None
+
+
+@dataclass(frozen=True)
+class DepthShift:
+    """How a distance in depth, or what makes it, is distributed, with its sign."""
+
+    p1: float
+    p50: float
+    p99: float
+
+    @classmethod
+    def of(cls, values: Floats) -> Self | None:
+        """Return the distribution of the finite ones of some values; None where there are none."""
+        known = values[np.isfinite(values)]
+        return cls(*map(float, np.percentile(known, [1, 50, 99]))) if known.size else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """How one view differs from the one that it stands for, in numbers.
+    """How one view differs from the one that it stands for, in numbers."""
 
-    Attributes
-    ----------
-    judged
-        Number of pixels that are judged: those that are no ties.
-    wrong, fraction
-        Number of judged pixels that show a wrong surface, and their share; None where the shown view does
-        not say what it shows.
-    displacement_arcmin
-        Angle at the eye between where a surface point is shown and where it belongs.
-    depth_error
-        Distance in depth between the surface points that both views show along the same ray, where these
-        belong to one object; scene units.
-    flip
-        Mean FLIP at the eye's pixels per degree; None where there are no colors.
-    """
-
-    judged: int
-    wrong: int | None
+    judged: int  # pixels that are no ties, and of these
+    wrong: int | None  # those with a wrong surface; None where the shown view does not say what it shows
     fraction: float | None
-    displacement_arcmin: Quantiles | None
-    depth_error: Quantiles | None
-    flip: float | None
+    displacement_arcmin: Quantiles | None  # angle between where a point is shown and where it belongs
+    depth_error: Quantiles | None  # distance in depth of points of one object on the same ray, scene units
+    flip: float | None  # mean FLIP at the eye's pixels per degree; None where there are no colors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LossMaps(Brief):
-    """The same pixel by pixel, (H, W).
-
-    Attributes
-    ----------
-    judged, wrong
-        Pixels that are judged, and those of them that show a wrong surface.
-    displacement_arcmin, depth_error
-        As in `Loss`; NaN where there is none.
-    flip
-        FLIP of each pixel; None where there are no colors.
-    """
+    """The same pixel by pixel, (H, W); NaN where there is no such error."""
 
     judged: Mask
     wrong: Mask | None
@@ -111,21 +102,12 @@ class LossMaps(Brief):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Views(Brief):
-    """The three pictures of one eye.
-
-    Attributes
-    ----------
-    true, replayed, drawn
-        A, B and C: the true view, the replayed truth, and the replayed hogels of a renderer; None where no
-        renderer is judged.
-    taken
-        The pixels of hogels that the eye is shown.
-    """
+    """The pictures of one eye: A, the true view; B, the replayed truth; C, the replayed drawn hogels."""
 
     true: EyeImage
     replayed: EyeImage
-    drawn: EyeImage | None
-    taken: Replay
+    drawn: EyeImage | None  # None where no renderer is judged
+    taken: Replay  # the pixels of hogels that the eye is shown
 
     @property
     def eye(self) -> Eye:
@@ -141,18 +123,10 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
     hogel are shown black.
     """
     true, shown = views.true, views.replayed
-    judged = _untied(true, shown)
-    other, hidden = _other(true, shown), _hidden(reference, shown)
+    wrong = (true.object != shown.object) | _hidden(reference, shown)
     rays = reference.pencil(views.eye).directions()
-    direction = shown.position - np.array(views.eye.position)
-    moved = _angle(rays, direction)
-    return LossMaps(
-        judged=judged,
-        wrong=(other | hidden) & judged,
-        displacement_arcmin=moved * ARCMIN_PER_RADIAN,
-        depth_error=_depth_error(true, shown),
-        flip=_flip(reference.scene, true, shown),
-    )
+    moved = _angle(rays, shown.position - np.array(views.eye.position))
+    return _maps(reference.scene, (true, shown), _untied(true, shown), wrong, moved)
 
 
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
@@ -161,35 +135,37 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
     A pixel is wrong as for `display_loss`, but points that true hogels show although the eye could not see
     them are not charged to the renderer. A displacement is the angle between the point that a hogel's pixel
     shows and the place on that pixel's line, at the same height, at which it shows it. So neither pitch nor
-    pixels of hogels are in it.
-
-    Parameters
-    ----------
-    reference
-        Truth of the scene.
-    views
-        All three pictures.
-    numbered
-        Whether the drawn picture says which triangle or object it shows.
+    pixels of hogels are in it. `numbered` says whether the drawn picture says what it shows.
     """
     true, shown = views.replayed, views.drawn
     assert shown is not None
     met = np.zeros(true.triangle.shape, dtype=np.bool_)
     met[np.ix_(views.taken.shown.rows, views.taken.shown.columns)] = True
-    judged = _untied(true, shown) & met
     wrong = None
     if numbered:
         hidden = _hidden(reference, shown) & ~_hidden(reference, true)
-        wrong = (_other(true, shown) | hidden) & judged
-    eye = np.array(views.eye.position)
-    at = shown_at(reference.scene, views.taken, shown)
+        wrong = (true.object != shown.object) | hidden
+    eye, at = np.array(views.eye.position), shown_at(reference.scene, views.taken, shown)
     moved = _angle(at - eye, shown.position - eye)
+    return _maps(reference.scene, (true, shown), _untied(true, shown) & met, wrong, moved)
+
+
+def _maps(
+    scene: Scene, pair: tuple[EyeImage, EyeImage], judged: Mask, wrong: Mask | None, moved: Floats
+) -> LossMaps:
+    """Return all maps of an expected and a shown view, given those in which the losses differ."""
+    expected, shown = pair
+    same = (expected.object == shown.object) & (expected.object != NOTHING)
+    flip = None
+    if expected.color is not None and shown.color is not None:
+        per_degree = pixels_per_degree(scene, shown.eye)
+        flip = perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(np.float64)
     return LossMaps(
         judged=judged,
-        wrong=wrong,
+        wrong=None if wrong is None else wrong & judged,
         displacement_arcmin=moved * ARCMIN_PER_RADIAN,
-        depth_error=_depth_error(true, shown),
-        flip=_flip(reference.scene, true, shown),
+        depth_error=np.where(same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan),
+        flip=flip,
     )
 
 
@@ -229,30 +205,17 @@ def _untied(one: EyeImage, other: EyeImage) -> Mask:
     return untied
 
 
-def _other(expected: EyeImage, shown: EyeImage) -> Mask:
-    """Return the pixels that show a surface where none is expected, none, or another object's."""
-    return np.asarray(expected.object != shown.object)
-
-
 def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
     """Return the pixels that show a point which the eye could not see, for something is in front of it."""
-    hidden = np.zeros(shown.triangle.shape, dtype=np.bool_)
     known = np.isfinite(shown.position).all(axis=-1) & (shown.triangle != NOTHING)
     # Hogels do not know where the eye is: they show what lies beside it and behind it too.
-    behind = known & (shown.position[..., 2] >= shown.eye.position[2])
-    hidden[behind] = True
-    asked = np.flatnonzero(known & ~behind)
-    position = shown.position.reshape(-1, 3)[asked]
-    number = shown.triangle.ravel()[asked]
+    hidden: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
+    asked = np.flatnonzero(known & ~hidden)
+    position, number = shown.position.reshape(-1, 3)[asked], shown.triangle.ravel()[asked]
     tolerance = position_tolerance(reference.scene, number, position)
     points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
     hidden.flat[asked] = reference.hidden(shown.eye, points)
     return hidden
-
-
-def _depth_error(expected: EyeImage, shown: EyeImage) -> Floats:
-    same = (expected.object == shown.object) & (expected.object != NOTHING)
-    return np.where(same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan)
 
 
 def _angle(a: Floats, b: Floats) -> Floats:
@@ -260,57 +223,14 @@ def _angle(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b)))
 
 
-def _flip(scene: Scene, expected: EyeImage, shown: EyeImage) -> Floats | None:
-    if expected.color is None or shown.color is None:
-        return None
-    per_degree = pixels_per_degree(scene, shown.eye)
-    return perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(np.float64)
-
-
-SAME_PLACE = 2.0
-"""Distance between two surface points that count as one, in widths of what a pixel of the eye sees there and
-of a hogel together: the point that one eye is shown lies between the pixels of the other."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Disparity:
-    """How far off two eyes see surface points that both are shown.
+    """How far off two eyes see surface points that both are shown."""
 
-    Attributes
-    ----------
-    matched
-        Number of pixels of the left eye whose surface point the right eye is shown too.
-    disparity_arcmin
-        Absolute error of the disparity.
-    depth
-        Shown minus true distance from the eyes that the disparity makes, scene units: positive where a point
-        is seen too far away.
-    change_arcsec
-        Shown minus true disparity, arc seconds: negative where a point is seen too far away.
-    """
-
-    matched: int
-    disparity_arcmin: Quantiles | None
-    depth: DepthShift | None
-    change_arcsec: DepthShift | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class DepthShift:
-    """How a distance in depth, or what makes it, is distributed, with its sign."""
-
-    p1: float
-    p50: float
-    p99: float
-
-    @classmethod
-    def of(cls, values: Floats) -> DepthShift | None:
-        """Return the distribution of the finite ones of some values; None where there are none."""
-        known = values[np.isfinite(values)]
-        if not known.size:
-            return None
-        p1, p50, p99 = np.percentile(known, [1, 50, 99])
-        return cls(p1=float(p1), p50=float(p50), p99=float(p99))
+    matched: int  # pixels of the left eye whose surface point the right eye is shown too
+    disparity_arcmin: Quantiles | None  # absolute error of the disparity
+    depth: DepthShift | None  # shown minus true distance from the eyes that follows, scene units
+    change_arcsec: DepthShift | None = None  # shown minus true disparity, negative where seen too far away
 
 
 def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Disparity, Disparity | None]:
@@ -330,49 +250,41 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
         raise InputError(
             "two eyes need positions side by side: the left one first, the same Y and the same Z"
         )
-    display = _disparity(reference, (left, right), [_ray_error(reference, one) for one in (left, right)])
-    drawn = None
-    if left.drawn is not None and right.drawn is not None:
-        drawn = _disparity(
-            reference,
-            (left, right),
-            [_line_error(reference, one, image) for one, image in ((left, left.drawn), (right, right.drawn))],
-        )
-    return display, drawn
 
+    def slope(views: Views, place: Floats, z: Floats) -> Floats:
+        """Return the slope along x under which an eye sees places, taken at other points' heights."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((place[..., 0] - views.eye.position[0]) / (height - z[..., 2]))
 
-def _ray_error(reference: EyeReference, views: Views) -> tuple[EyeImage, Floats]:
-    """Return a replayed view, and the slope of its rays minus those of the points that it shows."""
-    image = views.replayed
-    return image, reference.pencil(views.eye).dx - _slope(views, image.position, image.position)
-
-
-def _line_error(reference: EyeReference, views: Views, image: EyeImage) -> tuple[EyeImage, Floats]:
-    """Return a drawn view, and the slopes of where its lines show points minus those of the points."""
-    at = shown_at(reference.scene, views.taken, image)
-    return image, _slope(views, at, image.position) - _slope(views, image.position, image.position)
-
-
-def _slope(views: Views, place: Floats, height_of: Floats) -> Floats:
-    x, _, height = views.eye.position
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray((place[..., 0] - x) / (height - height_of[..., 2]))
+    by_display, by_renderer = [], []
+    for views in (left, right):
+        replayed, drawn = views.replayed, views.drawn
+        own = slope(views, replayed.position, replayed.position)
+        by_display.append((replayed, reference.pencil(views.eye).dx - own))
+        if drawn is not None:
+            at, own = (
+                shown_at(reference.scene, views.taken, drawn),
+                slope(views, drawn.position, drawn.position),
+            )
+            by_renderer.append((drawn, slope(views, at, drawn.position) - own))
+    eyes = left.eye, right.eye
+    lost = _disparity(reference, eyes, by_display)
+    return lost, _disparity(reference, eyes, by_renderer) if len(by_renderer) == len(eyes) else None
 
 
 def _disparity(
-    reference: EyeReference, views: tuple[Views, Views], shown: list[tuple[EyeImage, Floats]]
+    reference: EyeReference, eyes: tuple[Eye, Eye], shown: list[tuple[EyeImage, Floats]]
 ) -> Disparity:
+    """Return the disparity that the errors of slope of two shown views make."""
     (left, left_error), (right, right_error) = shown
-    base = views[1].eye.position[0] - views[0].eye.position[0]
-    height = views[0].eye.position[2]
-    pencil = reference.pencil(views[1].eye)
+    base, pencil = eyes[1].position[0] - eyes[0].position[0], reference.pencil(eyes[1])
     # Where the right eye has the pixel that truly shows each point of the left one.
     place = np.nan_to_num(pixel_places(left.position, pencil), nan=-1.0, posinf=-1.0, neginf=-1.0)
     column, row = (np.floor(np.clip(place[..., axis], -1.0, 1e6) + 0.5).astype(int) for axis in range(2))
-    width, rows = views[1].eye.resolution
+    width, rows = eyes[1].resolution
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < rows)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-    distance = height - left.position[..., 2]
+    distance = eyes[0].position[2] - left.position[..., 2]
     pitch = reference.scene.plate.size[0] / reference.scene.plate.hogels[0]
     near = SAME_PLACE * (distance * 2 * pencil.half_extent[0] / width + pitch)
     apart = np.linalg.norm(left.position - right.position[row, column], axis=-1)

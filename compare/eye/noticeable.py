@@ -13,13 +13,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN, SAME_PLACE
-from xfrustum.compare.eye.moved import replayed_distance
+from xfrustum.compare.eye.moved import replayed_shifts
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
 ACUITY_ARCMIN = 1.0
@@ -35,12 +35,14 @@ EYES_APART_MM, PUPIL_MM, GREEN_MM = 65.0, 4.0, 550e-6
 """Distance of two eyes, diameter of a pupil, and a wavelength to which eyes are most sensitive."""
 
 
-Length = tuple[float, str | None]
-"""A number and the name of its unit, None for the scene's own."""
+ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
+
+DEPTH_SAMPLES = 33
+"""Depths from the nearest to the farthest on a side at which disparity is looked at: it changes smoothly."""
 
 
-def scene_length(length: Length, scene: Scene) -> float:
-    """Return a length in scene units.
+def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
+    """Return a length, a number and the name of its unit or None for the scene's own, in scene units.
 
     Raises
     ------
@@ -63,16 +65,7 @@ def scene_length(length: Length, scene: Scene) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """A pair of eyes straight before the plate.
-
-    Attributes
-    ----------
-    distance
-        Its distance from the plate, scene units.
-    acuity_arcmin, stereo_acuity_arcsec
-        Smallest angle, and smallest difference of disparity, that it tells.
-    eyes_apart_mm, pupil_mm
-        Distance of its eyes, and diameter of a pupil.
+    """A pair of eyes straight before the plate, at a distance from it in scene units.
 
     Raises
     ------
@@ -81,8 +74,8 @@ class Viewer:
     """
 
     distance: float
-    acuity_arcmin: float = ACUITY_ARCMIN
-    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC
+    acuity_arcmin: float = ACUITY_ARCMIN  # smallest angle
+    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC  # and smallest difference of disparity that it tells
     eyes_apart_mm: float = EYES_APART_MM
     pupil_mm: float = PUPIL_MM
 
@@ -95,140 +88,15 @@ class Viewer:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DisplayLimits:
-    """What the display can show to a viewer, and which near offset he cannot see.
-
-    Attributes
-    ----------
-    viewer
-        The viewer.
-    pixel_arcmin
-        Angle between the directions of neighboring pixels of a hogel; content at the depth z is seen under
-        abs(z)/R of it.
-    pitch_arcmin
-        Angle under which a hogel is seen.
-    diffraction_arcmin
-        Wavelength over pitch: no hogel holds finer angles. None where the length of the unit is not known.
-    behind, before
-        Depth of field: distances from the plate up to which the display shows as fine as its hogels, or the
-        viewer, allow; scene units, infinite where pixels are fine enough for any depth.
-    rays_per_pupil
-        Pixels of a hogel that a pupil catches along an axis; None where the length of the unit is not known.
-    near_stereo
-        Largest near offset whose gap changes the disparity across the plate by no more than the viewer's
-        stereo acuity, scene units; None where the length of the unit is not known.
-    near_crack
-        Largest near offset whose gap opens no crack that the viewer resolves, and that is wider than a hogel,
-        in surfaces that run through the plate, seen through its corners with pivot `aperture`; scene units,
-        infinite where the corners are seen along the shear.
-    """
-
-    viewer: Viewer
-    pixel_arcmin: float
-    pitch_arcmin: float
-    diffraction_arcmin: float | None
-    behind: float
-    before: float
-    rays_per_pupil: float | None
-    near_stereo: float | None
-    near_crack: float
-
-    @property
-    def near(self) -> float:
-        """Largest near offset that the viewer cannot see by any of these, scene units.
-
-        It is that of surfaces at the plate; what stands before it is seen to change more (`noticeable`).
-        """
-        return self.near_crack if self.near_stereo is None else min(self.near_crack, self.near_stereo)
-
-
-def gap_slope(frustum: Frustum, size: tuple[float, float], distance: float, aside: float = 1.0) -> float:
-    """Return how far aside the halves of a surface part at the plate, as a multiple of how far in depth.
-
-    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth and by c k
-    aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of its corners.
-
-    Parameters
-    ----------
-    size
-        Width and height of the plate, scene units.
-    distance
-        Distance of the eye straight before its middle, scene units.
-    aside
-        The c above: 1 with pivot `aperture`, 0 with pivot `camera`.
-    """
-    slopes = []
-    for x in (-0.5, 0.5):
-        for y in (-0.5, 0.5):
-            corner = np.array([x * size[0], y * size[1]])
-            shear = np.zeros(2)
-            if frustum.screen is not None:
-                shear = (np.array(frustum.screen.center) - corner) / -frustum.screen.height
-            slopes.append(float(np.linalg.norm(aside * shear - corner / distance)))
-    return max(slopes)
-
-
-def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
-    """Return what a scene's display can show to a viewer; of both axes the coarser one counts."""
-    distance, unit = viewer.distance, MILLIMETERS.get(scene.units)
-    _, half_extent = film_window(scene.frustum, scene.plate.middle)
-    pixel = max(2 * t / count for t, count in zip(half_extent, scene.frustum.resolution, strict=True))
-    pitches = [size / count for size, count in zip(scene.plate.size, scene.plate.hogels, strict=True)]
-    pitch = max(pitches)
-    # What can be told apart: by the display, or by the eye, whichever is coarser.
-    finest = max(pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
-    slope = gap_slope(scene.frustum, scene.plate.size, distance)
-    near_stereo = None
-    if unit is not None:
-        apart = viewer.eyes_apart_mm / unit
-        disparity = viewer.stereo_acuity_arcsec / 60 / ARCMIN_PER_RADIAN
-        # apart / (L - n) - apart / (L + n) = disparity, solved for n without cancellation.
-        near_stereo = disparity * distance**2 / (apart + math.hypot(apart, disparity * distance))
-    return DisplayLimits(
-        viewer=viewer,
-        pixel_arcmin=pixel * ARCMIN_PER_RADIAN,
-        pitch_arcmin=pitch / distance * ARCMIN_PER_RADIAN,
-        diffraction_arcmin=None if unit is None else GREEN_MM / unit / min(pitches) * ARCMIN_PER_RADIAN,
-        behind=distance * finest / (pixel - finest) if pixel > finest else math.inf,
-        before=distance * finest / (pixel + finest),
-        rays_per_pupil=None if unit is None else viewer.pupil_mm / unit / (distance * pixel),
-        near_stereo=near_stereo,
-        near_crack=finest * distance / (2 * slope) if slope else math.inf,
-    )
-
-
-ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
-
-DEPTH_SAMPLES = 33
-"""Depths from the nearest to the farthest on a side at which disparity is looked at: it changes smoothly."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Display:
-    """What of a plate decides how fine it shows.
-
-    Attributes
-    ----------
-    frustum
-        Crossed frusta of its hogels.
-    size
-        Width and height of the plate, scene units.
-    pitch
-        Width or height of a hogel, whichever is larger, scene units.
-    pixel
-        Slope between the directions of neighboring pixels of a hogel, the coarser of both axes.
-    diffraction
-        Wavelength over pitch; 0 where the length of the scene's unit is not known.
-    millimeters
-        Length of the scene's unit; None where it is not known.
-    """
+    """What of a plate decides how fine it shows; of both axes the coarser one counts."""
 
     frustum: Frustum
-    size: tuple[float, float]
-    pitch: float
-    pixel: float
-    diffraction: float
-    millimeters: float | None
+    size: tuple[float, float]  # of the plate, scene units
+    pitch: float  # of the hogels, scene units
+    pixel: float  # slope between the directions of neighboring pixels of a hogel
+    diffraction: float  # wavelength over pitch; 0 where the length of the scene's unit is not known
+    millimeters: float | None  # length of the scene's unit; None where it is not known
 
     @classmethod
     def of(cls, scene: Scene) -> Display:
@@ -247,37 +115,104 @@ class Display:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Content:
-    """The depths that a plate shows.
+class DisplayLimits:
+    """What the display can show to a viewer, and which near offset he cannot see; lengths in scene units.
 
-    Attributes
-    ----------
-    before, behind
-        Nearest and farthest visible |z| on the viewer's side and behind the plate, scene units; None where
-        nothing is seen there.
-    through
-        Whether a surface runs through the plate.
+    Content at the depth z is seen under |z|/R of `pixel_arcmin`. `behind` and `before` are depths of field:
+    distances from the plate up to which the display shows as fine as its hogels, or the viewer, allow,
+    infinite where pixels are fine enough for any depth. `near_stereo` is the largest near offset whose gap
+    changes the disparity across the plate by no more than stereo acuity; `near_crack` that whose gap opens no
+    crack that the viewer resolves, and that is wider than a hogel, in surfaces that run through the plate,
+    seen through its corners with pivot `aperture`; infinite where the corners are seen along the shear. What
+    depends on the length of the scene's unit is None where that is not known.
     """
+
+    viewer: Viewer
+    pixel_arcmin: float  # angle between the directions of neighboring pixels of a hogel
+    pitch_arcmin: float  # angle under which a hogel is seen
+    diffraction_arcmin: float | None  # no hogel holds finer angles
+    behind: float
+    before: float
+    rays_per_pupil: float | None  # pixels of a hogel that a pupil catches along an axis
+    near_stereo: float | None
+    near_crack: float
+
+    @property
+    def near(self) -> float:
+        """Largest near offset that the viewer cannot see by any of these, scene units.
+
+        It is that of surfaces at the plate; what stands before it is seen to change more.
+        """
+        return self.near_crack if self.near_stereo is None else min(self.near_crack, self.near_stereo)
+
+
+def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
+    """Return what a scene's display can show to a viewer."""
+    display, distance = Display.of(scene), viewer.distance
+    pixel, unit = display.pixel, display.millimeters
+    # What can be told apart: by the display, or by the eye, whichever is coarser.
+    finest = max(display.pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
+    slope = gap_slope(display, distance)
+    near_stereo = None
+    if unit is not None:
+        apart = viewer.eyes_apart_mm / unit
+        disparity = viewer.stereo_acuity_arcsec / ARCSEC_PER_RADIAN
+        # apart / (L - n) - apart / (L + n) = disparity, solved for n without cancellation.
+        near_stereo = disparity * distance**2 / (apart + math.hypot(apart, disparity * distance))
+    return DisplayLimits(
+        viewer=viewer,
+        pixel_arcmin=pixel * ARCMIN_PER_RADIAN,
+        pitch_arcmin=display.pitch / distance * ARCMIN_PER_RADIAN,
+        diffraction_arcmin=None if unit is None else display.diffraction * ARCMIN_PER_RADIAN,
+        behind=distance * finest / (pixel - finest) if pixel > finest else math.inf,
+        before=distance * finest / (pixel + finest),
+        rays_per_pupil=None if unit is None else viewer.pupil_mm / unit / (distance * pixel),
+        near_stereo=near_stereo,
+        near_crack=finest * distance / (2 * slope) if slope else math.inf,
+    )
+
+
+def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
+    """Return how far aside the halves of a surface part at the plate, as a multiple of how far in depth.
+
+    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth and by c k
+    aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of its corners. The c is
+    `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
+    """
+    slopes, screen = [], display.frustum.screen
+    for x in (-0.5, 0.5):
+        for y in (-0.5, 0.5):
+            corner, shear = np.array([x, y]) * display.size, np.zeros(2)
+            if screen is not None:
+                shear = (np.array(screen.center) - corner) / -screen.height
+            slopes.append(float(np.linalg.norm(aside * shear - corner / distance)))
+    return max(slopes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content:
+    """The depths that a plate shows: nearest and farthest |z| on each side, None where nothing is seen."""
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
-    through: bool
+    through: bool  # whether a surface runs through the plate
+
+    @property
+    def _sides(self) -> list[tuple[float, tuple[float, float]]]:
+        """Sign of the height, and the ends, of each side on which something is seen."""
+        sides = ((1.0, self.before), (-1.0, self.behind))
+        return [(sign, ends) for sign, ends in sides if ends is not None]
 
     @property
     def heights(self) -> Floats:
         """Heights z between the ends of both sides, scene units."""
-        sides = [
-            sign * np.linspace(*ends, DEPTH_SAMPLES)
-            for sign, ends in ((1.0, self.before), (-1.0, self.behind))
-            if ends is not None
-        ]
+        sides = [sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in self._sides]
         return np.concatenate([np.zeros(0), *sides])
 
     @property
     def farthest(self) -> tuple[float, ...]:
         """Heights z of the farthest surfaces on each side, scene units."""
-        ends = ((1.0, self.before), (-1.0, self.behind))
-        return tuple(sign * one[1] for sign, one in ends if one is not None)
+        return tuple(sign * ends[1] for sign, ends in self._sides)
 
 
 def runs_through_plate(scene: Scene) -> bool:
@@ -331,14 +266,7 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
 def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum) -> Floats:
     """Return by how much the disparity of points at some heights changes, arc seconds; less where farther.
 
-    Parameters
-    ----------
-    height
-        Heights z below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
-    viewer, display
-        Eyes straight before the plate, and the plate.
-    settings
-        Settings of the cameras that drew it.
+    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
 
     Notes
     -----
@@ -351,7 +279,7 @@ def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings
     s = -np.asarray(height, dtype=np.float64)
     # The zero at which the side before the plate begins is another one than that of the side behind it.
     side = np.copysign(1.0, s)
-    moved, aside = _shifts(np.abs(s), display.frustum, settings)
+    moved, aside = replayed_shifts(np.abs(s), display.frustum, settings)
     distance = viewer.distance + s
     screen = display.frustum.screen
     sheared = 0.0 if screen is None else side * aside / -screen.height
@@ -369,7 +297,7 @@ def stereo_change_arcsec(
     height = content.heights
     if not len(height):
         return 0.0
-    moved, _ = _shifts(np.abs(height), display.frustum, settings)
+    moved, _ = replayed_shifts(np.abs(height), display.frustum, settings)
     if np.any(height + moved * (height > 0) >= viewer.distance):
         return math.inf
     changes = np.append(disparity_changes(height, viewer, display, settings), 0.0)
@@ -381,26 +309,23 @@ def replay_noise_arcsec(
 ) -> float:
     """Return by how much a replay's change of disparity may differ from the closed form, arc seconds.
 
-    Parameters
-    ----------
-    eye_pixel
-        Width that a pixel of the eyes' films has on the plate, scene units.
+    `eye_pixel` is the width that a pixel of the eyes' films has on the plate, scene units.
 
     Notes
     -----
     Along the line of slope u of a hogel of shear k, a point that is moved by m is shown m u - c k aside of
-    its place (`disparity_changes` has c); the closed form has the slope of sight in place of u. To first
-    order in m, the difference of two eyes then is off by m/R times the sum of these:
+    its place (`disparity_changes` has c); the closed form has the slope of the eye's ray in place of u. To
+    first order in m, the difference of two eyes then is off by m/R times the sum of these:
 
     * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in each eye;
-    * the hogel, at most half a pitch beside the line of sight, in each eye, which changes k;
+    * the hogel, at most half a pitch beside the eye's ray, in each eye, which changes k;
     * the right eye's pixel, at most half of one beside that of the left eye's point, which changes u and k;
     * the point that it shows, the same up to `SAME_PLACE`, and so at another R, at the largest slope.
 
     It is the largest on each side of the plate, and a difference has one point on each.
     """
     height = content.heights
-    moved, aside = (np.abs(one) for one in _shifts(np.abs(height), display.frustum, settings))
+    moved, aside = (np.abs(one) for one in replayed_shifts(np.abs(height), display.frustum, settings))
     distance = viewer.distance - height
     slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
     seen = eye_pixel * distance / viewer.distance
@@ -418,13 +343,13 @@ def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> f
 
     Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times `gap_slope`.
     """
-    moved, aside = (float(one[0]) for one in _shifts(np.zeros(1), display.frustum, settings))
+    moved, aside = (float(one[0]) for one in replayed_shifts(np.zeros(1), display.frustum, settings))
     if settings.offset is Offset.NONE:
         # What is nearer than n is clipped on both sides.
         moved = settings.near
     if not moved:
         return 0.0
-    slope = gap_slope(display.frustum, display.size, viewer.distance, aside / moved)
+    slope = gap_slope(display, viewer.distance, aside / moved)
     return 2 * moved * slope / viewer.distance * ARCMIN_PER_RADIAN
 
 
@@ -439,20 +364,15 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
     }
 
 
-def finest_arcmin(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
-    """Return what limits the angles that can be told apart at a height, the eye included, and that angle."""
-    blurs = {"acuity": viewer.acuity_arcmin, **blur_arcmin(height, viewer, display)}
-    return max(blurs.items(), key=lambda item: item[1])
-
-
 def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) -> tuple[str, float, float]:
     """Return what hides a crack, how wide it may be, and how wide it is, arc minutes.
 
     Its edges are seen in front of and behind the plate, as far as halves are moved: there the display has the
     blurs of its pixels and of diffraction.
     """
-    edge = -float(_shifts(np.zeros(1), display.frustum, settings)[0][0])
-    name, angle = finest_arcmin(edge, viewer, display)
+    edge = -float(replayed_shifts(np.zeros(1), display.frustum, settings)[0][0])
+    blurs = {"acuity": viewer.acuity_arcmin, **blur_arcmin(edge, viewer, display)}
+    name, angle = max(blurs.items(), key=lambda item: item[1])
     return name, angle, crack_arcmin(viewer, display, settings)
 
 
@@ -480,12 +400,3 @@ def finest_separation(
     """
     found = [(*resolved_separation(height, viewer, display), height) for height in heights]
     return min(found, key=lambda one: one[1]) if found else None
-
-
-def _shifts(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> tuple[Floats, Floats]:
-    """Return how far points are moved from the plate, and the factor of the shear by which they go aside."""
-    moved = replayed_distance(distance, frustum, settings) - distance
-    if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
-        first = settings.slabs[0] if settings.slabs else np.inf
-        return moved, np.where(distance <= first, moved - settings.near, moved)
-    return moved, moved

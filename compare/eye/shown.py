@@ -18,25 +18,22 @@ from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
+LEVELS = 255
+"""Value that stands for radiance one where color is stored in 8 bits."""
+
+DEFAULT_COLOR = ColorType.FLOAT16
+"""Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""
+
 HEIGHT_TOLERANCE = 2.0**-16
 """Distance beyond a camera's ends at which a point still counts as drawn by it, as a part of the reach: cuts
 are made in float32, on slopes that make a rounding of 2^-24 some hundred times as large."""
 
 
 def drawn_points(scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers) -> Floats:
-    """Return surface points (H, W, 3), scene units; NaN where nothing is shown.
+    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN where nothing is shown.
 
     Each lies where the line of the camera that drew it meets the plane of its triangle. Of several cameras
     between whose ends that is, the one drawn last shows.
-
-    Parameters
-    ----------
-    scene, settings
-        Scene that is drawn, and settings of its cameras.
-    pixels
-        The hogels' pixels that are shown.
-    triangle
-        (H, W) triangle numbers.
     """
     found = np.full((*triangle.shape, 3), np.nan)
     rows, columns = np.nonzero(triangle != NOTHING)
@@ -80,45 +77,22 @@ def _camera_lines(
     return lines
 
 
-LEVELS = 255
-"""Value that stands for radiance one where color is stored in 8 bits."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnHogel:
-    """The image of one hogel by any renderer; None for what it does not say.
+    """The image of one hogel by any renderer; None for what it does not say."""
 
-    Attributes
-    ----------
-    index
-        Column and row on the plate.
-    color
-        (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance.
-    triangle, object
-        (H, W) numbers.
-    position
-        (H, W, 3) surface points, scene units.
-    """
-
-    index: tuple[int, int]
-    color: NDArray[Any] | None = None
+    index: tuple[int, int]  # column and row on the plate
+    color: NDArray[Any] | None = None  # (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
     triangle: Numbers | None = None
     object: Numbers | None = None
-    position: NDArray[np.floating] | None = None
+    position: NDArray[np.floating] | None = None  # (H, W, 3) surface points, scene units
 
 
 class Collector:
-    """What one eye is shown, filled in hogel by hogel.
+    """What one eye is shown of its pixels of hogels, filled in hogel by hogel.
 
-    Parameters
-    ----------
-    scene
-        Scene that the hogels show.
-    eye, taken
-        The eye, and the pixels of hogels that it is shown.
-    settings
-        Settings of the cameras that drew the hogels, by which a triangle's pixel has its surface point;
-        None where they are not known.
+    `settings` are those of the cameras that drew the hogels, by which a triangle's pixel has its surface
+    point; None where they are not known.
     """
 
     def __init__(self, scene: Scene, eye: Eye, taken: Replay, settings: DoubleFrustum | None) -> None:
@@ -128,17 +102,18 @@ class Collector:
         self._object = self._triangle.copy()
         self._position = np.full((height, width, 3), np.nan)
         self._color = np.zeros((height, width, 3))
-        self._colored = self._numbered = False
+        self._colored = False
+        self.numbered = False  # whether any hogel said which triangle or object its pixels show
 
     def add(self, hogel: DrawnHogel) -> None:
         """Take the pixels of a hogel that the eye is shown."""
         here, there = _blocks(self._taken.shown, hogel.index)
         if hogel.triangle is not None:
             self._triangle[here] = hogel.triangle[there]
-            self._numbered = True
+            self.numbered = True
         if hogel.object is not None:
             self._object[here] = hogel.object[there]
-            self._numbered = True
+            self.numbered = True
         if hogel.position is not None:
             self._position[here] = hogel.position[there]
         if hogel.color is not None:
@@ -165,11 +140,6 @@ class Collector:
             position=position,
             color=self._color.astype(np.float32) if self._colored else None,
         )
-
-    @property
-    def numbered(self) -> bool:
-        """Whether any hogel said which triangle or object its pixels show."""
-        return self._numbered
 
 
 def _blocks(
@@ -218,7 +188,3 @@ def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPa
     plate = renderer.scene.plate
     for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
         yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
-
-
-DEFAULT_COLOR = ColorType.FLOAT16
-"""Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.moved_scene import moved_scene
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare.eye.loss import Views, disparity, display_loss, renderer_loss, shown_at
-from xfrustum.compare.eye.moved import moved_scene
 from xfrustum.compare.eye.shown import (
     DEFAULT_COLOR,
     Collector,

@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.moved_scene import moved_scene
 from tests.support.views import at, reversed_d32f, view
-from xfrustum.compare.eye.moved import moved_scene, moves_rigidly, replayed_distance, replayed_points
+from xfrustum.compare.eye.moved import moves_rigidly, replayed_distance, replayed_points
 from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum, film_window, model_cameras, pixel_places
-from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, InputError, Screen
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
 from xfrustum.scenes.arrays import Floats
 
 REACH = 12.0
@@ -183,8 +184,3 @@ def test_the_cameras_draw_the_true_picture_of_the_moved_scene(name: str, how: di
     assert (drawn != truth).mean() > 0.2
     # Cuts and moves are rounded, by some 1e-16 of the reach: no line of these films comes so near to an edge.
     assert (drawn != seen).sum() == 0
-
-
-def test_a_bent_scene_is_no_scene() -> None:
-    with pytest.raises(InputError, match="every aperture replays another scene"):
-        moved_scene(view("car-recentered"), DoubleFrustum(near=1.0))

@@ -1,0 +1,95 @@
+"""The scene that a viewer sees where cameras step back: triangles cut and moved (`compare.eye.moved`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from xfrustum.compare.eye.moved import moves_rigidly, replayed_distance
+from xfrustum.scenes import DoubleFrustum, Frustum, Offset, Scene, SceneObject
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovedScene:
+    """The scene that a viewer sees: the moved halves, with the moved reach.
+
+    Its surfaces have their objects' materials, and neither textures nor normals of vertices: it is meant for
+    comparing surfaces.
+    """
+
+    scene: Scene
+    number: Indices  # (F,) number that each of its triangles has in the scene as it is
+
+
+def moved_scene(scene: Scene, settings: DoubleFrustum) -> MovedScene:
+    """Return the scene whose true pictures are those that the cameras of some settings draw.
+
+    Triangles are cut at the plate and at the first cut, and their parts are moved along z.
+
+    Where a recentered frustum's shear displaces points, every aperture replays another scene.
+    """
+    assert moves_rigidly(scene.frustum, settings) and settings.offset is Offset.PLATE
+    cuts = (0.0, *(sign * height for height in settings.slabs[:1] for sign in (1, -1)))
+    objects, numbers = [], []
+    for number, part in enumerate(scene.objects):
+        own = np.flatnonzero(scene.object_of_triangle == number)
+        triangles, origin = scene.triangles[own], own
+        for height in cuts:
+            triangles, origin = _cut(triangles, origin, height)
+        moved, origin = _moved(triangles, origin, scene.frustum, settings)
+        numbers.append(origin)
+        objects.append(
+            SceneObject(
+                name=part.name,
+                vertices=moved.reshape(-1, 3),
+                faces=np.arange(3 * len(moved)).reshape(-1, 3),
+                material=part.material,
+            )
+        )
+    reach = replayed_distance(np.array(scene.frustum.reach), scene.frustum, settings).tolist()
+    frustum = replace(scene.frustum, reach=(reach[0], reach[1]))
+    changed = replace(scene, frustum=frustum, objects=tuple(objects))
+    return MovedScene(scene=changed, number=np.concatenate(numbers))
+
+
+def _moved(
+    triangles: Floats, origin: Indices, frustum: Frustum, settings: DoubleFrustum
+) -> tuple[Floats, Indices]:
+    """Return triangles that no cut crosses moved along z; those in the plate are moved both ways."""
+    first = settings.slabs[0] if settings.slabs else np.inf
+    behind, before = (np.asarray((sign * triangles[..., 2] >= 0).all(axis=1)) for sign in (-1, 1))
+    halves = []
+    for side, here in ((-1.0, behind), (1.0, before)):
+        half = triangles[here].copy()
+        distance = np.abs(half[..., 2])
+        # A triangle that ends at the first cut from beyond is not of the first slab.
+        inner: Mask = distance.max(axis=1, initial=0.0) <= first
+        seen = replayed_distance(distance, frustum, settings)
+        half[..., 2] = side * np.where(inner[:, None], seen, distance)
+        halves.append(half)
+    return np.concatenate(halves), np.concatenate((origin[behind], origin[before]))
+
+
+def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
+    """Return triangles cut in three by a height, so that none crosses it, with the numbers they came from."""
+    above = triangles[..., 2] - height
+    crossing: Mask = (above.max(axis=1, initial=0.0) > 0) & (above.min(axis=1, initial=0.0) < 0)
+    if not crossing.any():
+        return triangles, origin
+    cut, upper = triangles[crossing], above[crossing] > 0
+    # Turn each triangle until its first corner is alone on its side of the cut.
+    alone = np.where(upper.sum(axis=1) == 1, upper.argmax(axis=1), (~upper).argmax(axis=1))
+    order = (alone[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)
+    ends = []
+    for end in (b, c):
+        share = (height - a[:, 2]) / (end[:, 2] - a[:, 2])
+        point = a + share[:, None] * (end - a)
+        point[:, 2] = height
+        ends.append(point)
+    ab, ac = ends
+    parts = [np.stack(corners, axis=1) for corners in ((a, ab, ac), (ab, b, c), (ab, c, ac))]
+    own = origin[crossing]
+    return np.concatenate((triangles[~crossing], *parts)), np.concatenate((origin[~crossing], own, own, own))
