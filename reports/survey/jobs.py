@@ -16,9 +16,9 @@ from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map
 from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import HogelBlock, RowsJob
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
+from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Limits
-from xfrustum.reports.verification.verification import Question, Run, nominal_model, sampled
-from xfrustum.reports.verification.workers import ForeignRenderer
+from xfrustum.reports.verification.verification import Question, Run
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -128,9 +128,8 @@ class ForeignJob(RowsJob):
         renderer.require_state(asked, self.state)
         reference, limits = Reference(scene), Limits(displacement_px=self.tolerance_px)
         with renderer.opened(reference) as source:
-            run = Run(reference=reference, source=source, asked=asked, limits=limits)
-            nominal = nominal_model(scene, renderer.near, renderer.accept)
-            question = run.question(sampled(asked, scene), nominal, renderer.accept)
+            run = Run(renderer=renderer, reference=reference, source=source, asked=asked, limits=limits)
+            question = run.question()
             run.kept.clear()  # few hogels of the sample are this process's own: all are read anew
             yield ForeignSession(self, run, question)
 

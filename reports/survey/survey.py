@@ -19,7 +19,7 @@ from xfrustum.reports.survey.answer import Extent, Survey
 from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, shown_hogel
 from xfrustum.reports.survey.page import FILES, write_survey
 from xfrustum.reports.survey.rows import Tally, add_rows
-from xfrustum.reports.verification.workers import ForeignRenderer
+from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -120,7 +120,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     parts = Parts(out=out.absolute(), name=ROWS)
     job: DrawnJob | ForeignJob
     if isinstance(settings, ForeignRenderer):
-        renderer = settings.placed(scene, told)
+        renderer = settings.with_layout(scene, told)
         state = renderer.state(scene.plate.apertures())
         job = ForeignJob(scene=scene, parts=parts, renderer=renderer, state=state, tolerance_px=tolerance_px)
         several: tuple[DoubleFrustum | None, ...] = (None,)

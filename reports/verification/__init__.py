@@ -2,10 +2,10 @@
 
 baseline      `verify --baseline`: a verification is held to the measures that were accepted before
 files         What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal
-laid_out      Hogel images from files in a layout, and other layouts in which the same files may be
-              meant
-sources       Where a foreign renderer's hogel images come from: files, a program, or a function; and
-              digests of these
+laid_out      Other layouts in which the files of a plate may be meant, where they are wrong in the stated
+              one
+sources       Where a foreign renderer's hogel images come from: files, a layout of files, a program, or a
+              function
 verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together, also
               in words
 verification  `xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong

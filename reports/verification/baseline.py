@@ -51,11 +51,9 @@ ROUNDING_PX = 1e-6
 """Largest difference between two displacements that is rounding, px: they are found from doubles of
 coordinates up to 1e3 px, with some hundred operations."""
 
-MAX_TOLD = 8
-"""Largest number of changes that the terminal names one by one."""
-
-MAX_ROWS = 20
-"""Largest number of changes in the summary for GitHub, which drops summaries of over a mebibyte."""
+MAX_TOLD, MAX_ROWS = 8, 20
+"""Largest numbers of changes of a kind that the terminal names one by one, and of changes in the summary for
+GitHub, which drops summaries of over a mebibyte."""
 
 GIT_SECONDS = 20.0
 """Longest time that git may take, seconds."""
@@ -65,13 +63,12 @@ Place = tuple[int, int]
 
 
 class Change(StrEnum):
-    """How a measure, or a whole run, is beside what was accepted."""
+    """How a measure, or a whole run, is beside what was accepted; `NEW` where nothing is."""
 
     WORSE = "worse"
     BETTER = "better"
     SAME = "same"
     NEW = "new"
-    """Nothing is accepted that it could be compared with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,29 +78,16 @@ class Stated:
     share: float | None = None
     amounts: Mapping[str, float]
 
-    def __post_init__(self) -> None:
-        for name in self.amounts:
-            if name not in WORDS:
-                raise InputError(f"baseline tolerance: {name!r} is not one of {', '.join(WORDS)}")
-        numbers = (*self.amounts.values(), self.share or 0.0)
-        if not all(math.isfinite(number) and number >= 0 for number in numbers):
-            raise InputError("baseline tolerance: tolerances are numbers that are not negative")
-
     @classmethod
     def of(cls, text: str) -> Stated:
-        """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma.
-
-        Raises
-        ------
-        InputError
-            The text is none of these.
-        """
+        """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma."""
         share, amounts = None, {}
         for part in (part.strip() for part in text.split(",")):
             name, equals, number = part.rpartition("=")
+            name = name.strip().replace("-", "_")
             try:
                 if equals:
-                    amounts[name.strip().replace("-", "_")] = float(number)
+                    amounts[name] = float(number)
                 elif part.endswith("%"):
                     share = float(part[:-1]) / 100
                 else:
@@ -113,43 +97,38 @@ class Stated:
                     f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such as "
                     f"wrong_surfaces=3; names are {', '.join(WORDS)}"
                 ) from error
+            if equals and name not in WORDS:
+                raise InputError(f"baseline tolerance: {name!r} is not one of {', '.join(WORDS)}")
+        if not all(math.isfinite(one) and one >= 0 for one in (*amounts.values(), share or 0.0)):
+            raise InputError("baseline tolerance: tolerances are numbers that are not negative")
         return cls(share=share, amounts=amounts)
-
-    def of_measure(self, name: str, accepted: float) -> float | None:
-        """Return the tolerance of a measure whose accepted value is known; None where none is stated."""
-        return self.amounts.get(name, None if self.share is None else self.share * accepted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureChange:
-    """One measure of a hogel beside the mean of what was accepted.
-
-    `limit` is the largest value that is not worse; it is None where nothing is accepted, and `now` where the
-    number cannot be known any more.
-    """
+    """One measure of a hogel beside the mean of what was accepted."""
 
     measure: str
     aperture: Place
     accepted: float | None
-    limit: float | None
-    now: float | None
+    limit: float | None  # largest value that is not worse; None where nothing is accepted
+    now: float | None  # None where it cannot be known any more
     change: Change
 
     @property
     def words(self) -> str:
         """Which measure, where, and how much."""
-        was, now = in_units(self.measure, self.accepted), in_units(self.measure, self.now)
+
+        def told(value: float | None) -> str:
+            if value is None:
+                return "unknown"
+            if self.measure.endswith("_px"):
+                return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
+            return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
+
         column, row = self.aperture
+        was, now = told(self.accepted), told(self.now)
         return f"{WORDS[self.measure]} of hogel {column},{row}: {was} accepted, {now} now"
-
-
-def in_units(measure: str, value: float | None) -> str:
-    """Return the value of a measure as people read it."""
-    if value is None:
-        return "unknown"
-    if measure.endswith("_px"):
-        return f"{digits(value)} px" if abs(value) > 10 * ROUNDING_PX else "0 px"
-    return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,10 +160,10 @@ class Run:
     xfrustum: str
     hogels: tuple[KeptHogel, ...]
 
-    @property
-    def key(self) -> tuple[str, str, str, str]:
-        """What runs must share to be comparable."""
-        return self.scene_hash, self.renderer, self.device, self.judged
+    def like(self, runs: Iterable[Run]) -> list[Run]:
+        """Return the runs that this one can be compared with."""
+        shared = ("scene_hash", "renderer", "device", "judged")
+        return [one for one in runs if all(getattr(one, name) == getattr(self, name) for name in shared)]
 
 
 _RUN = TypeAdapter(Run)
@@ -192,52 +171,32 @@ _RUN = TypeAdapter(Run)
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineOptions:
-    """How a verification is held to accepted measures.
+    """How a verification is held to accepted measures."""
 
-    Attributes
-    ----------
-    renderer, device
-        Names under which measures are kept; the source of the images, and this machine's processor, where
-        None.
-    near, accept, encoding
-        As given to `verify`: images judged by other options are not comparable.
-    tolerance
-        Tolerances that go before the spread of repeated runs.
-    approve, repeated
-        Whether to accept the present measures, and whether they differ from those accepted by noise alone.
-    repository
-        Folder whose commit is noted; the current one where None.
-    """
-
-    renderer: str | None = None
-    device: str | None = None
-    near: float | None = None
+    renderer: str | None = None  # name under which measures are kept; that of the source where None
+    device: str | None = None  # likewise; this machine's processor where None
+    near: float | None = None  # as given to `verify`, like the next two: other options, other measures
     accept: Sequence[str] = ()
     encoding: str | None = None
-    tolerance: Stated | None = None
+    tolerance: Stated | None = None  # goes before the spread of repeated runs
     approve: bool = False
-    repeated: bool = False
-    repository: Path | None = None
+    repeated: bool = False  # the present measures differ from those accepted by noise alone
+    repository: Path | None = None  # folder whose commit is noted; the current one where None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Baseline:
-    """The answer to `xfrustum verify --baseline`: every measure of each hogel beside what was accepted.
-
-    `accepted_runs` is the largest number of runs that a hogel is compared with, `tolerance` says where the
-    limits are from, `new_beyond_limits` counts hogels that were not accepted before and exceed the limits,
-    and `notes` say what may be misunderstood otherwise.
-    """
+    """The answer to `xfrustum verify --baseline`: every measure of each hogel beside what was accepted."""
 
     run: Run
     approved: bool
     changes: tuple[MeasureChange, ...]
-    accepted_runs: int
-    tolerance: str
+    accepted_runs: int  # largest number of runs that a hogel is compared with
+    tolerance: str  # where the limits are from
     new_hogels: int
-    new_beyond_limits: int
+    new_beyond_limits: int  # hogels that were not accepted before and exceed the limits
     not_judged_hogels: int
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what may be misunderstood otherwise
 
     @property
     def change(self) -> Change:
@@ -267,8 +226,7 @@ class Baseline:
     def summary(self) -> dict[str, Any]:
         """Return the JSON object; `changes` has what got worse, then what got better."""
         told = {name: getattr(self.run, name) for name in ("run", "commit", "renderer", "device", "judged")}
-        kinds = (Change.WORSE, Change.BETTER)
-        changes = [json_object(one) for kind in kinds for one in self.of_kind(kind)]
+        changes = [json_object(one) for kind in (Change.WORSE, Change.BETTER) for one in self.of_kind(kind)]
         rest = {name: value for name, value in vars(self).items() if name not in ("run", "changes", "notes")}
         return {"change": str(self.change), **rest, **told, "changes": changes}
 
@@ -285,25 +243,35 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
     check_folder(folder)
     everything = accepted_runs(folder)
     run = _present(found, options)
-    states = _states(run, everything)
-    known = {one.aperture: states[one.aperture] for one in run.hogels if one.aperture in states}
-    changes = _changes(run.hogels, known, options.tolerance)
-    most = max((len(runs) for runs in known.values()), default=0)
-    new = [hogel for hogel in found.hogels if hogel.aperture.index not in known]
-    alike = [one for one in everything if one.key == run.key]
-    if options.approve:
+    alike = run.like(everything)
+    # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
+    began: dict[Place, str] = {}
+    states: dict[Place, list[KeptHogel]] = {}
+    for one in alike:
+        for hogel in one.hogels:
+            if began.get(hogel.aperture) != one.began:
+                began[hogel.aperture], states[hogel.aperture] = one.began, []
+            states[hogel.aperture].append(hogel)
+    judged = {one.aperture for one in run.hogels}
+    runs = max((len(states[place]) for place in judged & states.keys()), default=0)
+    if options.tolerance is not None:
+        tolerance = "tolerance as stated"
+    else:
+        tolerance = "compared exactly, with one accepted run"
+        tolerance = tolerance if runs == 1 else f"beyond the spread of {runs} accepted runs"
+    new = [one for one in found.hogels if one.aperture.index not in states]
+    if options.approve and options.repeated and alike:
         # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
-        began = alike[-1].began if alike and options.repeated else run.run
-        run = replace(run, began=began)
+        run = replace(run, began=alike[-1].began)
     held = Baseline(
         run=run,
         approved=options.approve,
-        changes=changes,
-        accepted_runs=most,
-        tolerance=_tolerance_words(options.tolerance, most),
+        changes=_changes(run.hogels, states, options.tolerance),
+        accepted_runs=runs,
+        tolerance=tolerance,
         new_hogels=len(new),
-        new_beyond_limits=sum(not hogel.passed for hogel in new),
-        not_judged_hogels=len(states.keys() - {one.aperture for one in run.hogels}),
+        new_beyond_limits=sum(not one.passed for one in new),
+        not_judged_hogels=len(states.keys() - judged),
         notes=(),
     )
     held = replace(held, notes=tuple(_notes(held, everything, options)))
@@ -389,22 +357,10 @@ def _kept(hogel: Hogel) -> KeptHogel:
     return KeptHogel(aperture=hogel.aperture.index, by=found.by, measures=measures)
 
 
-def _states(run: Run, everything: Iterable[Run]) -> dict[Place, list[KeptHogel]]:
-    """Return the runs of the newest state of each hogel that is accepted, whether it is judged now or not."""
-    began: dict[Place, str] = {}
-    found: dict[Place, list[KeptHogel]] = {}
-    for one in (one for one in everything if one.key == run.key):
-        for hogel in one.hogels:
-            if began.get(hogel.aperture) != one.began:
-                began[hogel.aperture], found[hogel.aperture] = one.began, []
-            found[hogel.aperture].append(hogel)
-    return found
-
-
 def _changes(
     hogels: Sequence[KeptHogel], known: Mapping[Place, Sequence[KeptHogel]], stated: Stated | None
 ) -> tuple[MeasureChange, ...]:
-    """Compare hogels with their accepted runs."""
+    """Compare hogels with their accepted runs: worse is what exceeds all by more than their spread."""
     values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
     for hogel in hogels:
         runs = known.get(hogel.aperture, ())
@@ -416,74 +372,62 @@ def _changes(
             # A missing hogel is counted as such, and not once more for each of its other measures.
             if now is not None or (before and not hogel.measures["missing"]):
                 values[name, hogel.aperture] = before, now
-    # The spread of few runs is uncertain: it is no less than that of all hogels together.
+    # The spread of few runs is uncertain: it is no less than the root mean square over all hogels.
     ranges = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
-    floors = {name: _rms([size for (one, _), size in ranges.items() if one == name]) for name in WORDS}
-    return tuple(
-        _judged(name, place, before, now, stated, max(ranges.get((name, place), 0.0), floors[name]))
-        for (name, place), (before, now) in values.items()
-    )
-
-
-def _rms(sizes: Sequence[float]) -> float:
-    """Return the root of the mean square; 0 of nothing."""
-    return math.sqrt(math.fsum(size * size for size in sizes) / len(sizes)) if sizes else 0.0
-
-
-def _judged(
-    name: str, place: Place, before: Sequence[float], now: float | None, stated: Stated | None, spread: float
-) -> MeasureChange:
-    """Compare one measure: worse is what exceeds all accepted runs by more than their spread."""
-    if not before:
-        return MeasureChange(
-            measure=name, aperture=place, accepted=None, limit=None, now=now, change=Change.NEW
+    floors = dict.fromkeys(WORDS, 0.0)
+    for name in WORDS:
+        if sizes := [size for (one, _), size in ranges.items() if one == name]:
+            floors[name] = math.sqrt(math.fsum(size * size for size in sizes) / len(sizes))
+    found = []
+    for (name, place), (before, now) in values.items():
+        mean, high, change = None, None, Change.NEW
+        if before:
+            mean, spread = math.fsum(before) / len(before), max(ranges[name, place], floors[name])
+            low, high = min(before) - spread, max(before) + spread
+            share = None if stated is None or stated.share is None else stated.share * mean
+            amount = share if stated is None else stated.amounts.get(name, share)
+            if amount is not None:
+                low, high = mean - amount, mean + amount
+            slack = ROUNDING_PX if name.endswith("_px") else 0.0
+            change = Change.WORSE if now is None or now > high + slack else Change.SAME
+            if now is not None and now < low - slack:
+                change = Change.BETTER
+        found.append(
+            MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
         )
-    mean = math.fsum(before) / len(before)
-    amount = None if stated is None else stated.of_measure(name, mean)
-    low, high = min(before) - spread, max(before) + spread
-    if amount is not None:
-        low, high = mean - amount, mean + amount
-    slack = ROUNDING_PX if name.endswith("_px") else 0.0
-    change = Change.WORSE if now is None or now > high + slack else Change.SAME
-    if now is not None and now < low - slack:
-        change = Change.BETTER
-    return MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
-
-
-def _tolerance_words(stated: Stated | None, runs: int) -> str:
-    if stated is not None:
-        return "tolerance as stated"
-    several = "one accepted run" if runs == 1 else f"the spread of {runs} accepted runs"
-    return f"compared exactly, with {several}" if runs == 1 else f"beyond {several}"
+    return tuple(found)
 
 
 def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterable[str]:
-    run = held.run
-    alike = [one for one in everything if one.key == run.key]
-    told = []
+    """Yield what may be misunderstood otherwise."""
+    run, told = held.run, []
+
+    def counted(number: int) -> str:
+        return f"{number:,} {'hogel' if number == 1 else 'hogels'}"
+
     if held.new_hogels and (held.compared or held.not_judged_hogels):
-        told.append(f"{_counted(held.new_hogels)} not accepted before")
-        if held.new_beyond_limits:
-            told[0] += f", {held.new_beyond_limits:,} of them beyond the limits"
+        beyond = f", {held.new_beyond_limits:,} of them beyond the limits" if held.new_beyond_limits else ""
+        told.append(f"{counted(held.new_hogels)} not accepted before{beyond}")
     if held.not_judged_hogels:
-        told.append(f"{_counted(held.not_judged_hogels)} accepted, and not judged now")
+        told.append(f"{counted(held.not_judged_hogels)} accepted, and not judged now")
     if told:
         yield f"Not compared: {'; '.join(told)}."
+    alike = run.like(everything)
     same = any(one.commit == run.commit and not one.modified for one in alike)
     if held.change in (Change.WORSE, Change.BETTER) and not options.repeated and run.commit and same:
         yield "a run of this very commit is accepted: if the renderer has noise, give --approve --repeated"
     if not alike:
-        for other in {one.key: one for one in everything if one.scene_hash == run.scene_hash}.values():
-            differ = [
+        others = {
+            tuple(
                 f"{name} {getattr(other, name)!r}, not {getattr(run, name)!r}"
                 for name in ("renderer", "device", "judged")
                 if getattr(other, name) != getattr(run, name)
-            ]
+            )
+            for other in everything
+            if other.scene_hash == run.scene_hash
+        }
+        for differ in sorted(others):
             yield f"of this scene, measures are accepted for {'; '.join(differ)}"
-
-
-def _counted(number: int) -> str:
-    return f"{number:,} {'hogel' if number == 1 else 'hogels'}"
 
 
 def commit_of(folder: Path) -> tuple[str | None, bool]:
@@ -539,21 +483,16 @@ def append_step_summary(held: Baseline) -> str | None:
 
 
 def markdown(held: Baseline) -> str:
-    """Return a sentence and what changed, as Markdown."""
-    changed = [one for kind in (Change.WORSE, Change.BETTER) for one in held.of_kind(kind)]
-    told = [f"* {one.change}: {_plain(one.words)}" for one in changed[:MAX_ROWS]]
-    commit = f"commit {held.run.commit[:7]}" if held.run.commit else "no commit"
-    made = f"{commit}, {held.run.renderer} on {held.run.device}, xfrustum {held.run.xfrustum}"
-    return "\n".join(
-        [
-            f"### xfrustum verify: {_plain(held.run.scene)}",
-            *("", _plain(sentence(held)), "", *told),
-            *(f"* note: {_plain(note)}" for note in held.notes),
-            *("", _plain(made), ""),
-        ]
-    )
+    """Return a sentence and what changed, as Markdown; every text is on one line, and shown as it is."""
 
+    def plain(text: str) -> str:
+        return re.sub(r"([\\`*_{}\[\]<>&#|~])", r"\\\1", " ".join(text.split()))
 
-def _plain(text: str) -> str:
-    """Return text that Markdown shows as it is, on one line."""
-    return re.sub(r"([\\`*_{}\[\]<>&#|~])", r"\\\1", " ".join(text.split()))
+    run, kinds = held.run, (Change.WORSE, Change.BETTER)
+    changed = [one for kind in kinds for one in held.of_kind(kind)]
+    told = [f"{one.change}: {plain(one.words)}" for one in changed[:MAX_ROWS]]
+    told += [f"note: {plain(note)}" for note in held.notes]
+    commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
+    made = f"{commit}, {run.renderer} on {run.device}, xfrustum {run.xfrustum}"
+    head = [f"### xfrustum verify: {plain(run.scene)}", "", plain(sentence(held)), ""]
+    return "\n".join([*head, *(f"* {one}" for one in told), "", plain(made), ""])

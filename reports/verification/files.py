@@ -7,13 +7,12 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
 from xfrustum.reports.inspection.page import PlateMap
-from xfrustum.reports.verification.verdict import PlateNumbers, Verification, figures_words, percent
+from xfrustum.reports.verification.verdict import Verification, figures_words, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 
@@ -24,17 +23,23 @@ MAX_LISTED = 10
 def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     """Write the page and the JSON object, and the inspection page if channels were kept, all or nothing.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
+    Raises InputError where the folder cannot be written.
     """
     with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
         text = json.dumps(found.summary(), allow_nan=False, indent=1)
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         if found.inspected:
-            inspection.write_inspection(staging.folder, _inspection(found))
+            known = [(one.aperture.index, one.as_found) for one in found.hogels if one.as_found is not None]
+            shares = [(*index, (numbers.surface or numbers).fraction) for index, numbers in known]
+            inspected = inspection.Inspection(
+                command="verify",
+                scene=found.scene,
+                told=(f"The worst hogels of {found.source}, as they were found.",),
+                hogels=found.inspected,
+                plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
+            )
+            inspection.write_inspection(staging.folder, inspected)
         with inspection.replacing_inspection(out):
             written = staging.commit()
     if not found.inspected:
@@ -43,25 +48,9 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     return written
 
 
-def _inspection(found: Verification) -> inspection.Inspection:
-    """Return what the inspection page shows: the worst hogels, beside what they should be."""
-    known = [(hogel.aperture, hogel.as_found) for hogel in found.hogels if hogel.as_found is not None]
-    shares = [(*aperture.index, _limited_share(numbers)) for aperture, numbers in known]
-    return inspection.Inspection(
-        command="verify",
-        scene=found.scene,
-        told=(f"The worst hogels of {found.source}, as they were found.",),
-        hogels=found.inspected,
-        plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
-    )
-
-
-def _limited_share(numbers: HogelNumbers) -> float:
-    return numbers.fraction if numbers.surface is None else numbers.surface.fraction
-
-
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
+    as_found, corrected = found.as_found, found.corrected
     values = {
         "found": found,
         "summary": found.summary(),
@@ -69,25 +58,15 @@ def render_page(found: Verification) -> str:
         "explained": explained(found),
         "unexplained": unexplained(found),
         "guesses": found.diagnosis.guesses,
-        "as_found": _worded(found.as_found),
-        "corrected": _worded(found.corrected),
+        "as_found": as_found and figures_words(as_found),
+        "corrected": corrected and figures_words(corrected),
         "versions": {**versions(), **machine()},
     }
     return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
 
 
-def _worded(figures: PlateNumbers | None) -> str | None:
-    return None if figures is None else figures_words(figures)
-
-
 def write_junit(found: Verification, path: Path) -> None:
-    """Write one test case for each hogel as JUnit XML, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write one test case for each hogel as JUnit XML, whole or not at all."""
     suite = ElementTree.Element(
         "testsuite",
         name=_xml_text(f"xfrustum verify {found.scene.name}"),
@@ -141,7 +120,9 @@ def sentence(found: Verification) -> str:
 def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
     lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
-    lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
+    for fault in found.diagnosis.faults:
+        known = fault.low is not None and fault.high is not None
+        lines.append(f"  {fault.words}" + (f"  [{fault.low:.6g}, {fault.high:.6g}]" if known else ""))
     if found.diagnosis.faults:
         lines += [f"  explained: {told}" for told in explained(found)]
     elif found.explained is False:
@@ -150,10 +131,7 @@ def table(found: Verification) -> str:
     else:
         judged = any(hogel.as_found for hogel in found.hogels)
         lines.append("  nothing found" if judged else "  no hogel could be judged")
-    for name, figures in (
-        ("as found", found.as_found),
-        ("corrected", found.corrected),
-    ):
+    for name, figures in (("as found", found.as_found), ("corrected", found.corrected)):
         if figures is not None:
             lines.append(f"{name}: {figures_words(figures)}")
     problems = [hogel for hogel in found.hogels if hogel.problem]
@@ -176,7 +154,3 @@ def explained(found: Verification) -> list[str]:
     """Return in words how much of what is wrong the diagnosis explains; none where nothing is wrong."""
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
     return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
-
-
-def _interval(low: float | None, high: float | None) -> str:
-    return "" if low is None or high is None else f"  [{low:.6g}, {high:.6g}]"

@@ -1,4 +1,4 @@
-"""Where a foreign renderer's hogel images come from: files, a program, a function; and digests of these."""
+"""Where a foreign renderer's hogel images come from: files, a layout of files, a program, or a function."""
 
 from __future__ import annotations
 
@@ -10,22 +10,40 @@ import shutil
 import signal
 import string
 import subprocess
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from glob import escape, iglob
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+import numpy as np
+
+from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
+from xfrustum.reports.common.json_ready import json_object
+from xfrustum.scenes.arguments import choice, real
+from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
+from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
+from xfrustum.scenes.files.pictures import BYTE_LEVELS
+from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, FileSet, find_files, pictures_at, with_levels
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_NAMES_TRIED = 10_000
 """Files whose names are looked up one by one before the work, to tell a wrong pattern at once."""
+
+MAX_TOLD_LINES, MAX_TOLD_BYTES = 5, 1 << 16
+"""Last lines of a failed command's standard error that are passed on, and last bytes that are looked at."""
+
+TURNED = Orientation(flip_x=True, flip_y=True)
+"""Orientation of pictures that are turned by 180 degrees."""
 
 Renderer = Callable[[Scene, Aperture], HogelImage]
 """What a renderer in Python looks like from here."""
@@ -41,54 +59,10 @@ class Source(Protocol):
     name: str
 
     def image(self, aperture: Aperture) -> HogelImage:
-        """Return the image of an aperture.
-
-        Raises
-        ------
-        Problem
-            There is none, and why.
-        """
+        """Return the image of an aperture, or raise Problem with the reason why there is none."""
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where it is plain beforehand that there will be no image at all."""
-
-
-def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
-    """Return the fields of a template, which must all be known."""
-    try:
-        named = {name for _, name, _, _ in string.Formatter().parse(template) if name is not None}
-    except ValueError as error:
-        raise InputError(f"{what} {template!r}: {error}; write {{{{ for a brace") from error
-    unknown = sorted(named - set(allowed))
-    if unknown:
-        known = ", ".join(f"{{{name}}}" for name in allowed)
-        raise InputError(f"{what} {template!r}: {{{unknown[0]}}} is not one of {known}")
-    _check_formats(template, what)
-    return named
-
-
-def absolute_pattern(pattern: str) -> str:
-    """Return a pattern of files with its folder's absolute path, in which braces are no fields."""
-    return str(Path(str(Path.cwd()).replace("{", "{{").replace("}", "}}")) / pattern)
-
-
-def as_given(text: str, named_from: Path | None) -> str:
-    """Return a text about files with their names as the user gave them: it is then the same in every folder.
-
-    Parameters
-    ----------
-    named_from
-        Folder from which the user named them; None where the names that were given are absolute.
-    """
-    if named_from is None or named_from == Path(named_from.anchor):
-        return text
-    # Not within a longer path, which names another folder.
-    return re.sub(rf"(?<![\w./-]){re.escape(str(named_from))}/", "", text)
-
-
-def folder_named_from(pattern: str) -> Path | None:
-    """Return the folder from which a pattern of files is named; None of a pattern that is absolute."""
-    return None if Path(pattern).is_absolute() else Path.cwd()
 
 
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
@@ -98,29 +72,43 @@ EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("
 """Values of the kinds that fields stand for."""
 
 
-def _check_formats(template: str, what: str) -> None:
-    """Raise InputError where a field asks for its value in a way that there is not, or without bound."""
-    for _, name, form, conversion in string.Formatter().parse(template):
-        if name is None:
-            continue
+def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
+    """Return the fields of a template; InputError where one is unknown or asks for a strange format."""
+    try:
+        parsed = [part[1:] for part in string.Formatter().parse(template) if part[1] is not None]
+    except ValueError as error:
+        raise InputError(f"{what} {template!r}: {error}; write {{{{ for a brace") from error
+    if unknown := sorted({str(name) for name, _, _ in parsed} - set(allowed)):
+        known = ", ".join(f"{{{name}}}" for name in allowed)
+        raise InputError(f"{what} {template!r}: {{{unknown[0]}}} is not one of {known}")
+    for name, form, conversion in parsed:
         try:
             if not FORMAT.fullmatch(form or "") or conversion:
                 raise ValueError
-            format(EXAMPLES[name], form or "")
+            format(EXAMPLES[str(name)], form or "")
         except (ValueError, TypeError) as error:
-            asked = name + (f"!{conversion}" if conversion else "") + (f":{form}" if form else "")
+            asked = f"{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}"
             raise InputError(
                 f"{what} {template!r}: {{{asked}}} is no way to write {{{name}}}; "
                 "write the name alone, or such as {i:03d} and {x:.6f}"
             ) from error
+    return {str(name) for name, _, _ in parsed}
+
+
+def as_given(text: str, named_from: Path | None) -> str:
+    """Return a text about files with their names as the user gave them: it is then the same in every folder.
+
+    They were named from a folder; None where the names that were given are absolute.
+    """
+    if named_from is None or named_from == Path(named_from.anchor):
+        return text
+    # Not within a longer path, which names another folder.
+    return re.sub(rf"(?<![\w./-]){re.escape(str(named_from))}/", "", text)
 
 
 @dataclass(kw_only=True)
 class Files:
-    """Files whose names come from a pattern with {i} and {j}.
-
-    `reference` knows the cameras that images answer for; `encoding` is what pictures mean.
-    """
+    """Files whose names come from a pattern with {i} and {j}; `encoding` is what pictures mean."""
 
     pattern: str
     reference: Reference
@@ -129,11 +117,8 @@ class Files:
     def __post_init__(self) -> None:
         self.name = self.pattern
         named = fields_of(self.pattern, ("i", "j"), "SOURCE")
-        several = [
-            axis for axis, count in zip("ij", self.reference.scene.plate.hogels, strict=True) if count > 1
-        ]
-        missing = [axis for axis in several if axis not in named]
-        if missing:
+        hogels = zip("ij", self.reference.scene.plate.hogels, strict=True)
+        if missing := [axis for axis, count in hogels if count > 1 and axis not in named]:
             raise InputError(
                 f"SOURCE {self.pattern!r} has no {{{missing[0]}}}: every hogel needs a file, such as "
                 "'DIR/hogel_{i}x{j}.png', {i} the column and {j} the row"
@@ -147,8 +132,10 @@ class Files:
         """Raise InputError where there are apertures, and none of their files exists."""
         if not apertures:  # such as those of an eye that sees no hogel
             return
+        parsed = string.Formatter().parse(self.pattern)
+        any_name = "".join(escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed)
         # On a plate of millions it is enough that some file has such a name.
-        some = next(iglob(self._any_name()), None) is not None  # noqa: PTH207 - names are no paths of ours
+        some = next(iglob(any_name), None) is not None  # noqa: PTH207 - names are no paths of ours
         if some and len(apertures) <= MAX_NAMES_TRIED:
             some = any(self.path(aperture).exists() for aperture in apertures)
         if not some:
@@ -157,17 +144,80 @@ class Files:
                 f"SOURCE {self.pattern!r}: none of its files exists, such as {first}; check the pattern"
             )
 
-    def _any_name(self) -> str:
-        """Return the pattern for the shell that all names of the template match."""
-        parsed = string.Formatter().parse(self.pattern)
-        return "".join(escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed)
-
     def image(self, aperture: Aperture) -> HogelImage:
         """Read the file of an aperture."""
         try:
             return read_foreign(self.path(aperture), self.reference.camera(aperture), self.encoding)
         except InputError as error:
             raise Problem(str(error)) from error
+
+
+def shape_of(scene: Scene) -> PlateShape:
+    """Return the numbers of hogels and pixels that a scene asks for."""
+    return PlateShape(hogels=scene.plate.hogels, resolution=scene.frustum.resolution)
+
+
+def is_place(source: str, plate: Plate) -> bool:
+    """Return whether a source names a folder, or one picture of a plate of several hogels."""
+    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
+        return Path(source).is_dir() or (plate.hogels != (1, 1) and Path(source).is_file())
+    return False
+
+
+@dataclass(kw_only=True, eq=False)
+class LaidOut:
+    """Files in a layout; `encoding` is the meaning of pictures, OpenEXR files say it themselves."""
+
+    files: FileSet
+    reference: Reference
+    encoding: Encoding
+
+    def __post_init__(self) -> None:
+        self.name = f"{self.files.place}, layout {self.files.words}"
+
+    @property
+    def _fits(self) -> bool:
+        return self.files.shape == shape_of(self.reference.scene)
+
+    def check(self, apertures: Sequence[Aperture]) -> None:
+        """Raise InputError where there is a file for none of the hogels."""
+        if not (self.files.layout.in_hogels and self._fits):
+            return
+        if not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
+            raise InputError(f"SOURCE {self.files.place}: has no file of the hogels that are asked for")
+
+    def image(self, aperture: Aperture) -> HogelImage:
+        """Return the image of an aperture, upright as its layout says, with all that OpenEXR files have."""
+        if not self._fits:
+            asked, count = shape_of(self.reference.scene).words, len(self.files.files)
+            held = f"{count} file{'' if count == 1 else 's'}"
+            lacking = f" ({self.files.missing} are not there)" if self.files.missing else ""
+            raise Problem(
+                f"read as {self.files.layout.name}, the {held} would be {self.files.shape.words}{lacking}, "
+                f"and the scene says {asked}"
+            )
+        camera = self.reference.camera(aperture)
+        try:
+            path = self.files.file_of_hogel(*aperture.index)
+            if path is not None and path.suffix.lower() == ".exr":
+                image = read_foreign(path, camera, self.encoding)
+                found = TURNED if self.files.layout.turned else UPRIGHT
+                names = ("triangle", "object", "position", "normal", "color")
+                stored = {name: getattr(image, name) for name in names}
+                upright: dict[str, Any] = {
+                    name: found.upright(array) for name, array in stored.items() if array is not None
+                }
+                return replace(image, **upright)
+            picture = self.files.hogel(*aperture.index)
+        except InputError as error:
+            raise Problem(str(error)) from error
+        if picture.levels is None:  # floating point: nothing but colors
+            color = picture.pixels.astype(np.float32)
+            nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
+            position = np.full(color.shape, np.nan, dtype=np.float32)
+            return HogelImage(camera=camera, triangle=nothing, object=nothing, position=position, color=color)
+        rgb = with_levels(picture.pixels, picture.levels, BYTE_LEVELS).astype(np.uint8)
+        return of_stored(StoredPixels(rgb=rgb, lossy=picture.lossy), camera, self.encoding)
 
 
 @dataclass(kw_only=True)
@@ -207,40 +257,22 @@ class Function:
         )
 
 
-MAX_TOLD_LINES = 5
-"""Last lines of a failed command's standard error that are passed on."""
-
-MAX_TOLD_BYTES = 1 << 16
-"""Last bytes of its standard error that are looked at."""
-
-
 @dataclass(kw_only=True)
 class Command:
-    """A program that is run once for each aperture, without a shell.
+    """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
 
-    Attributes
-    ----------
-    template
-        Split as a shell would; {x} and {y} are the aperture's center in scene units, {i} and {j} its column
-        and row, {out} the file to be written.
-    folder, working
-        Folder that {out} lies in, which is emptied file by file; and folder in which the program runs, None
-        for that of this process.
-    """
-
-    template: str
+    template: str  # {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
     reference: Reference
     encoding: Encoding
-    folder: Path
+    folder: Path  # that {out} lies in
     timeout_s: float
     suffix: str = ".png"
-    working: Path | None = None
+    working: Path | None = None  # in which the program runs; None for that of this process
     _arguments: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
         self.name = self.template
-        named = fields_of(self.template, ("x", "y", "i", "j", "out"), "--command")
-        if "out" not in named:
+        if "out" not in fields_of(self.template, tuple(EXAMPLES), "--command"):
             raise InputError(
                 f"--command {self.template!r} has no {{out}}: tell the renderer which file to write"
             )
@@ -268,53 +300,36 @@ class Command:
             out.unlink(missing_ok=True)
 
     def _run(self, arguments: list[str]) -> None:
-        log = self.folder / "stderr"
-        started: list[subprocess.Popen[bytes]] = []
+        """Run the program to its end, and end all that it started."""
+        log, process = self.folder / "stderr", None
         try:
-            with delayed():  # a process that was started is noted before a signal is obeyed
-                _start(arguments, self.working, log, started)
-            status = started[0].wait(self.timeout_s)
+            # A process that was started is noted before a signal is obeyed. It has a session of its own, so
+            # that children of a hanging command end with it.
+            with delayed(), log.open("wb") as told:
+                process = subprocess.Popen(
+                    arguments,
+                    cwd=self.working,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=told,
+                    start_new_session=True,
+                )
+            status = process.wait(self.timeout_s)
+        except OSError as error:
+            raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
         except subprocess.TimeoutExpired as error:
             raise Problem(
                 f"the command ran longer than {self.timeout_s:g} s and was ended{_told(log)}"
             ) from error
         finally:
-            with delayed():
-                _end(started)
+            if process is not None:
+                with delayed():
+                    with suppress(ProcessLookupError):
+                        os.killpg(process.pid, signal.SIGKILL)
+                    process.wait()
         if status:
             how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
             raise Problem(f"the command {how}{_told(log)}")
-
-
-def _start(
-    arguments: list[str], working: Path | None, log: Path, started: list[subprocess.Popen[bytes]]
-) -> None:
-    """Start a process and note it."""
-    try:
-        with log.open("wb") as told:
-            # A session of its own, so that children of a hanging command end with it.
-            process = subprocess.Popen(
-                arguments,
-                cwd=working,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=told,
-                start_new_session=True,
-            )
-    except OSError as error:
-        raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
-    started.append(process)
-
-
-def _end(started: list[subprocess.Popen[bytes]]) -> None:
-    """End processes and all that they started, if anything of it is left."""
-    for process in started:
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        finally:
-            process.wait()
 
 
 def _told(log: Path) -> str:
@@ -325,56 +340,138 @@ def _told(log: Path) -> str:
     return ": " + " | ".join(line.strip() for line in lines) if lines else ""
 
 
-def state_of_files(paths: Iterable[str]) -> str:
-    """Return a digest of the names, sizes and times of some files; those that do not exist are left out."""
-    digest = hashlib.sha256()
-    for path in paths:
-        try:
-            found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
-        except (OSError, ValueError):
-            continue
-        digest.update(f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n".encode(errors="surrogateescape"))
-    return digest.hexdigest()
+@dataclass(frozen=True, kw_only=True)
+class ForeignRenderer:
+    """Where the images of a renderer come from, and what is known of it; see `VerifyOptions`."""
 
+    source: str | Renderer | None = None
+    command: str | None = None
+    encoding: Encoding | str | None = None
+    near: float | None = None
+    accept: tuple[str, ...] = ()
+    timeout_s: float = 60.0
+    folder: Path | None = None  # in which a command runs; None for that of the process
+    named_from: Path | None = None  # folder from which the user named the files of an absolute `source`
+    layout: str | None = None  # of folders and pictures
 
-def state_of_images(pattern: str, apertures: Iterable[Aperture]) -> str:
-    """Return a digest of the image files of some hogels, named by a pattern with {i} and {j}."""
-    return state_of_files(pattern.format(i=one.column, j=one.row) for one in apertures)
+    def nominal(self, scene: Scene) -> DrawnModel:
+        """Return what the renderer's author says of it; InputError where that cannot be."""
+        if strange := [name for name in self.accept if name not in ACCEPTABLE]:
+            raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
+        reach = scene.frustum.longest_reach
+        if self.near is not None and not 0 <= real(self.near) < reach:
+            raise InputError(f"near {self.near} must be at least 0 and smaller than the reach, {reach}")
+        return DrawnModel(near=real(self.near or 0.0))
 
+    @contextmanager
+    def opened(self, reference: Reference) -> Iterator[Source]:
+        """Open where its images come from, with a folder of its own for what a command writes."""
+        source, command = self.source, self.command
+        if (source is None) == (command is None):
+            raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+        if self.layout is not None and not isinstance(source, str):
+            raise InputError("layout is that of files; name their folder as SOURCE")
+        meant = Encoding.RGB if self.encoding is None else choice(Encoding, self.encoding, "encoding")
+        if command is not None:
+            if not real(self.timeout_s) > 0:
+                raise InputError(f"timeout must be positive, not {self.timeout_s}")
+            with Aside(scratch_folder(), folder=True) as aside:
+                yield Command(
+                    template=command,
+                    reference=reference,
+                    encoding=meant,
+                    folder=aside.path,
+                    timeout_s=self.timeout_s,
+                    suffix=".exr" if self.encoding is None else ".png",
+                    working=self.folder,
+                )
+        elif not isinstance(source, str):
+            assert source is not None
+            yield Function(function=source, reference=reference)
+        elif self.layout is not None or is_place(source, reference.scene.plate):
+            layouts = LAYOUTS if self.layout is None else layouts_named(self.layout)
+            files = find_files(Path(source), shape_of(reference.scene), layouts)
+            yield LaidOut(files=files, reference=reference, encoding=meant)
+        else:
+            yield Files(pattern=source, reference=reference, encoding=meant)
 
-def state_of_command(template: str, folder: Path) -> str:
-    """Return a digest of the program of a command, and of every file that its words name.
+    # What follows is for work in several processes, which may have other working folders than the command.
 
-    Parameters
-    ----------
-    folder
-        Folder in which it runs, where files with relative names lie.
+    def placed(self, scene: Scene) -> ForeignRenderer:
+        """Return the renderer with absolute names of its files, or with the folder in which its command runs.
 
-    Raises
-    ------
-    ValueError
-        The command's quotes do not match.
-    """
-    words = shlex.split(template)
-    # A word may be a whole script, longer than any name of a file: `isfile` takes it for none.
-    named = [str(path) for word in words if os.path.isfile(path := folder / word)]  # noqa: PTH113
-    program = shutil.which(words[0]) if words and os.sep not in words[0] else None
-    return state_of_files(dict.fromkeys(([program] if program else []) + named))
+        In the folder's part of a pattern, braces are no fields.
+        """
+        if self.command is not None:
+            return self if self.folder is not None else replace(self, folder=Path.cwd())
+        assert isinstance(self.source, str)
+        named = self.layout is not None or is_place(self.source, scene.plate)
+        folder = str(Path.cwd()) if named else str(Path.cwd()).replace("{", "{{").replace("}", "}}")
+        named_from = None if Path(self.source).is_absolute() else Path.cwd()
+        return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
 
+    def with_layout(self, scene: Scene, told: Callable[[str], object]) -> ForeignRenderer:
+        """Return the renderer, placed, with the layout of its files; `told` is called with one that is found.
 
-def require_same_command(template: str, found: str, state: str) -> None:
-    """Raise InputError where a process finds another program than the command did: by digests of both."""
-    if found != state:
+        Raises InputError where there is no file of any hogel, or the files do not fit the layout.
+        """
+        found = self.placed(scene)
+        with found.opened(Reference(scene)) as source:
+            source.check(scene.plate.apertures())
+            if not isinstance(source, LaidOut):
+                return found
+            if self.layout is None:
+                told(f"{self.source} looks like {source.files.words}")
+            return replace(found, layout=source.files.layout.name)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """What is written of a renderer that is placed: the same wherever its files were named from."""
+        return {name: value for name, value in json_object(self).items() if name != "named_from"}
+
+    def state(self, apertures: Sequence[Aperture]) -> str:
+        """Return a digest of names, sizes and times of the files that its images depend on.
+
+        Those of a command are its program, and every file that its words name. A word may be a whole script,
+        longer than any name of a file.
+        """
+        if self.command is not None:
+            words, folder = shlex.split(self.command), self.folder or Path.cwd()
+            program = shutil.which(words[0]) if words and os.sep not in words[0] else None
+            named = [str(file) for word in words if os.path.isfile(file := folder / word)]  # noqa: PTH113
+            paths = iter(dict.fromkeys(([program] if program else []) + named))
+        else:
+            assert isinstance(self.source, str)
+            pattern, place = self.source, Path(self.source)
+            if self.layout is None:
+                paths = (pattern.format(i=one.column, j=one.row) for one in apertures)
+            else:
+                beside = (place if place.is_dir() else place.parent) / PARAMETERS_FILE
+                paths = map(str, (*pictures_at(place), beside))
+        digest = hashlib.sha256()
+        for path in paths:
+            with suppress(OSError, ValueError):
+                found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
+                line = f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n"
+                digest.update(line.encode(errors="surrogateescape"))
+        return digest.hexdigest()
+
+    def require_state(self, apertures: Sequence[Aperture], state: str) -> None:
+        """Raise InputError where this process finds other files than the command did."""
+        if self.folder is not None and not self.folder.is_dir():
+            raise InputError(
+                f"--command {self.command!r}: there is no folder {self.folder}, in which it is to run; start "
+                "it from one that the command and all workers share"
+            )
+        if self.state(apertures) == state:
+            return
+        if self.command is not None:
+            raise InputError(
+                f"--command {self.command!r}: a worker finds another program, or other files that its words "
+                "name; give all the same files by the same paths, and leave them as they are while hogels "
+                "are judged"
+            )
         raise InputError(
-            f"--command {template!r}: a worker finds another program, or other files that its words name; "
-            "give all the same files by the same paths, and leave them as they are while hogels are judged"
-        )
-
-
-def require_same_images(pattern: str, found: str, state: str) -> None:
-    """Raise InputError where a process finds other images than the command did: by digests of both."""
-    if found != state:
-        raise InputError(
-            f"{pattern}: a worker finds other image files than the command; give both the same files, and "
-            "leave them as they are while they are judged"
+            f"{self.source}: a worker finds other image files than the command; give both the same files, "
+            "and leave them as they are while they are judged"
         )

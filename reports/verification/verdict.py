@@ -58,23 +58,13 @@ for."""
 class Check:
     """One figure of a hogel and the limit that it is compared with; its fields are those of the JSON object.
 
-    Attributes
-    ----------
-    figure, unit
-        What is limited, in words; and `share` of pixels, or `px` of displacement.
-    value
-        None where it cannot be known, or need not be.
-    limit
-        Largest value that is still right; None where nothing is limited.
-    held
-        Whether the limit is kept. What cannot be known keeps none, but the displacement of a truth without
-        outlines need not be known.
+    What cannot be known keeps no limit, but the displacement of a truth without outlines need not be known.
     """
 
     figure: str
-    value: float | None
-    limit: float | None
-    unit: str
+    value: float | None  # None where it cannot be known, or need not be
+    limit: float | None  # None where nothing is limited
+    unit: str  # `share` of pixels, or `px` of displacement
     held: bool
 
     @property
@@ -98,21 +88,13 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits within which a hogel is right.
-
-    Attributes
-    ----------
-    wrong
-        Largest share of wrong pixels, among those where image or answer shows a surface. Wrong are surfaces,
-        where images tell them; else colors or outlines, whichever are compared.
-    displacement_px
-        Largest distance by which 99 of 100 surface points or outlines may be off; None for no limit.
-    judging
-        What pictures are compared by, and by how much colors may differ.
-    """
+    """Limits within which a hogel is right, and how its image is judged."""
 
     wrong: float = MAX_WRONG
+    """Largest share of wrong pixels, among those where image or answer shows a surface. Wrong are surfaces,
+    where images tell them; else colors or outlines, whichever are compared."""
     displacement_px: float | None = TOLERANCE_PX
+    """Largest distance by which 99 of 100 surface points or outlines may be off; None for no limit."""
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:
@@ -165,7 +147,7 @@ class Hogel:
         return self.problem is None and all(check.held for check in self.checks)
 
     def told_from(self, folder: Path | None) -> Hogel:
-        """Return the hogel with a problem that names files as the user did; see `sources.as_given`."""
+        """Return the hogel with a problem that names files as the user did; see `as_given`."""
         return self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
 
     @property
@@ -181,13 +163,6 @@ class Hogel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorstDisplacement:
-    """The 99th percentile of displacement of the hogel in which it is largest, pixels."""
-
-    worst_p99: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class PlateNumbers:
     """The numbers of all judged hogels together, as they are written; see `HogelNumbers`."""
 
@@ -198,7 +173,7 @@ class PlateNumbers:
     fraction: float
     surface: SurfaceFigures | None
     invalid: int
-    displacement_px: WorstDisplacement | None
+    displacement_px: dict[str, float] | None  # `worst_p99`: p99 of the hogel in which it is largest
     displacement_by: str
     radiance: ColorFigures | None
     causes: dict[str, int] | None
@@ -226,7 +201,7 @@ def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
         fraction=wrong / shown if shown else 0.0,
         surface=surface,
         invalid=sum(one.invalid for one in known),
-        displacement_px=WorstDisplacement(worst_p99=max(spreads)) if spreads else None,
+        displacement_px={"worst_p99": max(spreads)} if spreads else None,
         displacement_by=" or ".join(sorted({one.displacement_by for one in known})),
         radiance=ColorFigures(wrong=sum(colored)) if colored else None,
         causes={name: sum(one[name] for one in causes) for name in causes[0]} if causes else None,
@@ -251,24 +226,20 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
         parts.append(f"{figures.invalid:,} claim what does not exist")
     if figures.radiance is not None:
         parts.append(f"{COLORS} on right surfaces {figures.radiance.wrong:,}")
-    text = ", ".join([*parts, _displacement_words(figures)])
+    whole, spread, means = isinstance(figures, PlateNumbers), figures.displacement_px, figures.displacement_by
+    name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
+    if spread is None:
+        parts.append(f"{name} {NOT_MEASURED if means == MeasuredBy.NO_OUTLINES else 'unknown'}")
+    else:
+        p99 = spread["worst_p99"] if isinstance(spread, dict) else spread.p99
+        known = [m for m in means.split(" or ") if m not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES)]
+        some = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means.split(" or ") else ""
+        parts.append(f"{name} {p99:.3g} px by {' or '.join(known)}{some}")
+    text = ", ".join(parts)
     if figures.causes is not None and figures.wrong:
         causes = ", ".join(f"{name} {count:,}" for name, count in figures.causes.items())
         text += f"; causes of {counted}: {causes}"
     return text
-
-
-def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
-    """Return the displacement in words, with what it was measured by."""
-    whole, spread = isinstance(figures, PlateNumbers), figures.displacement_px
-    name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
-    if spread is None:
-        return f"{name} {NOT_MEASURED if figures.displacement_by == MeasuredBy.NO_OUTLINES else 'unknown'}"
-    p99 = spread.worst_p99 if isinstance(spread, WorstDisplacement) else spread.p99
-    means = figures.displacement_by.split(" or ")
-    by = " or ".join(one for one in means if one not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES))
-    some_unknown = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means else ""
-    return f"{name} {p99:.3g} px by {by}{some_unknown}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

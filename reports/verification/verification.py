@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,25 +14,25 @@ from xfrustum.compare.diagnosis.diagnosis import Findings, declared, diagnose
 from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
-from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
+from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
-from xfrustum.reports.verification.sources import Command, Files, Function, Problem, Renderer, Source
+from xfrustum.reports.verification.laid_out import with_layout_named
+from xfrustum.reports.verification.sources import ForeignRenderer, LaidOut, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification, with_correction_tested
 from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
-from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 Item = TypeVar("Item")
 
@@ -46,23 +44,65 @@ MAX_SAMPLE_PIXELS, MIN_SAMPLE_HOGELS = 1 << 22, 4
 whatever their size."""
 
 
-def verify(  # noqa: PLR0913 - one keyword for each option of the command
+@dataclass(frozen=True, kw_only=True)
+class VerifyOptions:
+    """What is judged of a renderer, and by what: the options of `xfrustum verify`."""
+
+    command: str | None = None
+    """In place of files: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}."""
+    timeout_s: float = 60.0  # of one run
+    encoding: Encoding | str | None = None  # what pictures mean, `rgb` where nobody says
+    layout: str | None = None  # of a folder or picture (docs/layouts.md)
+    apertures: Sequence[tuple[int, int]] | None = None  # column and row of each; None for the whole plate
+    near: float | None = None
+    """The near offset that the renderer's author states; it is then part of the question."""
+    accept: Sequence[str] = ()
+    """Conventions out of `ACCEPTABLE`, of which images are judged by what was found."""
+    max_wrong: float = MAX_WRONG
+    """Limits the share of wrong surfaces of each hogel; of plain pictures, of wrong colors or outlines."""
+    max_displacement_px: float | None = TOLERANCE_PX
+    """Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit."""
+    max_color: float | None = None
+    """Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None."""
+    compare: Compared | str = Compared.COLOR
+    """What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines."""
+    channels: bool = False  # whether to keep all channels of the worst hogels
+    progress: bool = False  # whether to draw a bar on standard error
+
+    @property
+    def limits(self) -> Limits:
+        """The limits, and how images are judged."""
+        judging = Judging(compared=choice(Compared, self.compare, "compare"))
+        if self.max_color is not None:
+            judging = replace(judging, color_tolerance=real(self.max_color))
+        return Limits(wrong=self.max_wrong, displacement_px=self.max_displacement_px, judging=judging)
+
+    def renderer(self, source: str | Renderer | None) -> ForeignRenderer:
+        """Return where images come from: files of a pattern or place, or a function; else the command."""
+        names = ("command", "encoding", "layout", "near", "timeout_s")
+        accept = (self.accept,) if isinstance(self.accept, str) else tuple(self.accept)
+        return ForeignRenderer(source=source, accept=accept, **{name: getattr(self, name) for name in names})
+
+    def asked(self, scene: Scene) -> Sequence[Aperture]:
+        """Return the apertures that are judged, each once; InputError where none sees any object."""
+        asked: Sequence[Aperture] = scene.plate.apertures()
+        if self.apertures:
+            pairs = [wholes(index, 2) for index in self.apertures]
+            for given, pair in zip(self.apertures, pairs, strict=True):
+                if len(pair) < 2:
+                    raise InputError(
+                        f"apertures are pairs of a column and a row, such as (2, 1), not {given!r:.100}"
+                    )
+            asked = [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
+        require_seen(scene, asked)
+        return asked
+
+
+def verify(
     scene: Scene | str,
     source: str | Renderer | None = None,
-    *,
-    command: str | None = None,
-    encoding: Encoding | str | None = None,
-    layout: str | None = None,
-    apertures: Sequence[tuple[int, int]] | None = None,
-    near: float | None = None,
-    accept: Sequence[str] = (),
-    max_wrong: float = 0.01,
-    max_displacement_px: float | None = 0.5,
-    max_color: float | None = None,
-    compare: Compared | str = Compared.COLOR,
-    timeout_s: float = 60.0,
-    channels: bool = False,
-    progress: bool = False,
+    options: VerifyOptions | None = None,
+    **fields: Any,
 ) -> Verification:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
@@ -70,26 +110,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     ----------
     scene, source
         What was to be drawn; and files named by {i} and {j}, a place of files, or a function of both.
-    command
-        Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
-    encoding, layout
-        What pictures mean, `rgb` where nobody says; and the layout of a place of files (docs/layouts.md).
-    apertures
-        Column and row of each; the whole plate where None.
-    near
-        The near offset that the renderer's author states; it is then part of the question.
-    accept
-        Conventions out of `ACCEPTABLE`, of which images are judged by what was found.
-    max_wrong
-        Limits the share of wrong surfaces of each hogel; of plain pictures, that of wrong colors or outlines.
-    max_displacement_px
-        Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit.
-    max_color
-        Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
-    compare
-        What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
-    timeout_s, channels, progress
-        Seconds a run of the command may take; whether to keep channels of the worst hogels, and draw a bar.
+    options, fields
+        What is judged, and by what; single fields of `VerifyOptions` may be given by name.
 
     Raises
     ------
@@ -97,89 +119,20 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         The scene, the source or an option is not usable, or none of the apertures sees any object.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
-    limits = limits_of(max_wrong, max_displacement_px, compare, max_color)
-    nominal = nominal_model(opened, near, accept)
-    asked = asked_apertures(opened, apertures)
-    require_seen(opened, asked)
-    reference = Reference(opened)
-    with opened_source(reference, source, command, encoding, timeout_s, layout) as images:
-        images.check(asked)
-        run = Run(reference=reference, source=images, asked=asked, limits=limits, channels=channels)
-        return run.in_any_layout(nominal, tuple(accept), progress=progress)
+    asked = replace(options or VerifyOptions(), **fields)
+    renderer, limits = asked.renderer(source), asked.limits
+    renderer.nominal(opened)
+    apertures, reference = asked.asked(opened), Reference(opened)
+    with renderer.opened(reference) as images:
+        images.check(apertures)
 
+        def verified(one: Source) -> Verification:
+            run = Run(renderer=renderer, reference=reference, source=one, asked=apertures, limits=limits)
+            return run.verified(channels=asked.channels, progress=asked.progress)
 
-def limits_of(
-    wrong: float, displacement_px: float | None, compare: Compared | str, max_color: float | None
-) -> Limits:
-    """Return the limits, and how images are judged."""
-    judging = Judging(compared=choice(Compared, compare, "compare"))
-    if max_color is not None:
-        judging = replace(judging, color_tolerance=real(max_color))
-    return Limits(wrong=wrong, displacement_px=displacement_px, judging=judging)
-
-
-def nominal_model(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
-    """Return what the renderer's author says of it, if that can be."""
-    strange = [name for name in ((accept,) if isinstance(accept, str) else accept) if name not in ACCEPTABLE]
-    if strange:
-        raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
-    reach = scene.frustum.longest_reach
-    if near is not None and not 0 <= real(near) < reach:
-        raise InputError(f"near {near} must be at least 0 and smaller than the reach, {reach}")
-    return DrawnModel(near=real(near or 0.0))
-
-
-def asked_apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
-    """Return the apertures of some indices, each once; all of the plate, row by row, where there are none."""
-    if not indices:
-        return scene.plate.apertures()
-    pairs = [wholes(index, 2) for index in indices]
-    for given, pair in zip(indices, pairs, strict=True):
-        if len(pair) < 2:
-            raise InputError(f"apertures are pairs of a column and a row, such as (2, 1), not {given!r:.100}")
-    return [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
-
-
-@contextmanager
-def opened_source(
-    reference: Reference,
-    source: str | Renderer | None,
-    command: str | None,
-    encoding: Encoding | str | None,
-    timeout_s: float,
-    layout: str | None,
-) -> Iterator[Source]:
-    """Open a source, with a folder of its own for what a command writes."""
-    if (source is None) == (command is None):
-        raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
-    if layout is not None and not isinstance(source, str):
-        raise InputError("layout is that of files; name their folder as SOURCE")
-    meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
-    if command is not None:
-        if not real(timeout_s) > 0:
-            raise InputError(f"timeout must be positive, not {timeout_s}")
-        suffix = ".exr" if encoding is None else ".png"
-        with Aside(scratch_folder(), folder=True) as aside:
-            yield Command(
-                template=command,
-                reference=reference,
-                encoding=meant,
-                folder=aside.path,
-                timeout_s=timeout_s,
-                suffix=suffix,
-            )
-    elif isinstance(source, str):
-        yield _files(reference, source, meant, layout)
-    else:
-        assert source is not None
-        yield Function(function=source, reference=reference)
-
-
-def _files(reference: Reference, source: str, encoding: Encoding, layout: str | None) -> Files | LaidOut:
-    """Return the files of a pattern, or those of a place in a layout."""
-    if layout is not None or is_place(source, reference.scene.plate):
-        return laid_out(Path(source), layout, reference, encoding)
-    return Files(pattern=source, reference=reference, encoding=encoding)
+        found = with_layout_named(verified(images), images, verified)
+    # Accepted conventions are right as found already: correction has nothing to say of them.
+    return found if renderer.accept else with_correction_tested(found)
 
 
 FiguresPair = tuple[Figures, Figures]
@@ -197,47 +150,32 @@ class Question:
     found: Findings
     read_as_found: bool
 
-    @property
-    def reads_all_as_found(self) -> bool:
-        """Whether correction reads nothing in another way than the verdict does."""
-        encoding = self.found.encoding
-        return encoding.restoring is None and (self.read_as_found or encoding.reading is None)
-
 
 @dataclass(kw_only=True, eq=False)
 class Run:
-    """One verification under way."""
+    """One verification under way; images of the sample are kept until they are judged."""
 
+    renderer: ForeignRenderer
     reference: Reference
     source: Source
     asked: Sequence[Aperture]
     limits: Limits
-    channels: bool = False
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
-    def in_any_layout(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
-        """Return the verification, which names the layout of files if it is another than the stated one."""
-
-        def verified(one: Source) -> Verification:
-            return replace(self, source=one, kept={}).verified(nominal, accept, progress=progress)
-
-        found = with_layout_named(verified(self.source), self.source, verified)
-        # Accepted conventions are right as found already: correction has nothing to say of them.
-        return found if accept else with_correction_tested(found)
-
-    def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+    def verified(self, *, channels: bool, progress: bool) -> Verification:
         """Diagnose a sample, judge every hogel, and return the verification."""
-        sample = sampled(self.asked, self.reference.scene)
-        with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
-            question = self.question(sample, nominal, accept, bar.update)
-            worst, hogels = WorstHogels(scene=self.reference.scene if self.channels else None), []
+        scene = self.reference.scene
+        total = len(self.asked) + len(sampled(self.asked, scene))
+        with progress_bar(total, "verify", "hogel", shown=progress) as bar:
+            question = self.question(bar.update)
+            worst, hogels = WorstHogels(scene=scene if channels else None), []
             for hogel, figures in self.hogels(question, self.asked):
                 if figures is not None:
                     worst.add(hogel.aperture, *figures)
                 hogels.append(hogel)
                 bar.update()
         return Verification(
-            scene=self.reference.scene,
+            scene=scene,
             source=self.source.name,
             limits=self.limits,
             diagnosis=question.found.diagnosis,
@@ -245,22 +183,17 @@ class Run:
             worst=worst,
         )
 
-    def question(
-        self,
-        sample: Sequence[Aperture],
-        nominal: DrawnModel,
-        accept: tuple[str, ...],
-        done: Callable[[], object] = lambda: None,
-    ) -> Question:
+    def question(self, done: Callable[[], object] = lambda: None) -> Question:
         """Diagnose a sample of hogels, and return what all are judged by; `done` is called after each."""
-        for aperture in sample:
+        scene, accept = self.reference.scene, self.renderer.accept
+        nominal = self.renderer.nominal(scene)
+        for aperture in sampled(self.asked, scene):
             self.kept[aperture] = self._had(aperture)
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
         of_views = isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels
-        evidence = Evidence(
-            reference=self.reference, images=images, nominal=nominal, judging=self.limits.judging
-        )
+        judging = self.limits.judging
+        evidence = Evidence(reference=self.reference, images=images, nominal=nominal, judging=judging)
         found = diagnose(evidence, of_views=of_views)
         conventions = [name for name in accept if name != ENCODING]
         return Question(
@@ -272,18 +205,22 @@ class Run:
     def hogels(
         self, question: Question, apertures: Iterable[Aperture]
     ) -> Iterator[tuple[Hogel, FiguresPair | None]]:
-        """Judge some hogels; yield them in their order, each with its figures where it has an image."""
+        """Judge some hogels; yield them in their order, each with its figures where it has an image.
+
+        The renderer is asked in the caller's thread.
+        """
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
         with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
-            yield from in_order(
-                (pool.submit(self._hogel, question, one) for one in self._images(apertures)), most
-            )
+            images = ((one, self.kept.pop(one) if one in self.kept else self._had(one)) for one in apertures)
+            yield from in_order((pool.submit(self._judged, question, *one) for one in images), most)
 
-    def _images(self, apertures: Iterable[Aperture]) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
-        """Yield the image of each hogel; the renderer is asked in the caller's thread."""
-        for aperture in apertures:
-            kept = aperture in self.kept
-            yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
+    def pictured(self, question: Question, aperture: Aperture, *, channels: bool) -> Pictured | None:
+        """Return one hogel in pictures, with all its channels if asked; None where it is missing."""
+        worst = WorstHogels(scene=self.reference.scene if channels else None)
+        figures = self._judged(question, aperture, self._had(aperture))[1]
+        if figures is not None:
+            worst.add(aperture, *figures)
+        return worst.kept[0] if worst.kept else None
 
     def _had(self, aperture: Aperture) -> HogelImage | Problem:
         try:
@@ -291,33 +228,25 @@ class Run:
         except Problem as problem:
             return problem
 
-    def judged(self, question: Question, aperture: Aperture) -> tuple[Hogel, FiguresPair | None]:
-        """Judge one hogel alone; see `_hogel`."""
-        return self._hogel(question, (aperture, self._had(aperture)))
-
-    def pictured(self, question: Question, aperture: Aperture, *, channels: bool) -> Pictured | None:
-        """Return one hogel in pictures, with all its channels if asked; None where it is missing."""
-        worst = WorstHogels(scene=self.reference.scene if channels else None)
-        figures = self.judged(question, aperture)[1]
-        if figures is not None:
-            worst.add(aperture, *figures)
-        return worst.kept[0] if worst.kept else None
-
-    def _hogel(
-        self, question: Question, one: tuple[Aperture, HogelImage | Problem]
+    def _judged(
+        self, question: Question, aperture: Aperture, image: HogelImage | Problem
     ) -> tuple[Hogel, FiguresPair | None]:
         """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
-        aperture, image = one
         if isinstance(image, Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
-        encoding, found = question.found.encoding, question.found.diagnosis.model
+        encoding, model = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
-        read, judging = encoding.read(self.reference, image), self.limits.judging
-        same = question.asked == found and question.reads_all_as_found
-        as_found = self._judged(question.asked, found, given, judging, explained=same)
-        corrected = as_found
-        if not same:
-            corrected = self._judged(found, found, read, question.found.judging, explained=True)
+        read = encoding.read(self.reference, image)
+        # Correction may read nothing in another way than the verdict does, and draw nothing otherwise.
+        same = question.asked == model and encoding.restoring is None
+        same = same and (question.read_as_found or encoding.reading is None)
+
+        def figures(asked: DrawnModel, of: HogelImage, judging: Judging, *, explained: bool) -> Figures:
+            points = shown_points(self.reference.scene, model, of)
+            return judge(self.reference, asked, of, points, judging, explained=explained)
+
+        as_found = figures(question.asked, given, self.limits.judging, explained=same)
+        corrected = as_found if same else figures(model, read, question.found.judging, explained=True)
         judged = Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
@@ -325,12 +254,6 @@ class Run:
             corrected=corrected.numbers,
         )
         return judged, (as_found, corrected)
-
-    def _judged(
-        self, asked: DrawnModel, found: DrawnModel, image: HogelImage, judging: Judging, *, explained: bool
-    ) -> Figures:
-        points = shown_points(self.reference.scene, found, image)
-        return judge(self.reference, asked, image, points, judging, explained=explained)
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from PIL import Image
@@ -30,18 +30,15 @@ errors."""
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts.
-
-    `inspected` has all its channels; None where they were not asked for.
-    """
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
 
     aperture: Aperture
     words: str
-    badness: tuple[float, float]
+    badness: tuple[float, float]  # as found, then corrected
     fraction: float
     corrected_fraction: float
     pictures: dict[str, str]
-    inspected: InspectedHogel | None = None
+    inspected: InspectedHogel | None = None  # all channels, where they were asked for
 
 
 @dataclass(kw_only=True)
@@ -52,42 +49,29 @@ class WorstHogels:
     kept: list[Pictured] = field(default_factory=list)
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
-        """Keep a hogel if it is among the worst: as found, then corrected."""
+        """Keep a hogel if it is among the worst; of equals those that came first stay."""
         badness = (as_found.judged_fraction, corrected.judged_fraction)
-        if self._is_worst(badness):
-            inspected = (
-                None if self.scene is None else inspected_figures(self.scene, aperture, as_found, corrected)
-            )
-            self.keep(replace(_pictured(aperture, badness, as_found, corrected), inspected=inspected))
-
-    def keep(self, pictured: Pictured) -> None:
-        """Keep the pictures of a hogel if it is among the worst; of equals those that came first stay."""
-        if self._is_worst(pictured.badness):
-            self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
-                :MAX_SHOWN_HOGELS
-            ]
-
-    def _is_worst(self, badness: tuple[float, float]) -> bool:
-        return len(self.kept) < MAX_SHOWN_HOGELS or badness > self.kept[-1].badness
-
-
-def _pictured(
-    aperture: Aperture, badness: tuple[float, float], as_found: Figures, corrected: Figures
-) -> Pictured:
-    """Return a hogel in pictures."""
-    return Pictured(
-        aperture=aperture,
-        words=as_found.limited_words,
-        badness=badness,
-        fraction=as_found.fraction,
-        corrected_fraction=corrected.fraction,
-        pictures={
-            "truth": _encoded(_shown(as_found.answer)),
-            "image": _encoded(_shown(as_found.image)),
-            "error": _encoded(_errors(as_found)),
-            "rest": _encoded(_errors(corrected)),
-        },
-    )
+        if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
+            return
+        shown = {
+            "truth": _shown(as_found.answer),
+            "image": _shown(as_found.image),
+            "error": _errors(as_found),
+            "rest": _errors(corrected),
+        }
+        pictured = Pictured(
+            aperture=aperture,
+            words=as_found.limited_words,
+            badness=badness,
+            fraction=as_found.fraction,
+            corrected_fraction=corrected.fraction,
+            pictures={name: _encoded(pixels) for name, pixels in shown.items()},
+            inspected=None
+            if self.scene is None
+            else inspected_figures(self.scene, aperture, as_found, corrected),
+        )
+        worst_first = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)
+        self.kept = worst_first[:MAX_SHOWN_HOGELS]
 
 
 def _shown(image: HogelImage) -> Bytes:

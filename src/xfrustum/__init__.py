@@ -66,7 +66,7 @@ _NAMES = {
     "reports.planning": "make_plan plan",
     "scenes.files.exr": "read_image write_image",
     "reports.survey.survey": "survey",
-    "reports.verification.verification": "verify",
+    "reports.verification.verification": "VerifyOptions verify",
 }
 """Public names by the module that has them; type checkers read `__init__.pyi`."""
 

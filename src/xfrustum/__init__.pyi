@@ -38,6 +38,7 @@ from xfrustum.reports.verification.baseline import Baseline as Baseline
 from xfrustum.reports.verification.baseline import BaselineOptions as BaselineOptions
 from xfrustum.reports.verification.baseline import baseline as baseline
 from xfrustum.reports.verification.verdict import Verification as Verification
+from xfrustum.reports.verification.verification import VerifyOptions as VerifyOptions
 from xfrustum.reports.verification.verification import verify as verify
 from xfrustum.scenes import Aperture as Aperture
 from xfrustum.scenes import Camera as Camera

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.reports.verification.verdict import PlateNumbers, WorstDisplacement, figures_words
+from xfrustum.reports.verification.verdict import PlateNumbers, figures_words
 
 
 def plate(by: str) -> PlateNumbers:
@@ -15,7 +15,7 @@ def plate(by: str) -> PlateNumbers:
         fraction=0.1,
         surface=None,
         invalid=0,
-        displacement_px=WorstDisplacement(worst_p99=0.25),
+        displacement_px={"worst_p99": 0.25},
         displacement_by=by,
         radiance=None,
         causes=None,

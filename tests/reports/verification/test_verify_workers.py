@@ -17,11 +17,11 @@ from xfrustum.cli.main import main
 from xfrustum.reference import Reference
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import Engine, Workers
-from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification import workers
-from xfrustum.reports.verification.sources import require_same_images, state_of_command, state_of_images
-from xfrustum.reports.verification.verdict import Hogel, Limits
-from xfrustum.reports.verification.workers import QUESTION, ForeignRenderer, VerifyJob
+from xfrustum.reports.verification.sources import ForeignRenderer
+from xfrustum.reports.verification.verdict import Hogel
+from xfrustum.reports.verification.verification import VerifyOptions
+from xfrustum.reports.verification.workers import QUESTION
 from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")
@@ -133,53 +133,34 @@ def test_blocks_with_hogels_that_could_not_be_had_are_judged_again(right_path: P
     assert json.loads((out / "verification.json").read_text())["verdict"] == "pass"
 
 
+def state_of(command: str, folder: Path) -> str:
+    return ForeignRenderer(command=command, folder=folder).state(())
+
+
 def test_a_command_runs_in_the_folder_of_the_caller(
     right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module, _ = command_of(right_path, tmp_path)
-    command = "./render {i} {j} {out}"
-    before = state_of_command(command, tmp_path)
+    command, scene = "./render {i} {j} {out}", open_scene(right_path)
     monkeypatch.chdir(tmp_path)
-    assert state_of_command(command, tmp_path) == before != state_of_command(command, tmp_path.parent)
-    scene = open_scene(right_path)
-    renderer = ForeignRenderer(command=command, folder=tmp_path)
+    renderer = ForeignRenderer(command=command).placed(scene)
+    before = renderer.state(())
     monkeypatch.chdir("/")
+    renderer.require_state((), before)
+    assert state_of(command, tmp_path.parent) != before
     with renderer.opened(Reference(scene)) as source:
         assert source.image(scene.plate.aperture(0, 0)).covered.any()
     module.with_name("render").write_text("another\n")
-    assert state_of_command(command, tmp_path) != before
-
-
-def job_of(path: Path, renderer: ForeignRenderer, out: Path) -> VerifyJob:
-    return VerifyJob(
-        scene=open_scene(path),
-        hogels_per_block=1,
-        parts=Parts(out=out, name="verification.parquet"),
-        renderer=renderer,
-        state="of the caller",
-        limits=Limits(),
-        indices=((0, 0),),
-    )
-
-
-@pytest.mark.parametrize(
-    ("folder", "told"), [("", "a worker finds another program"), ("gone", "there is no folder")]
-)
-def test_a_worker_that_finds_another_program_than_the_command_refuses(
-    right_path: Path, tmp_path: Path, folder: str, told: str
-) -> None:
-    command_of(right_path, tmp_path)
-    renderer = ForeignRenderer(command="./render {i} {j} {out}", folder=tmp_path / folder)
-    with (
-        pytest.raises(InputError, match=told),
-        job_of(right_path, renderer, tmp_path).open(),
-    ):
-        pass
+    with pytest.raises(InputError, match="a worker finds another program"):
+        renderer.require_state((), before)
+    gone = ForeignRenderer(command=command, folder=tmp_path / "gone")
+    with pytest.raises(InputError, match="there is no folder"):
+        gone.require_state((), before)
 
 
 def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
     script = "import sys; " * 100
-    assert state_of_command(f"sh -c '{script}'", tmp_path) == state_of_command("sh", tmp_path)
+    assert state_of(f"sh -c '{script}'", tmp_path) == state_of("sh", tmp_path)
 
 
 def test_what_another_diagnosis_judged_is_not_put_together(
@@ -207,10 +188,9 @@ def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
     found = workers.verify_on(
         Engine(scheduler="tcp://elsewhere:1"),
         open_scene(right_path),
-        ForeignRenderer(source="{i}x{j}.exr"),
-        Limits(),
-        apertures=[(0, 0)],
-        out=tmp_path / "verified",
+        "{i}x{j}.exr",
+        VerifyOptions(apertures=[(0, 0)]),
+        tmp_path / "verified",
     )
     assert found is not None and found.passed
     assert found.source == "{i}x{j}.exr"
@@ -280,13 +260,14 @@ def test_images_that_were_drawn_again_are_another_verification(
 
 
 def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
-    apertures, pattern = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures(), str(tmp_path / "{i}x{j}.png")
+    apertures = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures()
+    renderer = ForeignRenderer(source=str(tmp_path / "{i}x{j}.png"))
     (tmp_path / "0x0.png").write_bytes(b"one")
-    state = state_of_images(pattern, apertures)
-    require_same_images(pattern, state_of_images(pattern, apertures), state)
+    state = renderer.state(apertures)
+    renderer.require_state(apertures, state)
     (tmp_path / "1x0.png").write_bytes(b"two")
     with pytest.raises(InputError, match="a worker finds other image files than the command"):
-        require_same_images(pattern, state_of_images(pattern, apertures), state)
+        renderer.require_state(apertures, state)
 
 
 @pytest.mark.parametrize(
@@ -310,12 +291,11 @@ def test_workers_elsewhere_find_the_files_and_name_them_as_they_were_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    given = ForeignRenderer(source="{i}x{j}.exr")
-    sent = given.for_workers(elsewhere=True)
+    scene = open_scene("car")
+    sent = ForeignRenderer(source="{i}x{j}.exr").placed(scene)
     assert (sent.source, sent.named_from) == (f"{tmp_path}/{{i}}x{{j}}.exr", tmp_path)
-    assert sent.description == given.description
-    aperture = open_scene("car").plate.aperture(0, 0)
-    missing = Hogel(aperture=aperture, problem=f"{tmp_path}/0x0.exr: is missing")
+    missing = Hogel(aperture=scene.plate.aperture(0, 0), problem=f"{tmp_path}/0x0.exr: is missing")
     assert missing.told_from(sent.named_from).problem == "0x0.exr: is missing"
     absolute = ForeignRenderer(source=str(tmp_path / "{i}x{j}.exr"))
-    assert absolute.for_workers(elsewhere=True) == absolute
+    assert absolute.placed(scene) == absolute
+    assert sent.description == absolute.description

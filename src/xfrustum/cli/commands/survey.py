@@ -23,7 +23,7 @@ from xfrustum.cli.options import (
 
 if TYPE_CHECKING:
     from xfrustum.reports.survey.survey import Chosen
-    from xfrustum.reports.verification.workers import ForeignRenderer
+    from xfrustum.reports.verification.sources import ForeignRenderer
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
@@ -58,7 +58,7 @@ class _Asked(options.Measured):
 
     def judged(self) -> tuple[DoubleFrustum, ...] | ForeignRenderer:
         """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
-        from xfrustum.reports.verification.workers import ForeignRenderer
+        from xfrustum.reports.verification.sources import ForeignRenderer
         from xfrustum.scenes.files.foreign_images import Encoding
 
         if self.images is None:

@@ -119,30 +119,17 @@ class _Asked(options.Measured):
 
     def found(self, scene: Scene) -> Verification | None:
         """Judge here or where the options say; None where other parts are not finished yet."""
-        from xfrustum.reports.verification.verification import limits_of, verify
-        from xfrustum.reports.verification.workers import ForeignRenderer, verify_on
-        from xfrustum.scenes.files.foreign_images import Encoding
+        from xfrustum.reports.verification.verification import VerifyOptions, verify
+        from xfrustum.reports.verification.workers import verify_on
 
+        fields = dict(self.judged)
+        source = fields.pop("source")
+        judged = VerifyOptions(channels=self.out is not None, progress=self.progress, **fields)
         if self.engine is None:
-            return verify(scene, channels=self.out is not None, progress=self.progress, **self.judged)
-        asked = dict(self.judged)
-        if asked.pop("layout") is not None:
+            return verify(scene, source, judged)
+        if judged.layout is not None:
             raise click.UsageError("--layout is for this process: leave out --workers and the like")
-        limits = limits_of(
-            *(asked.pop(name) for name in ("max_wrong", "max_displacement_px", "compare", "max_color"))
-        )
-        apertures, encoding = asked.pop("apertures"), asked.pop("encoding")
-        renderer = ForeignRenderer(encoding=None if encoding is None else Encoding(encoding), **asked)
-        return verify_on(
-            self.engine,
-            scene,
-            renderer,
-            limits,
-            apertures=apertures,
-            out=self.out,
-            told=options.note,
-            progress=self.progress,
-        )
+        return verify_on(self.engine, scene, source, judged, self.out, options.note)
 
 
 @options.command(
