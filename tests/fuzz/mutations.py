@@ -107,7 +107,8 @@ def mutated_names(data: bytes, chance: random.Random) -> bytes:
         )
         if chance.random() < 0.4:
             raw = mutated(raw, chance)
-        text = raw[:120].decode("utf-8", "replace").replace("/", "_").replace("\0", "0")
+        # A byte may become three, and a name has at most 255.
+        text = raw[:80].decode("utf-8", "replace").replace("/", "_").replace("\0", "0")
         names.append(text if text.strip(". ") else "0x0.png")
     return json.dumps(names).encode()
 
