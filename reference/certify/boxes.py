@@ -24,25 +24,15 @@ MAX_ROWS = 1 << 31
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxes:
-    """Bounding boxes of some triangles on a film, as Dr.Jit's arrays with one lane for each box.
+    """Bounding boxes of some triangles on a film, as Dr.Jit's arrays with one lane for each box."""
 
-    Attributes
-    ----------
-    number
-        Triangle numbers; a triangle on both sides of the center's height has two boxes.
-    box
-        First and last column, first and last row, inclusive.
-    turn
-        Sign of the edge functions inside each triangle; None where it is in doubt, or where the triangle's
-        box in space contains the center: these triangles are not cut by their edges row by row.
-    holds
-        Whether the center lies in the closed triangle, exactly; None for triangles of known turn, which do
-        not hold it.
-    """
-
-    number: Any
-    box: list[Any]
+    number: Any  #: Triangle numbers; a triangle on both sides of the center's height has two boxes
+    box: list[Any]  #: First and last column, first and last row, inclusive
+    #: Sign of the edge functions inside each triangle; None where it is in doubt, or where the triangle's box
+    #: in space contains the center: these triangles are not cut by their edges row by row
     turn: Any = None
+    #: Whether the center lies in the closed triangle, exactly; None for triangles of known turn, which do not
+    #: hold it
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:

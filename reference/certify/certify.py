@@ -24,26 +24,14 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstSurfaces:
-    """The first surfaces along the lines of some rows.
+    """The first surfaces along the lines of some rows."""
 
-    Attributes
-    ----------
-    triangle
-        (rows, W) int32 triangle number, `NOTHING` where a line meets no triangle.
-    s
-        (rows, W) float64 place along the line, NaN where it meets none.
-    certainty
-        (rows, W) uint8 `Certainty`.
-    companions
-        (N, 3) row of the image, column and triangle number of each triangle that shares a tie.
-    device
-        `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None.
-    """
-
-    triangle: Numbers
-    s: Floats
-    certainty: Bytes
+    triangle: Numbers  #: (rows, W) int32 triangle number, `NOTHING` where a line meets no triangle
+    s: Floats  #: (rows, W) float64 place along the line, NaN where it meets none
+    certainty: Bytes  #: (rows, W) uint8 `Certainty`
+    #: (N, 3) row of the image, column and triangle number of each triangle that shares a tie
     companions: Indices
+    #: `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None
     device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:

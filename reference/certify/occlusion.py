@@ -60,21 +60,13 @@ MIN_PAIRS = 1 << 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfacePoints:
-    """Surface points that an image shows.
+    """Surface points that an image shows."""
 
-    Attributes
-    ----------
-    position
-        (N, 3) scene units, off the height of the center from which they are seen.
-    triangle
-        (N,) number of the triangle that each point lies on, `NOTHING` where that is not known.
-    tolerance
-        (N,) distance within which each point is known, scene units: a triangle whose plane passes within
-        this distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
-    """
-
-    position: Floats
+    position: Floats  #: (N, 3) scene units, off the height of the center from which they are seen
+    #: (N,) number of the triangle that each point lies on, `NOTHING` where that is not known
     triangle: Numbers
+    #: (N,) distance within which each point is known, scene units: a triangle whose plane passes within this
+    #: distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
     tolerance: Floats
 
 

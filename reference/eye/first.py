@@ -47,21 +47,15 @@ class LineGrid:
     """Lines in columns and rows, each through a point of the plate of its own.
 
     The line of column c, row r is P(s) = (x[c], y[r], 0) + s (dx[c], dy[r], -1), so that z = -s.
-
-    Attributes
-    ----------
-    x, dx
-        (W,) where the columns' lines meet the plate, and their slopes.
-    y, dy
-        (H,) the same of the rows.
-    s_range
-        Only surfaces with s in this closed interval are imaged; the smallest s is seen first.
     """
 
+    #: x, dx: (W,) where the columns' lines meet the plate, and their slopes
     x: Floats
     dx: Floats
+    #: y, dy: (H,) the same of the rows
     y: Floats
     dy: Floats
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
     s_range: tuple[float, float]
 
     @property

@@ -24,23 +24,14 @@ class Pencil:
 
     The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
     meaning of an image starts at these doubles; how they were rounded makes no difference to it.
-
-    Attributes
-    ----------
-    center
-        The common point in scene units: the aperture, or an offset camera.
-    shear, half_extent
-        k and t, slopes per unit of depth.
-    resolution
-        W, H in pixels.
-    s_range
-        Only surfaces with s in this closed interval are imaged; the smallest s is seen first.
     """
 
-    center: Vector
+    center: Vector  #: The common point in scene units: the aperture, or an offset camera
+    #: shear, half_extent: k and t, slopes per unit of depth
     shear: tuple[float, float]
     half_extent: tuple[float, float]
-    resolution: tuple[int, int]
+    resolution: tuple[int, int]  #: W, H in pixels
+    #: Only surfaces with s in this closed interval are imaged; the smallest s is seen first
     s_range: tuple[float, float]
 
     @cached_property
@@ -147,18 +138,10 @@ def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelCamera:
-    """One camera of the double frustum, as exact lines.
+    """One camera of the double frustum, as exact lines."""
 
-    Attributes
-    ----------
-    orthoscopic
-        True for C, False for C*.
-    pencil
-        The camera's lines; s is the distance from its center along the axis, negative for C*.
-    """
-
-    orthoscopic: bool
-    pencil: Pencil
+    orthoscopic: bool  #: True for C, False for C*
+    pencil: Pencil  #: The camera's lines; s is the distance from its center along the axis, negative for C*
 
     @property
     def heights(self) -> tuple[float, float]:
