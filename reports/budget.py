@@ -34,7 +34,7 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
-from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
+from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.scout import ChoiceRecord, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
@@ -432,7 +432,7 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
         "by_surface": BY_SURFACE,
         "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
         "radiance_range": images.RADIANCE_RANGE,
-        "radiance_colors": images.radiance_scale(),
+        "radiance_colors": images.RADIANCE_SCALE,
         "pictures": {
             name: f"data:{kinds[Path(name).suffix]};base64,{base64.b64encode(encoded).decode()}"
             for name, encoded in pictures.items()

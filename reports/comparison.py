@@ -11,7 +11,7 @@ from xfrustum.compare.metrics.radiance import RadianceSpread
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.raster_command import unexamined_truth
+from xfrustum.reports.common.provenance import unexamined_truth
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -16,7 +17,6 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -77,13 +77,14 @@ def draw_figure(
         OpenGL.
     """
     require_seen(scene, [aperture])
-    watch, images = Stopwatch(), {}
+    times_s, images = {}, {}
     with Rasterizer(scene) as rasterizer:
         # The first picture compiles the shaders.
         rasterizer.render(aperture, settings, normals=False)
         for camera in _DRAWN:
-            with watch.stage(camera.value):
-                images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
+            begun = time.perf_counter()
+            images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
+            times_s[camera.value] = time.perf_counter() - begun
         alone = replace(settings, camera=Camera.C_STAR)
         second = _fullest(rasterizer, alone, aperture) if other is None else other
         perspective = None if second is None else rasterizer.render(second, alone, normals=False)
@@ -94,7 +95,7 @@ def draw_figure(
         settings=settings,
         images=images,
         other=perspective,
-        times_s=watch.seconds,
+        times_s=times_s,
         device=device,
     )
 

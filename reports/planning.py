@@ -20,7 +20,7 @@ from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.raster_command import plate_command, raster_command
+from xfrustum.reports.common.provenance import plate_command, raster_command
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import percent

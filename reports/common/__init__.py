@@ -1,13 +1,11 @@
 """What all reports share: outputs, progress, times, pages, numbers in words.
 
 figure_style           How every figure looks: colors that are told apart, axes that can be read
-geometry               Camera geometries: pivot, fit, offset and cuts of a setting
 json_ready             Values as JSON takes them, and results whose records are printed with `--json`
 outputs                Outputs that are whole or absent: probed before the work, written aside, renamed
 progress               One look for every progress bar
-provenance             Versions, machine and scene: what a measurement must carry to be repeated
-raster_command         Words that reports share: commands to be copied, and truths that nobody examined
+provenance             What repeats a result: versions and machine, commands, and what nobody examined
 records                Records as tables: columns and their types follow from the fields of a dataclass
 templates_environment  The one place where templates are filled in: HTML pages, SVG and Markdown
-timing                 Wall seconds per named stage, and what repetitions come to
+timing                 What repetitions come to, and races in which all contestants take turns
 """

@@ -1,12 +1,10 @@
-"""How every figure looks: colors that are told apart, axes that can be read, timings of repetitions."""
+"""How every figure looks: colors that are told apart, axes that can be read."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import plotly.graph_objects as go
-
-from xfrustum.reports.common.timing import Timing
 
 # Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
 COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
@@ -19,24 +17,10 @@ _LEAST_WRITTEN_OUT = 1e-4
 
 
 def look(place: int) -> tuple[str, str]:
-    """Return color and marker of the curve at a place; no pair repeats among the first 64.
-
-    After each full cycle of the colors the markers are one further.
-    """
+    """Return color and marker of the curve at a place; no pair repeats among the first 64."""
+    # After each full cycle of the colors the markers are one further.
     cycle = place // len(COLORS)
     return COLORS[place % len(COLORS)], MARKERS[(place + cycle) % len(MARKERS)]
-
-
-def error_bars(timings: Sequence[Timing], factor: float = 1.0) -> dict[str, str | bool | float | list[float]]:
-    """Return bars from the lowest to the highest repetition, about medians drawn in units of 1 / factor."""
-    return {
-        "type": "data",
-        "symmetric": False,
-        "array": [factor * (one.highest - one.median) for one in timings],
-        "arrayminus": [factor * (one.median - one.lowest) for one in timings],
-        "thickness": 0.8,
-        "width": 0,
-    }
 
 
 def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) -> dict[str, str | int | None]:
@@ -54,10 +38,7 @@ def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) ->
 
 
 def style(figure: go.Figure) -> None:
-    """Ink and grid that read on light and on dark paper; the page's own background shows through.
-
-    Margins grow with the labels, and titles keep clear of them.
-    """
+    """Set ink and grid that read on light and on dark paper; the page's own background shows through."""
     figure.update_layout(
         template="none",
         paper_bgcolor="rgba(0, 0, 0, 0)",
@@ -68,15 +49,9 @@ def style(figure: go.Figure) -> None:
         modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": INK},
         hovermode="closest",
     )
-    for update_axes in (figure.update_xaxes, figure.update_yaxes):
-        update_axes(
-            gridcolor=_GRID,
-            linecolor=INK,
-            zeroline=False,
-            ticks="outside",
-            tickcolor=_GRID,
-            automargin=True,
-            title_standoff=8,
-        )
+    axes = {"gridcolor": _GRID, "linecolor": INK, "zeroline": False, "ticks": "outside", "tickcolor": _GRID}
+    # Margins grow with the labels, and titles keep clear of them.
+    axes |= {"automargin": True, "title_standoff": 8}
+    figure.update_yaxes(**axes)
     # Labels without room turn so that they end under their ticks: the last one stays on the page.
-    figure.update_xaxes(autotickangles=[0, -30, -90])
+    figure.update_xaxes(**axes, autotickangles=[0, -30, -90])

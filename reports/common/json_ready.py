@@ -9,22 +9,13 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 INLINED: Mapping[str, object] = {"inlined": True, "columns": "{}"}
 """Metadata of a field whose own fields stand beside it: its keys in JSON, and its columns in a table, have no
 prefix."""
-
-
-@runtime_checkable
-class _PlotlyFigure(Protocol):
-    """A figure of plotly, known by its methods, for importing plotly takes long."""
-
-    def to_plotly_json(self) -> object: ...
-
-    def to_json(self) -> str: ...
 
 
 def json_ready(value: Any) -> Any:
@@ -48,15 +39,17 @@ def json_ready(value: Any) -> Any:
         return [json_ready(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
         return json_object(value)
-    # Figures come last: asking for the methods of a protocol takes longest.
-    return json_ready(json.loads(value.to_json())) if isinstance(value, _PlotlyFigure) else value
+    # Figures are known by a method of theirs, for importing plotly takes long.
+    return json_ready(json.loads(value.to_json())) if hasattr(value, "to_plotly_json") else value
 
 
 def json_object(record: Any) -> dict[str, Any]:
     """Return a dataclass as a JSON object; see `json_ready`."""
-    ready = ((field, json_ready(getattr(record, field.name))) for field in fields(record))
-    parts = [value if field.metadata.get("inlined") else {field.name: value} for field, value in ready]
-    return {key: value for part in parts for key, value in part.items()}
+    content: dict[str, Any] = {}
+    for field in fields(record):
+        ready = json_ready(getattr(record, field.name))
+        content |= ready if field.metadata.get("inlined") else {field.name: ready}
+    return content
 
 
 def write_json(path: Path, record: Any) -> None:

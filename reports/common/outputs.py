@@ -22,6 +22,8 @@ from xfrustum.scenes.disk.durable import (
 )
 from xfrustum.scenes.errors import InputError
 
+_ROOM = "free some space or choose another place"
+
 
 class Staging:
     """A folder that fills up out of sight and takes its place in one step; a context manager.
@@ -54,7 +56,10 @@ class Staging:
 
     def __enter__(self) -> Self:
         # Beside its place and on the same file system, else the rename would be a copy.
-        host = self.out if self.out.exists() else self._nearest_folder()
+        host = self.out
+        if not host.exists():
+            place = self._place if self.out.is_symlink() else self.out.absolute()
+            host = next(parent for parent in place.parents if parent.exists())
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
         with _refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
@@ -87,12 +92,6 @@ class Staging:
             with _refused(f"--out {self.out}: cannot write", _ROOM):
                 raise error
 
-    def _nearest_folder(self) -> Path:
-        place = (self._place if self.out.is_symlink() else self.out.absolute()).parent
-        while not place.exists():
-            place = place.parent
-        return place
-
 
 def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
     """Raise InputError unless files of these names can be put here; leaves nothing behind."""
@@ -103,10 +102,8 @@ def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
 def check_writable_image(path: Path) -> None:
     """Raise InputError unless an image can be written here, under a name of that format."""
     if path.suffix.lower() != ".exr" and not path.is_dir():
-        raise InputError(
-            f"--out {path}: images are OpenEXR files; give a name that ends in .exr, such as "
-            f"{path.with_suffix('.exr')}"
-        )
+        named = f"such as {path.with_suffix('.exr')}"
+        raise InputError(f"--out {path}: images are OpenEXR files; give a name that ends in .exr, {named}")
     check_writable_file(path)
 
 
@@ -123,9 +120,6 @@ def write_output(path: Path, content: bytes, option: str = "--out") -> None:
     """Write the file that an option names, whole or not at all; InputError where that cannot be."""
     with _refused(f"{option} {path}: cannot write", _ROOM):
         write_file(path, content)
-
-
-_ROOM = "free some space or choose another place"
 
 
 @contextmanager

@@ -1,14 +1,17 @@
-"""Versions, machine and scene: what a measurement must carry to be repeated."""
+"""What repeats a result: versions and machine, commands to be copied, and what nobody examined."""
 
 from __future__ import annotations
 
 import os
 import platform
-from dataclasses import dataclass
+import re
+import shlex
 from importlib import metadata
 from pathlib import Path
 
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 _LIBRARIES = [
     "xfrustum",
@@ -23,19 +26,6 @@ _LIBRARIES = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SceneName:
-    """A scene's name and the SHA-256 of its content."""
-
-    name: str
-    hash: str
-
-    @classmethod
-    def of(cls, scene: Scene) -> SceneName:
-        """Return the name and the hash of a scene."""
-        return cls(name=scene.name, hash=scene.content_hash)
-
-
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries that make the numbers."""
     return {"python": platform.python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
@@ -43,19 +33,55 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str]:
     """Return processor, number of cores that this process may use, and operating system."""
+    # platform.processor() is empty on most Linux systems; the kernel knows the name.
+    cpuinfo = Path("/proc/cpuinfo")
+    text = cpuinfo.read_text(encoding="utf-8", errors="replace") if cpuinfo.exists() else ""
+    named = re.search(r"^model name\s*:\s*(.*\S)", text, re.MULTILINE)
     return {
-        "processor": _processor(),
+        "processor": named[1] if named else platform.processor() or platform.machine(),
         "cores": str(len(os.sched_getaffinity(0))),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
 
 
-def _processor() -> str:
-    # platform.processor() is empty on most Linux systems; the kernel knows the name.
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
-            key, _, value = line.partition(":")
-            if key.strip() == "model name":
-                return value.strip()
-    return platform.processor() or platform.machine()
+def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
+    """Return the command that draws an aperture with these settings, quoted for a shell."""
+    words = ["xfrustum", "raster", scene.source or scene.name]
+    if aperture != scene.plate.middle:
+        words += ["--aperture", f"{aperture.column},{aperture.row}"]
+    return shlex.join([*words, *_options(settings), "--out", "raster.exr"])
+
+
+def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
+    """Return the command that draws the whole plate with these settings, quoted for a shell."""
+    source = scene.source or scene.name
+    words = ["xfrustum", "plate", source, *_options(settings), "--out", f"{Path(source).stem}.zarr"]
+    return shlex.join(words)
+
+
+def plan_command(scene: Scene) -> str:
+    """Return the command that asks which settings hold for the whole plate, quoted for a shell."""
+    return shlex.join(["xfrustum", "plan", scene.source or scene.name])
+
+
+def _options(settings: DoubleFrustum) -> list[str]:
+    """Return the options that stand for these settings, the same for an aperture and the plate."""
+    words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
+    words += ["--mapping", str(settings.mapping)]
+    usual = DoubleFrustum(near=settings.near)
+    for name in ("pivot", "fit", "offset", "slabs", "cull"):
+        value = getattr(settings, name)
+        # Options that are left out have their usual values.
+        if value != getattr(usual, name):
+            texts = [f"{one:g}" if isinstance(one, float) else str(one) for one in _listed(value)]
+            words += [f"--{name}", ",".join(texts)]
+    return words
+
+
+def _listed(value: object) -> tuple[object, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+def unexamined_truth(tracer: str) -> str:
+    """Say that a truth is what one tracer shows alone; `tracer` is its name, such as `embree`."""
+    return f"truth: {tracer.capitalize()} alone, not examined"

@@ -22,28 +22,17 @@ _UNIONS = (Union, UnionType)
 
 
 def named_columns(pattern: str) -> Mapping[str, str]:
-    """Return metadata of a field that says how its columns are named.
+    """Return metadata of a field that names the columns of a group, such as `time_{}_s`.
 
-    Parameters
-    ----------
-    pattern
-        Name of a column, with `{}` where the name of a part stands, such as `time_{}_s`. Without it the
-        columns of a group are called after the group and the part, `height_rms`.
+    `{}` stands for the name of a part. Without such metadata the columns of a group are called after the
+    group and the part, `height_rms`.
     """
     return {"columns": pattern}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One column of a table.
-
-    Attributes
-    ----------
-    name, type
-        Name and type, which follow from the dataclass of the rows.
-    values
-        One value for each row, None where the row has none.
-    """
+    """One column of a table: a value for each row, None where the row has none."""
 
     name: str
     type: pa.DataType
@@ -58,56 +47,45 @@ def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     its keys. Any other field has one column: enumerations and texts are strings, tuples and lists are lists,
     and what may have several types is written as text.
 
-    Parameters
-    ----------
-    kind
-        Dataclass of the rows.
-    rows
-        Instances of it.
-
     Raises
     ------
     TypeError
         A field has a type that no column can have.
     """
-    return list(_columns(kind, rows, "{}"))
+    hints = get_type_hints(kind)
+    found: list[Column] = []
+    for field in fields(kind):
+        pattern = field.metadata.get("columns", f"{field.name}_{{}}")
+        values = [None if row is None else getattr(row, field.name) for row in rows]
+        found += _columns(field.name, pattern, hints[field.name], values)
+    return found
+
+
+def _columns(name: str, pattern: str, hint: Any, values: Sequence[Any]) -> Iterator[Column]:
+    """Yield the columns of one field; `pattern` names those of a group."""
+    hint = _without_none(hint)
+    if is_dataclass(hint):
+        assert isinstance(hint, type), "hints name classes, not instances"
+        for one in columns_of(hint, values):
+            yield Column(name=pattern.format(one.name), type=one.type, values=one.values)
+    elif get_origin(hint) in (dict, Mapping):
+        for key in dict.fromkeys(key for value in values if value for key in value):
+            part = re.sub(r"\W+", "_", key.lower())
+            parts = [value.get(key) if value else None for value in values]
+            group = pattern.format(f"{part}_{{}}")
+            yield from _columns(pattern.format(part), group, get_args(hint)[1], parts)
+    else:
+        ready = [json_ready(value) for value in values]
+        if get_origin(hint) in _UNIONS:
+            ready = [None if value is None else str(value) for value in ready]
+        yield Column(name=name, type=_arrow_type(hint), values=ready)
 
 
 def table_of(kind: type, rows: Sequence[Any]) -> pa.Table:
     """Return some records of one dataclass as a table; see `columns_of`."""
     columns = columns_of(kind, rows)
     schema = pa.schema([(column.name, column.type) for column in columns])
-    arrays = [pa.array(column.values, column.type) for column in columns]
-    return pa.Table.from_arrays(arrays, schema=schema)
-
-
-def _columns(kind: type, rows: Sequence[Any], pattern: str) -> Iterator[Column]:
-    hints = get_type_hints(kind)
-    for field in fields(kind):
-        hint = _without_none(hints[field.name])
-        values = [None if row is None else getattr(row, field.name) for row in rows]
-        group = pattern.format(field.metadata.get("columns", f"{field.name}_{{}}"))
-        if is_dataclass(hint):
-            assert isinstance(hint, type), "hints name classes, not instances"
-            yield from _columns(hint, values, group)
-        elif get_origin(hint) in (dict, Mapping):
-            hint = _without_none(get_args(hint)[1])
-            for key in dict.fromkeys(key for value in values if value for key in value):
-                parts = [value.get(key) if value else None for value in values]
-                if is_dataclass(hint):
-                    assert isinstance(hint, type), "hints name classes, not instances"
-                    yield from _columns(hint, parts, group.format(f"{_clean(key)}_{{}}"))
-                else:
-                    yield _column(group.format(_clean(key)), hint, parts)
-        else:
-            yield _column(pattern.format(field.name), hint, values)
-
-
-def _column(name: str, hint: Any, values: Sequence[Any]) -> Column:
-    ready = [json_ready(value) for value in values]
-    if get_origin(hint) in _UNIONS:
-        ready = [None if value is None else str(value) for value in ready]
-    return Column(name=name, type=_arrow_type(hint), values=ready)
+    return pa.table([pa.array(column.values, column.type) for column in columns], schema=schema)
 
 
 def _arrow_type(hint: Any) -> pa.DataType:
@@ -128,7 +106,3 @@ def _without_none(hint: Any) -> Any:
     if get_origin(hint) not in _UNIONS:
         return hint
     return reduce(or_, (one for one in get_args(hint) if one is not NoneType))
-
-
-def _clean(key: str) -> str:
-    return re.sub(r"\W+", "_", key.lower())

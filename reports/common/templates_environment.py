@@ -29,43 +29,45 @@ template has it before any text from outside."""
 
 
 def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce: str | None = None) -> str:
-    """Return a page that needs nothing else, online or offline.
+    """Return a page that needs nothing else, online or offline; all text of the values is escaped.
 
     Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
     plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of templates, one after the
     other; and `data(ID, VALUE)`, an element with JSON that scripts can read.
 
-    Parameters
-    ----------
-    template
-        Name of the file.
-    filters
-        Filters beside those of Jinja, by name.
-    values
-        What the template shows; all text is escaped.
-    nonce
-        Word in base64 by which the browser knows files of scripts beside the page, which our scripts load;
-        nobody whose text is on the page can guess it. None where there are no such files.
+    `nonce` is a word in base64 by which the browser knows files of scripts beside the page, which our scripts
+    load; nobody whose text is on the page can guess it. None where there are no such files.
     """
-    hashes: list[str] = []
+    sources: list[str] = []
 
     def element(source: str) -> Markup:
-        digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
-        hashes.append(f"'sha256-{digest}'")
+        sources.append(f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'")
         return Markup(f"<script>{source}</script>")
 
     def script(*names: str) -> Markup:
         return element("\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names))
+
+    def data(identifier: str, value: Any) -> Markup:
+        start = Markup('<script type="application/json" id="{}">').format(identifier)
+        return start + script_json(value) + Markup("</script>")
 
     environment = _environment(filters, autoescape=True)
     environment.globals.update(
         policy=lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
         plotly=lambda: element(get_plotlyjs()),
         script=script,
-        data=_data_element,
+        data=data,
     )
     text = environment.get_template(template).render(values)
-    return text.replace(_POLICY_MARK, _policy(hashes, nonce), 1)
+    if nonce is not None:
+        sources.append(f"'nonce-{nonce}'")
+    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
+    scripts = " ".join(sources) or "'none'"
+    policy = (
+        f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    return text.replace(_POLICY_MARK, policy, 1)
 
 
 def svg_picture(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
@@ -85,28 +87,6 @@ def script_json(value: Any) -> Markup:
         text = text.replace(letter, f"\\u{ord(letter):04x}")
     # U+2028 and U+2029 are escaped already, as all that is not ASCII.
     return Markup(text)
-
-
-def _data_element(identifier: str, value: Any) -> Markup:
-    return Markup('<script type="application/json" id="{}">{}</script>').format(
-        identifier, script_json(value)
-    )
-
-
-def _policy(hashes: list[str], nonce: str | None) -> str:
-    """Return the policy of a page that has scripts of these hashes, and files beside it of this nonce."""
-    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
-    scripts = " ".join([*hashes, *([] if nonce is None else [f"'nonce-{nonce}'"])]) or "'none'"
-    return "; ".join(
-        (
-            "default-src 'none'",
-            f"script-src {scripts}",
-            "style-src 'unsafe-inline'",
-            "img-src data: blob:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        )
-    )
 
 
 def _environment(filters: Filters, *, autoescape: bool) -> Environment:

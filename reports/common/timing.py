@@ -1,12 +1,11 @@
-"""Wall seconds per named stage, and what repetitions come to."""
+"""What repetitions come to: medians with intervals, and races in which all contestants take turns."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import comb
 
 CONFIDENCE = 0.95
@@ -20,32 +19,6 @@ FEWEST_REPETITIONS = 5
 """Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long
 times are separated once in 126 times with five repetitions of each, and more rarely with more: as often as
 so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
-
-
-class Stopwatch:
-    """Wall seconds per named stage; a stage entered again adds up.
-
-    Attributes
-    ----------
-    seconds
-        Seconds per stage, in the order in which the stages were first entered.
-    """
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the wall time of the block to the stage, also when the block raises."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.record(name, time.perf_counter() - start)
-
-    def record(self, name: str, seconds: float) -> None:
-        """Add seconds that were measured elsewhere."""
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
@@ -66,22 +39,13 @@ def median_interval(values: Sequence[float]) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Repeated measurements of one thing: seconds, or a rate.
-
-    Attributes
-    ----------
-    median, lowest, highest
-        Median and ends over the repetitions.
-    repetitions
-        Number of repetitions after the warm-up.
-    low, high
-        Ends of the interval of the median where it is narrower than from `lowest` to `highest`, else None.
-    """
+    """Repeated measurements of one thing: seconds, or a rate."""
 
     median: float
     lowest: float
     highest: float
-    repetitions: int
+    repetitions: int  # after the warm-up
+    # Ends of the median's interval where it is narrower than from `lowest` to `highest`, else None.
     low: float | None = None
     high: float | None = None
 
@@ -109,17 +73,16 @@ class Timing:
 
     def told_below(self, other: Timing) -> bool:
         """Whether it is less than another: their intervals do not overlap, and repetitions are enough."""
-        if min(self.repetitions, other.repetitions) < FEWEST_REPETITIONS:
-            return False
-        return self.interval[1] < other.interval[0]
+        enough = min(self.repetitions, other.repetitions) >= FEWEST_REPETITIONS
+        return enough and self.interval[1] < other.interval[0]
 
     def divided_by(self, count: float) -> Timing:
         """Return the timing of each of so many equal parts."""
-        return replace(
-            self,
+        return Timing(
             median=self.median / count,
             lowest=self.lowest / count,
             highest=self.highest / count,
+            repetitions=self.repetitions,
             low=None if self.low is None else self.low / count,
             high=None if self.high is None else self.high / count,
         )
@@ -130,22 +93,15 @@ def race(
 ) -> dict[str, Timing]:
     """Return the wall seconds of each contestant; all take turns, so that a slow minute is everybody's.
 
-    Parameters
-    ----------
-    contestants
-        What each contestant runs: once to warm up, and then `repeat` times.
-    repeat
-        Number of measured runs of each, at least 1.
-    done
-        Function that is called after every run, for progress.
+    Each runs once to warm up and then `repeat` times, at least 1; `done` is called after every run.
     """
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
         for name, run in contestants.items():
-            watch = Stopwatch()
-            with watch.stage(name):
-                run()
+            begun = time.perf_counter()
+            run()
+            taken = time.perf_counter() - begun
             done()
             if turn:
-                seconds[name].append(watch.seconds[name])
+                seconds[name].append(taken)
     return {name: Timing.of(values) for name, values in seconds.items()}

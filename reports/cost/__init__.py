@@ -1,7 +1,6 @@
 """What accuracy costs in time: the one place where settings are timed.
 
 cost       `xfrustum cost`: what accuracy costs in time, of every configuration, on one scene and machine
-figure     Error against time as a figure, the Pareto front drawn through the options that are on it
 page       What `xfrustum cost` shows: the answers first, then the front, then everything
 trade_off  Error against time: which configurations are worth it, and which is the cheapest within a
            tolerance

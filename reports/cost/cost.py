@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -20,7 +21,7 @@ from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Stopwatch, Timing
+from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.cost.trade_off import FastestWithin, Option, answers, pareto
 from xfrustum.reports.cost.ways import Way, drawn, traced
 from xfrustum.reports.scout import choices
@@ -36,24 +37,21 @@ from xfrustum.tolerances import TOLERANCE_PX
 REPEAT = 5
 """Measured pictures of each configuration unless told otherwise: the fewest by which times are told apart."""
 
+Error = tuple[float, float]
+"""99th percentile of displacement, pixels, and share of wrong surfaces."""
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CostReport(Shown):
-    """Every option measured on a scene.
-
-    Attributes
-    ----------
-    auto
-        Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
-    upload_s
-        By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
-    """
+    """Every option measured on a scene."""
 
     scene: Scene
     aperture: Aperture
+    # Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
+    # By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]
@@ -69,7 +67,6 @@ class CostReport(Shown):
         return f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {answered}"
 
     def _tables(self) -> Sequence[Table]:
-        ascending = sorted(self.options, key=lambda one: one.time_s.median)
         rows = [
             (
                 one.label,
@@ -77,21 +74,46 @@ class CostReport(Shown):
                 digits(one.displacement_p99_px),
                 percent(one.surface_fraction),
             )
-            for one in ascending
+            for one in sorted(self.options, key=lambda one: one.time_s.median)
         ]
         head = ("configuration", "time, ms", "displacement 99 %, px", "wrong surfaces")
         return (Table(head=head, rows=rows, numbers=True),)
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
-        front = pareto(self.options)
         content: dict[str, Any] = json_ready(
             {
-                "scene": provenance.SceneName.of(self.scene),
+                "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
                 "aperture": self.aperture.index,
                 "apertures": choices(self.auto),
-                "rows": [_row(one, best) for one, best in zip(self.options, front, strict=True)],
-                "answers": [_answer(one) for one in self.answers],
+                "rows": [
+                    {
+                        "renderer": one.renderer,
+                        "label": one.label,
+                        **one.configuration,
+                        "error": {
+                            "displacement_p99_px": one.displacement_p99_px,
+                            "surface_fraction": one.surface_fraction,
+                        },
+                        "time_s": _times(one.time_s),
+                        "gpu_s": _times(one.gpu_s),
+                        "read_back_s": _times(one.read_s),
+                        "pareto": best,
+                    }
+                    for one, best in zip(self.options, pareto(self.options), strict=True)
+                ],
+                "answers": [
+                    {
+                        "tolerance_px": one.tolerance_px,
+                        # The option with the least error of the fastest ones, if any keeps the tolerance.
+                        "configuration": one.option.label if one.option else None,
+                        "time_s": _times(one.option.time_s) if one.option else None,
+                        "ranked": one.ranking is not None and one.ranking.ranked,
+                        "fastest": [tied.label for tied in one.ranking.fastest] if one.ranking else [],
+                        "sentence": one.sentence,
+                    }
+                    for one in self.answers
+                ],
                 "upload_s": self.upload_s,
                 "machine": self.machine,
                 "versions": self.versions,
@@ -100,46 +122,12 @@ class CostReport(Shown):
         return content
 
 
-def _row(option: Option, best: bool) -> dict[str, Any]:
-    return {
-        "renderer": option.renderer,
-        "label": option.label,
-        **option.configuration,
-        "error": {
-            "displacement_p99_px": option.displacement_p99_px,
-            "surface_fraction": option.surface_fraction,
-        },
-        "time_s": _times(option.time_s),
-        "gpu_s": _times(option.gpu_s),
-        "read_back_s": _times(option.read_s),
-        "pareto": best,
-    }
-
-
-def _answer(answer: FastestWithin) -> dict[str, Any]:
-    """Return what a tolerance costs: the option with the least error of the fastest ones, if any keeps it."""
-    option, ranking = answer.option, answer.ranking
-    return {
-        "tolerance_px": answer.tolerance_px,
-        "configuration": option.label if option else None,
-        "time_s": _times(option.time_s) if option else None,
-        "ranked": ranking is not None and ranking.ranked,
-        "fastest": [one.label for one in ranking.fastest] if ranking else [],
-        "sentence": answer.sentence,
-    }
-
-
 def _times(times: Timing | None) -> dict[str, Any] | None:
     """Return the median, the ends, and the interval of the median, of repeated seconds."""
     if times is None:
         return None
-    return {
-        "median": times.median,
-        "low": times.lowest,
-        "high": times.highest,
-        "interval": times.interval,
-        "repetitions": times.repetitions,
-    }
+    ends = {"median": times.median, "low": times.lowest, "high": times.highest}
+    return {**ends, "interval": times.interval, "repetitions": times.repetitions}
 
 
 def measure_cost(
@@ -171,73 +159,57 @@ def measure_cost(
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
-    auto = aperture if isinstance(aperture, AutoApertures) else None
-    apertures = _all_of(scene.plate.middle if aperture is None else aperture)
+    chosen = scene.plate.middle if aperture is None else aperture
+    apertures = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen,)
     require_seen(scene, apertures)
-    watch = Stopwatch()
+    upload_s: dict[str, float] = {}
     with ExitStack() as stack:
-        with watch.stage("raster"):
-            drawers = {"auto": stack.enter_context(Rasterizer(scene))}
+        begun = time.perf_counter()
+        drawers = {"auto": stack.enter_context(Rasterizer(scene))}
+        upload_s["raster"] = time.perf_counter() - begun
         if needed(scene) != ALL_EFFECTS:
             drawers["all"] = stack.enter_context(Rasterizer(scene, effects=ALL_EFFECTS))
         tracers = {name: Reference(scene, tracer=name) for name in TRACERS}
         for name, reference in tracers.items():
-            with watch.stage(name):
-                reference.tracer  # noqa: B018 - built when first asked for
+            begun = time.perf_counter()
+            reference.tracer  # noqa: B018 - built when first asked for
+            upload_s[name] = time.perf_counter() - begun
         device = drawers["auto"].device
         ways = {one: [*drawn(scene, one, drawers), *traced(one, tracers)] for one in apertures}
-        options = tuple(_race(ways, tracers["embree"], repeat, progress=progress))
-    opengl = {f"OpenGL {name}": value for name, value in device.items()}
+        # All are judged by their first picture, which is not timed; those of the first aperture are timed.
+        timed = ways[apertures[0]]
+        errors = [(0.0, 0.0) for _ in timed]
+        with progress_bar(len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress) as bar:
+            for number, (p99, wrong) in _errors(ways, tracers["embree"]):
+                errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
+                bar.update()
+            for _ in range(repeat):
+                for way in timed:
+                    way.take_time()
+                    bar.update()
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
         scene=scene,
         aperture=apertures[0],
-        auto=auto,
+        auto=chosen if isinstance(chosen, AutoApertures) else None,
         tolerance_px=tolerance_px,
-        options=options,
-        upload_s=watch.seconds,
-        machine={**provenance.machine(), **opengl},
+        options=tuple(way.option(*error) for way, error in zip(timed, errors, strict=True)),
+        upload_s=upload_s,
+        machine={**provenance.machine(), **{f"OpenGL {name}": value for name, value in device.items()}},
         versions={**provenance.versions(), **libraries},
     )
 
 
-def _all_of(aperture: Aperture | AutoApertures) -> tuple[Aperture, ...]:
-    return aperture.apertures if isinstance(aperture, AutoApertures) else (aperture,)
-
-
-def _race(
-    ways: Mapping[Aperture, list[Way]], reference: Reference, repeat: int, *, progress: bool
-) -> Iterator[Option]:
-    """Make the picture of each way in turn; the first picture of each is judged, and not timed.
-
-    Pictures of all apertures are judged, the worst one counts, and those of the first aperture are timed.
-    """
-    timed = next(iter(ways.values()))
-    errors = [(0.0, 0.0) for _ in timed]
-    with progress_bar(len(timed) * (len(ways) + repeat), "cost", "picture", shown=progress) as bar:
-        for number, (p99, wrong) in _errors(ways, reference):
-            errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
-            bar.update()
-        for _ in range(repeat):
-            for way in timed:
-                way.take_time()
-                bar.update()
-    for way, error in zip(timed, errors, strict=True):
-        yield way.option(*error)
-
-
-def _errors(
-    ways: Mapping[Aperture, list[Way]], reference: Reference
-) -> Iterator[tuple[int, tuple[float, float]]]:
+def _errors(ways: Mapping[Aperture, list[Way]], reference: Reference) -> Iterator[tuple[int, Error]]:
     """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
 
-    def error(number: int, way: Way, truth: HogelImage, image: HogelImage) -> tuple[int, tuple[float, float]]:
+    def error(number: int, way: Way, truth: HogelImage, image: HogelImage) -> tuple[int, Error]:
         judged = compare_images(truth, image, reference, radiance=False)
         assert judged.surface is not None, "the reference has the scene at hand"
         p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
         return number, (p99, judged.surface.fraction)
 
-    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, tuple[float, float]]]]:
+    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, Error]]]:
         for aperture, those in ways.items():
             truth = reference.trace(aperture)
             for number, way in enumerate(those):

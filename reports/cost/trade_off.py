@@ -22,33 +22,21 @@ MAX_NAMED_OPTIONS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Option:
-    """One way to make a picture: its error and its time.
-
-    Attributes
-    ----------
-    family
-        Group of options that it belongs to: a depth buffer, or whatever else was varied.
-    displacement_p99_px, surface_fraction
-        99th percentile of displacement, and share of judged pixels with the wrong surface.
-    time_s
-        Seconds of a whole picture with read-back, over repetitions.
-    gpu_s, read_s
-        Seconds of these in which the device drew, and read back; None for a tracer, which does neither.
-    """
+    """One way to make a picture: its error and its time."""
 
     renderer: str
     label: str
+    # Group of options that it belongs to: a depth buffer, or whatever else was varied.
     family: str
     configuration: Mapping[str, Any]
+    # 99th percentile of displacement, and share of judged pixels with the wrong surface.
     displacement_p99_px: float
     surface_fraction: float
+    # Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
+    # read back: None for a tracer, which does neither.
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
-
-    def within(self, tolerance_px: float) -> bool:
-        """Whether the hogel that was measured is not beyond a tolerance."""
-        return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
         """Whether this option is in nothing worse than another, and in something better.
@@ -66,13 +54,8 @@ class Option:
 class Ranking:
     """The options within a tolerance than which no other option is told to be faster.
 
-    Attributes
-    ----------
-    fastest
-        Options whose timing intervals overlap with that of the least median, which comes first; all options
-        within the tolerance where nothing was repeated often enough to rank it.
-    ranked
-        Whether there were enough repetitions.
+    `fastest` are those whose timing intervals overlap with that of the least median, which comes first; all
+    options within the tolerance where nothing was repeated often enough to rank it (`ranked` is false).
     """
 
     fastest: tuple[Option, ...]
@@ -81,20 +64,12 @@ class Ranking:
     @property
     def least_error(self) -> Option:
         """The fastest option with the least displacement, then the fewest wrong surfaces."""
-        return min(
-            self.fastest,
-            key=lambda one: (
-                max(one.displacement_p99_px, DISPLACEMENT_TIE_PX),
-                one.surface_fraction,
-                one.time_s.median,
-            ),
-        )
 
-    @property
-    def range_s(self) -> tuple[float, float]:
-        """The least and the largest median of the fastest options."""
-        medians = [one.time_s.median for one in self.fastest]
-        return min(medians), max(medians)
+        def error(one: Option) -> tuple[float, ...]:
+            moved = max(one.displacement_p99_px, DISPLACEMENT_TIE_PX)
+            return moved, one.surface_fraction, one.time_s.median
+
+        return min(self.fastest, key=error)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,118 +93,96 @@ def pareto(options: Sequence[Option]) -> list[bool]:
 
 def rank(options: Sequence[Option], tolerance_px: float) -> Ranking | None:
     """Return the fastest options within a tolerance, ties included; None where nothing keeps it."""
-    allowed = [option for option in options if option.within(tolerance_px)]
-    if not allowed:
-        return None
-    if len(allowed) == 1:
-        return Ranking(fastest=tuple(allowed), ranked=True)
-    repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
+    ascending = sorted(options, key=lambda one: one.time_s.median)
+    allowed = [
+        one for one in ascending if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
+    ]
+    if len(allowed) < 2:
+        return Ranking(fastest=tuple(allowed), ranked=True) if allowed else None
+    repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
     if not repeated:
-        return Ranking(fastest=tuple(sorted(allowed, key=lambda one: one.time_s.median)), ranked=False)
-    repeated.sort(key=lambda option: option.time_s.median)
-    tied = (option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
+        return Ranking(fastest=tuple(allowed), ranked=False)
+    tied = (one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
     return Ranking(fastest=tuple(tied), ranked=True)
+
+
+# In words ------------------------------------------------------------------------------------------------
 
 
 def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words."""
-    tolerances = (tolerance_px, STRICTER_FRACTION * tolerance_px)
-    loose, strict = (rank(options, tolerance) for tolerance in tolerances)
-    sentences = (
-        _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose),
-        _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict),
-    )
-    return tuple(
-        FastestWithin(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
-        for tolerance, ranking, sentence in zip(tolerances, (loose, strict), sentences, strict=True)
+    stricter_px = STRICTER_FRACTION * tolerance_px
+    loose, strict = (rank(options, tolerance) for tolerance in (tolerance_px, stricter_px))
+    said = _fastest(tolerance_px, loose), _stricter(stricter_px, loose, strict)
+    return (
+        FastestWithin(tolerance_px=tolerance_px, ranking=loose, sentence=said[0]),
+        FastestWithin(tolerance_px=stricter_px, ranking=strict, sentence=said[1]),
     )
 
 
-def _fastest(tolerance_px: float, ranking: Ranking) -> str:
+def _fastest(tolerance_px: float, ranking: Ranking | None) -> str:
     under = f"under {digits(tolerance_px)} px"
-    if len(ranking.fastest) == 1:
-        return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
+    if ranking is None:
+        return f"Nothing that was measured stays {under} with at most {percent(MAX_WRONG)} of wrong surfaces."
     count = len(ranking.fastest)
-    if not ranking.ranked:
-        return (
-            f"{count} ways stay {under}, {_milliseconds(*ranking.range_s)} a picture; they are not ranked "
-            f"by time, which takes {FEWEST_REPETITIONS} repetitions. {_least(ranking)}"
-        )
+    if count == 1:
+        return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
+    if ranking.ranked:
+        return f"The fastest way to stay {under} is one of these {count}, {_tie(ranking)}"
     return (
-        f"The fastest way to stay {under} is one of these {count}, "
-        f"{_milliseconds(*ranking.range_s)} a picture, which {_repetitions(ranking)} do not tell apart: "
-        f"{_listed(ranking.fastest)}. {_least(ranking)}"
+        f"{count} ways stay {under}, {_milliseconds(ranking)} a picture; they are not ranked by time, which "
+        f"takes {FEWEST_REPETITIONS} repetitions. {_least(ranking)}"
     )
 
 
-def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking) -> str:
-    asked = f"{digits(tolerance_px)} px would cost"
-    if loose is None or not (loose.ranked and strict.ranked):
+def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking | None) -> str:
+    if loose is None or strict is None or not (loose.ranked and strict.ranked):
         return _fastest(tolerance_px, strict)
+    asked, count = f"{digits(tolerance_px)} px would cost", len(strict.fastest)
     one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
-    if not one.told_below(other):
-        if loose.fastest == strict.fastest:
-            return f"{asked} nothing more: {_same(len(strict.fastest))}."
-        return f"{asked} nothing more that can be told: {_fewer(strict)}. {_least(strict)}"
-    low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
-    times = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
-    if len(strict.fastest) == 1:
-        return f"{asked} {times}: {_described(strict.fastest[0])}."
-    return f"{asked} {times}: {_fewer(strict)}. {_least(strict)}"
+    cost = "nothing more that can be told"
+    if one.told_below(other):
+        low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
+        cost = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
+    elif loose.fastest == strict.fastest:
+        same = "configuration keeps" if count == 1 else f"{count} configurations keep"
+        return f"{asked} nothing more: the same {same} it."
+    if count > 1:
+        return f"{asked} {cost}: one of these {count} keeps it fastest, {_tie(strict)}"
+    said = f"{asked} {cost}: {_described(strict.fastest[0])}."
+    return said if one.told_below(other) else f"{said} {_least(strict)}"
 
 
-def _same(count: int) -> str:
-    return "the same configuration keeps it" if count == 1 else f"the same {count} configurations keep it"
-
-
-def _fewer(ranking: Ranking) -> str:
-    if len(ranking.fastest) == 1:
-        return _described(ranking.fastest[0])
-    return (
-        f"one of these {len(ranking.fastest)} keeps it fastest, {_milliseconds(*ranking.range_s)} a picture, "
-        f"which {_repetitions(ranking)} do not tell apart: {_listed(ranking.fastest)}"
-    )
+def _tie(ranking: Ranking) -> str:
+    """Say of several options how long they take, which they are, and which one is to be taken."""
+    fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
+    repetitions = f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
+    named = "; ".join(option.label for option in ranking.fastest)
+    if len(ranking.fastest) > MAX_NAMED_OPTIONS:
+        families = Counter(option.family for option in ranking.fastest)
+        named = ", ".join(f"{count} of {family}" for family, count in families.items())
+    times = f"{_milliseconds(ranking)} a picture"
+    return f"{times}, which {repetitions} do not tell apart: {named}. {_least(ranking)}"
 
 
 def _least(ranking: Ranking) -> str:
-    """Say which one of several options is to be taken."""
     return f"The least error among them is that of {_described(ranking.least_error)}."
 
 
-def _listed(options: Sequence[Option]) -> str:
-    """Name a few options; count many by their families."""
-    if len(options) <= MAX_NAMED_OPTIONS:
-        return "; ".join(option.label for option in options)
-    families = Counter(option.family for option in options)
-    return ", ".join(f"{count} of {family}" for family, count in families.items())
-
-
-def _repetitions(ranking: Ranking) -> str:
-    fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
-    return f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
-
-
-def _none(tolerance_px: float) -> str:
-    return (
-        f"Nothing that was measured stays under {digits(tolerance_px)} px with at most "
-        f"{percent(MAX_WRONG)} of wrong surfaces."
-    )
-
-
 def _described(option: Option) -> str:
+    """Write an option with its time and the interval of its median, and its error."""
+    time_s = option.time_s
+    low, high = time_s.interval
+    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
     return (
-        f"{option.label}, {_taken(option.time_s)} a picture; {where_it_lies(option.displacement_p99_px)}, "
+        f"{option.label}, {1000 * time_s.median:.3g} ms{spread} a picture; "
+        f"{where_it_lies(option.displacement_p99_px)}, "
         f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
     )
 
 
-def _taken(time_s: Timing) -> str:
-    """Write a time with the interval of its median."""
-    low, high = time_s.interval
-    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
-    return f"{1000 * time_s.median:.3g} ms{spread}"
-
-
-def _milliseconds(low: float, high: float) -> str:
-    one, other = f"{1000 * low:.3g}", f"{1000 * high:.3g}"
-    return f"{one} ms" if one == other else f"{one} to {other} ms"
+def _milliseconds(ranking: Ranking) -> str:
+    """Write the least and the largest median of the fastest options."""
+    medians = [one.time_s.median for one in ranking.fastest]
+    low, high = f"{1000 * min(medians):.3g}", f"{1000 * max(medians):.3g}"
+    return f"{low} ms" if low == high else f"{low} to {high} ms"

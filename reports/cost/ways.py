@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,6 @@ from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.cost.trade_off import Option
-from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -43,87 +42,64 @@ USUAL_NEAR_PER_REACH = 1e-3
 """Near plane at which samples and effects are measured: their cost does not depend on it."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class Way:
-    """One way to make a picture, and the seconds of the pictures that were made.
+    """One way to make a picture, and the seconds of the pictures that were made; see `trade_off.Option`."""
 
-    Parameters
-    ----------
-    renderer, label, family, configuration
-        Renderer and configuration, in words and values; see `trade_off.Option`.
-    """
-
-    def __init__(
-        self,
-        renderer: str,
-        label: str,
-        family: str,
-        configuration: Mapping[str, Any],
-        make: Callable[[], HogelImage | Drawn],
-    ) -> None:
-        self.renderer, self.label, self.family = renderer, label, family
-        self._configuration, self._make = {"family": family, **configuration}, make
-        self._seconds: dict[str, list[float]] = {"time": [], "gpu": [], "read": []}
+    renderer: str
+    label: str
+    family: str
+    make: Callable[[], HogelImage | Drawn]
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+    # By name: seconds of whole pictures, and of drawing and reading back.
+    seconds: dict[str, list[float]] = field(default_factory=lambda: {"time_s": [], "gpu_s": [], "read_s": []})
 
     def picture(self) -> HogelImage:
         """Make the picture, which is not timed."""
-        made = self._make()
+        made = self.make()
         return made.image if isinstance(made, Drawn) else made
 
     def take_time(self) -> None:
         """Make the picture, and note what it and its stages took."""
         begun = time.perf_counter()
-        made = self._make()
-        self._seconds["time"].append(time.perf_counter() - begun)
+        made = self.make()
+        self.seconds["time_s"].append(time.perf_counter() - begun)
         if isinstance(made, Drawn):
-            self._seconds["gpu"].append(made.times["draw"].gpu_s)
-            self._seconds["read"].append(made.times["read"].wall_s)
+            self.seconds["gpu_s"].append(made.times["draw"].gpu_s)
+            self.seconds["read_s"].append(made.times["read"].wall_s)
 
     def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
-        """Return the way with its error and the times of its pictures."""
-        timings = {name: Timing.of(taken) if taken else None for name, taken in self._seconds.items()}
-        assert timings["time"] is not None, "a way is timed before it is an option"
+        """Return the way, which was timed at least once, with its error and the times of its pictures."""
         return Option(
             renderer=self.renderer,
             label=self.label,
             family=self.family,
-            configuration=self._configuration,
+            configuration={"family": self.family, **self.configuration},
             displacement_p99_px=displacement_p99_px,
             surface_fraction=surface_fraction,
-            time_s=timings["time"],
-            gpu_s=timings["gpu"],
-            read_s=timings["read"],
+            **{name: Timing.of(taken) for name, taken in self.seconds.items() if taken},
         )
 
 
 def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Way]:
     """Yield nears with depth buffers and mappings, slabs, cameras without an offset, samples, effects."""
-    reach, usual = scene.frustum.longest_reach, USUAL_NEAR_PER_REACH * scene.frustum.longest_reach
-    once = replace(scene.sampling, aperture=1)
+    reach, raster = scene.frustum.longest_reach, partial(_raster, scene, aperture, drawers["auto"])
+    usual = DoubleFrustum(near=USUAL_NEAR_PER_REACH * reach)
     for depth, mapping in DEPTHS:
         for share in NEARS_PER_REACH:
-            settings = DoubleFrustum(near=share * reach, depth=depth, mapping=mapping)
-            yield _raster(scene, aperture, drawers["auto"], settings, once)
+            yield raster(DoubleFrustum(near=share * reach, depth=depth, mapping=mapping))
     for cuts in CUTS_PER_REACH:
         for share in NEARS_PER_CUT:
             slabs = tuple(cut * reach for cut in cuts)
-            settings = DoubleFrustum(near=share * slabs[0], slabs=slabs)
-            yield _raster(scene, aperture, drawers["auto"], settings, once, family=f"{len(cuts) + 1} slabs")
+            yield raster(DoubleFrustum(near=share * slabs[0], slabs=slabs), family=f"{len(cuts) + 1} slabs")
+    stays = replace(usual, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, offset=Offset.NONE)
     for share in NEARS_WITHOUT_OFFSET_PER_REACH:
-        settings = DoubleFrustum(
-            near=share * min(scene.frustum.reach),
-            depth=DepthFormat.D32F,
-            mapping=DepthMapping.REVERSED,
-            offset=Offset.NONE,
-        )
-        yield _raster(scene, aperture, drawers["auto"], settings, once, family="no offset")
+        yield raster(replace(stays, near=share * min(scene.frustum.reach)), family="no offset")
     samples = scene.sampling.aperture
     for count in sorted({2, samples} if samples > 1 else ()):
-        sampling = replace(once, aperture=count)
-        settings = DoubleFrustum(near=usual)
-        yield _raster(scene, aperture, drawers["auto"], settings, sampling, family="aperture samples")
+        yield raster(usual, count, family="aperture samples")
     if "all" in drawers:
-        settings = DoubleFrustum(near=usual)
-        yield _raster(scene, aperture, drawers["all"], settings, once, family="all effects")
+        yield _raster(scene, aperture, drawers["all"], usual, family="all effects")
 
 
 def _raster(
@@ -131,7 +107,7 @@ def _raster(
     aperture: Aperture,
     drawer: Rasterizer,
     settings: DoubleFrustum,
-    sampling: Sampling,
+    samples: int = 1,
     family: str | None = None,
 ) -> Way:
     reach, units = scene.frustum.longest_reach, scene.units
@@ -143,8 +119,8 @@ def _raster(
         label += f" and cuts at {', '.join(digits(cut) for cut in settings.slabs)}"
     if settings.offset is Offset.NONE:
         label += " and no offset, which leaves a gap at the plate"
-    if sampling.aperture > 1:
-        label += f", {sampling.aperture} aperture samples"
+    if samples > 1:
+        label += f", {samples} aperture samples"
     if family == "all effects":
         label += ", all effects"
     configuration = {
@@ -153,21 +129,29 @@ def _raster(
         "mapping": settings.mapping,
         "slabs": settings.slabs,
         "offset": settings.offset,
-        "aperture_samples": sampling.aperture,
+        "aperture_samples": samples,
         "effects": sorted(drawer.effects_for(settings), key=list(Effect).index),
     }
-
-    def draw() -> Drawn:
-        return drawer.draw(aperture, settings, normals=False, sampling=sampling)
-
-    return Way("raster", label, family or settings.depth_label, configuration, draw)
+    return Way(
+        renderer="raster",
+        label=label,
+        family=family or settings.depth_label,
+        configuration=configuration,
+        make=partial(
+            drawer.draw, aperture, settings, normals=False, sampling=replace(scene.sampling, aperture=samples)
+        ),
+    )
 
 
 def traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[Way]:
     """Yield each tracer alone, and the certified truth."""
     for name, reference in tracers.items():
-        yield Way(
-            name, f"{name} alone, float32, nothing proven", name, {}, partial(reference.propose, aperture)
-        )
-    words, truth = "certified truth", partial(tracers["embree"].trace, aperture)
-    yield Way("certified", f"the {words}", words, {"certified": True}, truth)
+        label = f"{name} alone, float32, nothing proven"
+        yield Way(renderer=name, label=label, family=name, make=partial(reference.propose, aperture))
+    yield Way(
+        renderer="certified",
+        label="the certified truth",
+        family="certified truth",
+        configuration={"certified": True},
+        make=partial(tracers["embree"].trace, aperture),
+    )

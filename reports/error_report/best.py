@@ -11,10 +11,10 @@ from typing import TypeVar
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.metrics.paired import is_worse
-from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.settings import geometries_of, geometry_names, geometry_of
 from xfrustum.scenes.notebook import digits, percent, plain
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -40,48 +40,26 @@ Westheimer 1979): a tenth of a pixel."""
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """Consecutive near planes of one depth buffer that are equally good.
-
-    Attributes
-    ----------
-    low, high
-        The least and the largest near, scene units.
-    nears
-        Number of nears that were measured from `low` to `high`.
-    """
+    """Consecutive near planes of one depth buffer that are equally good, scene units."""
 
     low: float
     high: float
-    nears: int
-
-    @property
-    def width(self) -> float:
-        """The largest near over the least."""
-        return self.high / self.low
+    nears: int  # that were measured from `low` to `high`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recommendation:
-    """A setting that is recommended, with its numbers at the worst of the apertures.
-
-    Attributes
-    ----------
-    radiance_fraction
-        Share of judged pixels with a channel of color that is off by more than 1/255; None where the scene
-        is not shaded.
-    window
-        The near planes of the same depth buffer that are as good.
-    aperture
-        The aperture with the largest share of wrong surfaces, and of those the most displaced one.
-    displaced_aperture
-        The aperture with the largest displacement: the same one, unless another is displaced more.
-    """
+    """A setting that is recommended, with its numbers at the worst of the apertures."""
 
     settings: DoubleFrustum
     surface_fraction: float
     displacement_p99_px: float
+    # Share of judged pixels with a channel that is off by more than 1/255; None of a scene without shading.
     radiance_fraction: float | None
+    # The near planes of the same depth buffer that are as good.
     window: Window
+    # The aperture with the largest share of wrong surfaces, and of those the most displaced one; and the one
+    # with the largest displacement: the same one, unless another is displaced more.
     aperture: Aperture
     displaced_aperture: Aperture
 
@@ -90,41 +68,23 @@ class _Candidate:
     """One setting at all apertures."""
 
     def __init__(self, rows: Sequence[Measurement]) -> None:
-        self.settings = rows[0].settings
-        self._rows = {row.aperture: row for row in rows}
+        self.settings, self.rows = rows[0].settings, rows
         self.displacement_p99_px = max(row.displacement_p99_px for row in rows)
 
     def worst(self, kind: str) -> tuple[float, Aperture]:
         """Return the largest share of pixels that are wrong in one sense, and its aperture."""
-        shares = {place: row.wrong_share(kind) for place, row in self._rows.items()}
-        place = max(shares, key=shares.__getitem__)
-        return shares[place], place
+        row = max(self.rows, key=lambda row: row.wrong_share(kind))
+        return row.wrong_share(kind), row.aperture
 
     def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
         """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
         share, place = self.worst(kind)
         if share <= other.worst(kind)[0] + SURFACE_TIE_FRACTION:
             return False
-        here, there = self._rows[place], other._rows[place]
+        here, there = (next(row for row in one.rows if row.aperture == place) for one in (self, other))
         both = kind in here.wrong and kind in there.wrong
         shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
         return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
-
-    def recommendation(self, window: Window) -> Recommendation:
-        """Return the setting with its numbers."""
-        rows = self._rows.values()
-        shaded = all("radiance" in row.wrong for row in rows)
-        worst = max(rows, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
-        moved = max(rows, key=lambda row: (row.displacement_p99_px, row is worst))
-        return Recommendation(
-            settings=self.settings,
-            surface_fraction=worst.surface_fraction,
-            displacement_p99_px=self.displacement_p99_px,
-            radiance_fraction=self.worst("radiance")[0] if shaded else None,
-            window=window,
-            aperture=worst.aperture,
-            displaced_aperture=moved.aperture,
-        )
 
 
 def _grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
@@ -153,17 +113,14 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     ValueError
         There are no rows.
     """
-    return {one.settings for one in _best(_candidates(rows))}
-
-
-def _best(candidates: list[_Candidate]) -> list[_Candidate]:
+    candidates = _candidates(rows)
     comparisons = max(len(candidates) - 1, 1)
     for kind in ("surface", "radiance"):
         least = min(candidates, key=lambda one: one.worst(kind)[0])
         candidates = [one for one in candidates if not one.is_worse_than(least, kind, comparisons)]
     least_px = min(one.displacement_p99_px for one in candidates)
     limit = max(least_px + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
-    return [one for one in candidates if one.displacement_p99_px <= limit]
+    return {one.settings for one in candidates if one.displacement_p99_px <= limit}
 
 
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
@@ -180,35 +137,33 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     ValueError
         There are no rows.
     """
-    candidates = _candidates(rows)
-    good, windows = _best(candidates), []
-    for line in _grouped(candidates, _line):
+    good = equally_good(rows)
+    windows: list[tuple[Window, list[_Candidate]]] = []
+    for line in _grouped(_candidates(rows), lambda one: replace(one.settings, near=1.0)):
         ascending = sorted(line, key=lambda one: one.settings.near)
-        for is_good, neighbors in groupby(ascending, key=lambda one: one in good):
+        for is_good, neighbors in groupby(ascending, key=lambda one: one.settings in good):
             if is_good:
-                windows.append(list(neighbors))
-
-    def window(run: Sequence[_Candidate]) -> Window:
-        return Window(low=run[0].settings.near, high=run[-1].settings.near, nears=len(run))
-
-    run = max(windows, key=lambda one: (window(one).width, window(one).high))
-    middle = (run[0].settings.near * run[-1].settings.near) ** 0.5
+                run = list(neighbors)
+                low, high = run[0].settings.near, run[-1].settings.near
+                windows.append((Window(low=low, high=high, nears=len(run)), run))
+    window, run = max(windows, key=lambda one: (one[0].high / one[0].low, one[0].high))
+    middle = (window.low * window.high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     chosen = min(
         reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
     )
-    return chosen.recommendation(window(run))
-
-
-def _line(one: _Candidate) -> Hashable:
-    """Return what all settings of one window have in common: depth buffer and camera geometry."""
-    return one.settings.depth, one.settings.mapping, CameraGeometry.of(one.settings)
-
-
-def can_be_judged(rows: Sequence[Measurement]) -> bool:
-    """Return whether there is a pixel that some setting could show wrongly."""
-    shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
-    return shown and any(row.comparison.judged for row in rows)
+    shaded = all("radiance" in row.wrong for row in chosen.rows)
+    worst = max(chosen.rows, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
+    moved = max(chosen.rows, key=lambda row: (row.displacement_p99_px, row is worst))
+    return Recommendation(
+        settings=chosen.settings,
+        surface_fraction=worst.surface_fraction,
+        displacement_p99_px=chosen.displacement_p99_px,
+        radiance_fraction=chosen.worst("radiance")[0] if shaded else None,
+        window=window,
+        aperture=worst.aperture,
+        displaced_aperture=moved.aperture,
+    )
 
 
 def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
@@ -218,76 +173,72 @@ def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
 
 def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
     """Return the best setting of each camera geometry, in the order in which the rows name them."""
-    return [best_setting(group) for group in _grouped(rows, lambda row: CameraGeometry.of(row.settings))]
+    return [best_setting(group) for group in _grouped(rows, lambda row: geometry_of(row.settings))]
 
 
-def keeping_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings with which no hogel that was measured is beyond `TOLERANCE_PX`."""
-    beyond = {
-        row.settings for row in rows if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
-    }
-    return {row.settings for row in rows} - beyond
+def can_be_judged(rows: Sequence[Measurement]) -> bool:
+    """Return whether there is a pixel that some setting could show wrongly."""
+    shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
+    return shown and any(row.comparison.judged for row in rows)
+
+
+# In words ------------------------------------------------------------------------------------------------
 
 
 def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True) -> str:
     """Say which near planes and which depth buffer are best, and how good they are.
 
-    Parameters
-    ----------
-    rows
-        All rows of a sweep.
-    units, reach
-        The scene's length unit, and its larger reach in it.
-    recentered
-        Whether the frustum is sheared; the pivot of one that is not changes nothing and is not named.
+    `units` and `reach` are the scene's length unit, and its larger reach in it. The pivot of a frustum that
+    is not recentered, hence not sheared, changes nothing and is not named.
     """
-    where = _where(rows)
+    indices = dict.fromkeys(row.aperture.index for row in rows)
+    named = "; ".join(f"{column},{row}" for column, row in list(indices)[:MAX_NAMED_HOGELS])
+    named += "; .." if len(indices) > MAX_NAMED_HOGELS else ""
+    where = f"At hogel {named}:" if len(indices) == 1 else f"At {len(indices)} hogels ({named}):"
     if not any(row.comparison.judged for row in rows):
         return f"{where} nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
         return f"{where} there is nothing to judge: neither the truth nor any raster image shows a surface."
     best = best_setting(rows)
-    cameras = _cameras(best, rows, recentered)
+
+    # The cameras, where there are others or they are not the usual ones.
+    geometries = geometries_of(
+        row.settings if recentered else replace(row.settings, pivot=Pivot.APERTURE) for row in rows
+    )
+    own = best.settings if recentered else replace(best.settings, pivot=Pivot.APERTURE)
+    name = geometry_names(geometries)[geometry_of(own)]
+    cameras = f" and {name}" if name else ""
+
+    nears, near = best.window.nears, digits(best.settings.near)
+    equally = f"; the {nears} nears measured there are equally good. At {near} {units}, "
+    colors = ""
+    if best.radiance_fraction is not None:
+        colors = f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
+    elsewhere = ""
+    if best.displaced_aperture != best.aperture and best.displacement_p99_px > DISPLACEMENT_TIE_PX:
+        elsewhere = f" (the worst at {best.displaced_aperture.column},{best.displaced_aperture.row})"
     return (
         f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
-        f"{_equally(best, units)}{_wrong(best, rows)}, {_colors(best)}"
-        f"and {where_it_lies(best.displacement_p99_px)}"
-        f"{_elsewhere(best)}.{gap(best, units)}"
+        f"{equally if nears > 1 else '. '}{_wrong(best, rows)}, {colors}"
+        f"and {where_it_lies(best.displacement_p99_px)}{elsewhere}.{gap(best, units)}"
     )
 
 
-def _where(rows: Sequence[Measurement]) -> str:
-    """Begin the sentence with the hogels that it speaks of."""
-    places = [f"{column},{row}" for column, row in dict.fromkeys(row.aperture.index for row in rows)]
-    named = f"{'; '.join(places[:MAX_NAMED_HOGELS])}{'; ..' if len(places) > MAX_NAMED_HOGELS else ''}"
-    return f"At hogel {named}:" if len(places) == 1 else f"At {len(places)} hogels ({named}):"
-
-
 def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
-    """Go on with the praise: no setting that misses the tolerances is called good, nor are others denied."""
-    count = len({row.settings for row in rows})
+    """Begin with the praise: no setting that misses the tolerances is called good, nor are others denied."""
     limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
-    kept = keeping_tolerance(rows)
+    every = {row.settings for row in rows}
+    kept = every - {
+        row.settings for row in rows if is_beyond(row.displacement_p99_px, row.surface_fraction, TOLERANCE_PX)
+    }
     if best.settings in kept:
-        return "the one setting measured:" if count == 1 else f"best of {count} settings:"
-    if count == 1:
+        return "the one setting measured:" if len(every) == 1 else f"best of {len(every)} settings:"
+    if len(every) == 1:
         return f"the one setting measured does not keep to {limits}:"
     if not kept:
-        return f"no setting measured keeps to {limits}. The least bad of {count}:"
-    return f"best of {count} settings by wrong surfaces, though only others keep to {limits}:"
-
-
-def _cameras(best: Recommendation, rows: Sequence[Measurement], recentered: bool) -> str:
-    """Name the cameras where there are others or they are not the usual ones."""
-
-    def shown(settings: DoubleFrustum) -> CameraGeometry:
-        geometry = CameraGeometry.of(settings)
-        return geometry if recentered else replace(geometry, pivot=CameraGeometry().pivot)
-
-    names = geometry_names(tuple(dict.fromkeys(shown(row.settings) for row in rows)))
-    name = names[shown(best.settings)]
-    return f" and {name}" if name else ""
+        return f"no setting measured keeps to {limits}. The least bad of {len(every)}:"
+    return f"best of {len(every)} settings by wrong surfaces, though only others keep to {limits}:"
 
 
 def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
@@ -296,17 +247,12 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
     place = f"{best.aperture.column},{best.aperture.row}"
     where = f" at the worst of {apertures} apertures ({place})" if apertures > 1 else ""
     said = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
-    if best.surface_fraction <= SURFACE_TIE_FRACTION:
-        return said
     worst = next(row for row in rows if row.settings == best.settings and row.aperture == best.aperture)
-    return f"{said}, most of them by {worst.main_cause}" if worst.main_cause else said
-
-
-def _elsewhere(best: Recommendation) -> str:
-    """Name the most displaced aperture where it is not the one with the most wrong surfaces."""
-    place = best.displaced_aperture
-    same = place == best.aperture or best.displacement_p99_px <= DISPLACEMENT_TIE_PX
-    return "" if same else f" (the worst at {place.column},{place.row})"
+    most = max(worst.causes, key=lambda cause: cause.surface, default=None)
+    wrong = sum(cause.surface for cause in worst.causes)
+    if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:
+        return said
+    return f"{said}, most of them by {worst.cause_words(most.name)}"
 
 
 def gap(best: Recommendation, units: str) -> str:
@@ -317,21 +263,6 @@ def gap(best: Recommendation, units: str) -> str:
         " The cameras stay in the aperture and clip all that is closer than near: a gap of "
         f"{digits(best.settings.near)} {units} on each side of the plate."
     )
-
-
-def _equally(best: Recommendation, units: str) -> str:
-    if best.window.nears == 1:
-        return ". "
-    return (
-        f"; the {best.window.nears} nears measured there are equally good. "
-        f"At {digits(best.settings.near)} {units}, "
-    )
-
-
-def _colors(best: Recommendation) -> str:
-    if best.radiance_fraction is None:
-        return ""
-    return f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:
@@ -363,3 +294,37 @@ def equally_good_sentence(rows: Sequence[Measurement]) -> str:
     apertures = len({row.aperture for row in rows})
     named = ", ".join(f"{count // apertures} of {label}" for label, count in counts.items())
     return f"{len(good)} settings are equally good by error: {named}. xfrustum cost tells their times apart."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reign:
+    """Consecutive nears of one depth buffer at which one cause makes most surfaces wrong, scene units."""
+
+    cause: str | None  # in words; None where hardly a surface is wrong
+    low: float
+    high: float
+
+
+def reigns(rows: Sequence[Measurement]) -> list[Reign]:
+    """Return the dominant causes of one depth buffer at one aperture, the smallest near first."""
+
+    def dominant(row: Measurement) -> str | None:
+        if row.surface_fraction <= SURFACE_TIE_FRACTION:
+            return None
+        return row.cause_words(max(row.causes, key=lambda cause: cause.surface).name)
+
+    ascending = sorted(rows, key=lambda row: row.settings.near)
+    runs = [(cause, [row.settings.near for row in run]) for cause, run in groupby(ascending, key=dominant)]
+    return [Reign(cause=cause, low=nears[0], high=nears[-1]) for cause, nears in runs]
+
+
+def cause_sentences(rows: Sequence[Measurement], units: str) -> list[str]:
+    """Say for each depth buffer of one aperture which cause dominates where."""
+
+    def told(one: Reign) -> str:
+        nears = f"from n = {digits(one.low)} to" if one.low != one.high else "at n ="
+        what = "hardly a surface is wrong" if one.cause is None else f"{one.cause} dominates"
+        return f"{nears} {digits(one.high)} {units} {what}"
+
+    groups = _grouped(rows, lambda row: row.settings.depth_label)
+    return [f"{rows[0].settings.depth_label}: {'; '.join(map(told, reigns(rows)))}." for rows in groups]

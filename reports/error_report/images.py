@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,8 @@ from PIL import Image
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
+from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
-from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.reports.error_report.measurement import SettingPictures
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -33,48 +32,49 @@ LARGEST_HEIGHT_ERROR = 1e-2
 RADIANCE_RANGE = (1e-4, 1.0)
 """Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
-"""Color of pixels with the wrong surface."""
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
-"""Color of pixels with another triangle."""
 ALONE_COLORS = {"embree": "rgb(213, 94, 0)", "mitsuba": "rgb(0, 114, 178)"}
 """Colors of pixels that a tracer alone would have got wrong."""
 OUTLINE_COLOR = "rgb(170, 170, 170)"
 """Color of surfaces under marks."""
+CAUSE_COLORS = {
+    "near offset": "rgb(0,114,178)",
+    "pivot": "rgb(86,180,233)",
+    "fit": "rgb(204,121,167)",
+    "slabs": "rgb(0,158,115)",
+    CULLING: "rgb(90,90,90)",
+    "rasterization": "rgb(230,159,0)",
+    "depth": "rgb(213,94,0)",
+}
+"""Okabe and Ito's palette, told apart by people with any color vision, and gray, in the order of links."""
+UNEXPLAINED_COLOR = "rgb(255,0,255)"
+"""Color of pixels that are charged to rounding and bear none of its marks."""
 
-_DISPLACEMENT_STEPS = 40
-_HEIGHT_STEPS = 15
-_DISPLACEMENT_COLORS = sample_colorscale("Viridis", list(np.linspace(0, 1, _DISPLACEMENT_STEPS)))
-_RADIANCE_COLORS = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _DISPLACEMENT_STEPS)))
-_HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
+_STEPS, _HEIGHT_STEPS = 40, 15
+DISPLACEMENT_SCALE: list[str] = sample_colorscale("Viridis", list(np.linspace(0, 1, _STEPS)))
+RADIANCE_SCALE: list[str] = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _STEPS)))
+"""Colors of the scales of displacement and radiance errors, smallest first."""
+HEIGHT_SCALE: list[str] = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
+"""Colors of the height scale, from farther (blue) to nearer (red)."""
 _UNTEXTURED_GRAY = 0.4
-_DROPPED_BITS = 2
-_KEPT_BITS = 0xFF << _DROPPED_BITS & 0xFF
+_KEPT_BITS = 0b11111100
+"""The last two bits of each channel are dropped, which nobody sees and which would fill half the file."""
 
 
 def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
-    """Return both ends of the scale of height errors, as fractions of the longest reach.
+    """Return both ends of the scale of height errors, as fractions of the longest reach (scene units).
 
     Errors below the lower end are white. This end is the largest error that rounding alone may make in a
     32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest
-    coordinate if that is larger, rounded up to 1, 2 or 5 of its power of ten.
-
-    Parameters
-    ----------
-    scene
-        Scene that is shown; None where it is not at hand.
-    reach
-        Longest reach, scene units.
+    coordinate if that is larger and the scene is at hand, rounded up to 1, 2 or 5 of its power of ten.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
     if scene is not None:
         rounding = max(rounding, largest_tolerance(scene) / reach)
+    power = math.floor(math.log10(rounding))
+    low = next(end for digit in (1, 2, 5, 10) if (end := float(f"{digit}e{power}")) >= rounding)
     # A far vertex could make a scale of less than a decade: the lower end stays a tenth of the upper one.
-    return min(_rounded_up(rounding), LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
-
-
-def _rounded_up(value: float) -> float:
-    power = math.floor(math.log10(value))
-    return next(float(f"{digit}e{power}") for digit in (1, 2, 5, 10) if float(f"{digit}e{power}") >= value)
+    return min(low, LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 
 
 def setting_pictures(
@@ -82,41 +82,31 @@ def setting_pictures(
     charge: NDArray[np.int8] | None,
     scale: tuple[float, tuple[float, float]],
     reduction: int = 1,
-) -> SettingPictures:
-    """Encode a raster image and its errors.
+) -> dict[str, bytes]:
+    """Encode a raster image and its errors, by name.
 
-    Parameters
-    ----------
-    comparison
-        The image, and how it differs from the truth.
-    charge
-        (H, W) number of the link that each wrong surface is charged to, negative where there is none; None
-        where causes were left out.
-    scale
-        Longest reach in scene units, and both ends of the height scale in multiples of it (`height_range`).
-    reduction
-        Image pixels per picture pixel, along each side; errors keep the worst of a block.
+    `charge` is what `cause_map` takes, None where causes were left out; `scale` the longest reach in scene
+    units, and both ends of the height scale in multiples of it (`height_range`); `reduction` the number of
+    image pixels per picture pixel, along each side. Errors keep the worst of a block.
     """
-    reach, heights = scale
     errors, colors = comparison.errors, comparison.colors
     surface = np.zeros_like(errors.triangle) if errors.surface is None else errors.surface
-    return SettingPictures(
-        raster=picture(errors.raster, reduction),
-        displacement=displacement_map(errors.moved, reduction),
-        surface=mask(surface, SURFACE_COLOR, reduction),
-        triangle=mask(errors.triangle, TRIANGLE_COLOR, reduction),
-        height=height_map(errors.height, reach, heights, reduction),
-        causes=None if charge is None else cause_map(charge, reduction),
-        radiance=None if colors is None else radiance_map(colors.error, reduction),
-    )
+    pictures = {
+        "raster": picture(errors.raster, reduction),
+        "displacement": displacement_map(errors.moved, reduction),
+        "surface": mask(surface, SURFACE_COLOR, reduction),
+        "triangle": mask(errors.triangle, TRIANGLE_COLOR, reduction),
+        "height": height_map(errors.height, *scale, reduction),
+    }
+    if charge is not None:
+        pictures["causes"] = cause_map(charge, reduction)
+    if colors is not None:
+        pictures["radiance"] = radiance_map(colors.error, reduction)
+    return pictures
 
 
 def picture(image: HogelImage, reduction: int = 1) -> bytes:
-    """Encode the color image as WebP in sRGB, transparent where there is no surface.
-
-    Only the last `_DROPPED_BITS` of each channel are lost, which nobody sees and which would fill half the
-    file.
-    """
+    """Encode the color image as WebP in sRGB, transparent where there is no surface."""
     covered = image.covered
     if image.color is None:
         linear = np.full((*covered.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
@@ -142,25 +132,18 @@ def displacement_map(length: Floats, reduction: int = 1) -> bytes:
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
     """
-    low, high = np.log10(DISPLACEMENT_RANGE_PX)
     known = np.isfinite(length)
-    level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS
     # Index 0 is "undefined" and the least of all: the worst of a block is its largest index.
     index = np.zeros(length.shape, dtype=np.uint8)
-    index[known] = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
-    return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
+    index[known] = 1 + np.clip(np.floor(_level(length[known], DISPLACEMENT_RANGE_PX, _STEPS)), 0, _STEPS - 1)
+    return _palette_png(_worst(index, reduction), DISPLACEMENT_SCALE)
 
 
 def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
     """Encode which link each wrong surface is charged to as PNG, transparent where nothing is wrong.
 
-    Parameters
-    ----------
-    charge
-        (H, W) places of links in `CAUSE_COLORS`, negative where the pixel is right; the place after the last
-        stands for unexplained pixels.
-    reduction
-        Image pixels per picture pixel, along each side; a block shows the last of its links.
+    `charge` (H, W) are places of links in `CAUSE_COLORS`, negative where the pixel is right; the place after
+    the last stands for unexplained pixels. A block shows the last of its links.
     """
     # Index 0 is "right" and the least of all, so that no wrong pixel of a block is lost.
     index = (charge + 1).astype(np.uint8)
@@ -175,18 +158,16 @@ def height_map(
     Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the ends of
     a `height_range`, in fractions of the reach.
     """
-    low, high = np.log10(heights)
     known = np.isfinite(height)
-    error = height[known]
-    level = (_log10(np.abs(error) / reach) - low) / (high - low) * _HEIGHT_STEPS
+    level = _level(np.abs(height[known]) / reach, heights, _HEIGHT_STEPS)
     step = np.full(height.shape, np.nan)
-    step[known] = np.sign(error) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
+    step[known] = np.sign(height[known]) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
     if reduction > 1:
         highest = block_reduce(np.nan_to_num(step, nan=-np.inf), (reduction, reduction), np.max, -np.inf)
         lowest = block_reduce(np.nan_to_num(step, nan=np.inf), (reduction, reduction), np.min, np.inf)
         step = np.where(np.abs(highest) >= np.abs(lowest), highest, lowest)
     index = np.where(np.isfinite(step), 1 + _HEIGHT_STEPS + np.nan_to_num(step, posinf=0, neginf=0), 0)
-    return _palette_png(index, _HEIGHT_COLORS)
+    return _palette_png(index, HEIGHT_SCALE)
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
@@ -195,10 +176,9 @@ def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
     The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged are
     transparent.
     """
-    low, high = np.log10(RADIANCE_RANGE)
-    level = (_log10(np.abs(error).max(axis=-1)) - low) / (high - low) * _DISPLACEMENT_STEPS
-    index = np.clip(1 + np.floor(np.nan_to_num(level, nan=-1.0, neginf=-1.0)), 0, _DISPLACEMENT_STEPS)
-    return _palette_png(_worst(index, reduction), _RADIANCE_COLORS)
+    level = np.floor(_level(np.abs(error).max(axis=-1), RADIANCE_RANGE, _STEPS))
+    index = np.clip(1 + np.nan_to_num(level, nan=-1.0, neginf=-1.0), 0, _STEPS)
+    return _palette_png(_worst(index, reduction), RADIANCE_SCALE)
 
 
 def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
@@ -215,21 +195,6 @@ def alone_pictures(truth: HogelImage, wrong: Mapping[str, Mask], reduction: int 
     return found and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **found}
 
 
-def displacement_scale() -> list[str]:
-    """Return the colors of the displacement scale, smallest first."""
-    return list(_DISPLACEMENT_COLORS)
-
-
-def radiance_scale() -> list[str]:
-    """Return the colors of the scale of radiance errors, smallest first."""
-    return list(_RADIANCE_COLORS)
-
-
-def height_scale() -> list[str]:
-    """Return the colors of the height scale, from farther (blue) to nearer (red)."""
-    return list(_HEIGHT_COLORS)
-
-
 def address(encoded: bytes) -> str:
     """Return an encoded picture as an address that a page holds within itself."""
     return f"data:{media_type(encoded)};base64,{base64.b64encode(encoded).decode()}"
@@ -240,17 +205,19 @@ def media_type(encoded: bytes) -> str:
     return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
 
 
-def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:
+def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> NDArray[np.floating]:
+    """Return where values lie on a logarithmic scale, from 0 to `steps` at its ends."""
+    low, high = np.log10(ends)
     with np.errstate(divide="ignore", invalid="ignore"):
-        logarithm: NDArray[np.floating] = np.log10(values)
-    return logarithm
+        level: NDArray[np.floating] = (np.log10(values) - low) / (high - low) * steps
+    return level
 
 
 def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
     return block_reduce(index, (reduction, reduction), np.max) if reduction > 1 else index
 
 
-def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
+def _palette_png(index: NDArray[np.generic], colors: Sequence[str]) -> bytes:
     """Encode palette indices; 0 is transparent, i is the i-th color."""
     encoded = Image.fromarray(index.astype(np.uint8))
     encoded.putpalette(_palette(tuple(colors)))
@@ -259,7 +226,6 @@ def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
     return buffer.getvalue()
 
 
-@cache
+@cache  # to read the colors takes as long as to draw with them
 def _palette(colors: tuple[str, ...]) -> bytes:
-    """Return the palette of some colors; to read them takes as long as to draw with them."""
     return np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)]).astype(np.uint8).tobytes()

@@ -3,30 +3,39 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import fields
+from collections.abc import Mapping
 from typing import Any
 
 import plotly.graph_objects as go
 
+from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
+from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
-from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.error_report import best, causes, figures, geometries, images
-from xfrustum.reports.error_report.light import LightReport
-from xfrustum.reports.error_report.measurement import Measurement, SettingPictures
-from xfrustum.reports.error_report.record import headline, recommended_command
+from xfrustum.reports.error_report import best, figures, images
+from xfrustum.reports.error_report.settings import geometry_names, geometry_of
 from xfrustum.reports.error_report.sweep import Sweep
 from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import Cull
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 SPARSE_FRACTION = 0.002
 """Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""
+
+ROUNDED_SHEAR_PX = 1e-6
+"""Displacement up to which a shear is taken for rounding, of an aperture's place or of pixels. In double
+precision places on large films are known to some 1e-12 px: larger shears have six digits or more."""
+
+EQUAL_FRACTION = 1e-6
+"""Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""
+
+MAX_TOLD_GEOMETRIES = 2
+"""Largest number of geometries that are compared in sentences: of more, only a table can be read."""
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",
@@ -35,20 +44,32 @@ _CERTAINTY_WORDS = {
     Certainty.UNEXAMINED: "not examined",
 }
 
+Shears = Mapping[tuple[Aperture, float], ShearNumbers]
+"""What the shear alone does to points at each aperture and near, ascending."""
 
-def render_page(sweep: Sweep, light: LightReport | None = None) -> str:
-    """Return the report as one HTML document that needs nothing else, online or offline."""
+
+def render_page(sweep: Sweep, sentence: str, command: str) -> str:
+    """Return the report as one HTML document that needs nothing else, online or offline.
+
+    `sentence` and `command` are the recommendation in words, and the command that draws with it.
+    """
     scene, reach = sweep.scene, sweep.scene.frustum.longest_reach
+    names, shears = geometry_names(sweep.geometries), _shears(sweep)
+    per_geometry = best.best_per_geometry(sweep.rows)
+    (width, height), (toward, behind) = scene.frustum.resolution, scene.frustum.reach
+    kind = "recentered" if scene.frustum.recentered else "centered"
+    culled = "" if sweep.options.cull is Cull.NONE else ", faces turned away from the viewer culled"
     values = {
         "scene": scene,
         "fit": scene_fit(scene),
-        "frustum": _frustum_words(sweep),
+        "frustum": f"{kind} frustum, {width} x {height} pixels, reaching {toward:g} {scene.units} toward the "
+        f"viewer and {behind:g} {scene.units} behind the plate{culled}",
         "reach": reach,
-        "sentence": headline(sweep),
+        "sentence": sentence,
         "coverage": sweep.coverage_sentence,
         "can_be_judged": best.can_be_judged(sweep.rows),
         "best": sweep.best,
-        "command": recommended_command(sweep),
+        "command": command,
         "near_range": best.near_range,
         "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
         "confidence": CONFIDENCE,
@@ -65,50 +86,92 @@ def render_page(sweep: Sweep, light: LightReport | None = None) -> str:
         "versions": sweep.versions,
         "devices": sweep.devices,
         "reduction": sweep.reduction,
-        "displacement_colors": images.displacement_scale(),
-        "displacement_range": images.DISPLACEMENT_RANGE_PX,
-        "height_colors": images.height_scale(),
+        "images": images,
         "height_range": images.height_range(scene, reach),
-        "surface_color": images.SURFACE_COLOR,
-        "triangle_color": images.TRIANGLE_COLOR,
-        "shading": light,
+        "shading": sweep.light,
+        "pixels_per_degree": PIXELS_PER_DEGREE,
         "equally_good": best.equally_good_sentence(sweep.rows),
         "cost": sweep.cost_sentence,
-        "geometries": geometries.context(sweep),
+        "per_geometry": per_geometry,
+        "name_of": lambda settings: names[geometry_of(settings)],
+        "geometry_sentences": [*_compared(sweep, per_geometry), *_shear_sentences(sweep, shears)],
+        "shears": shears,
+        "without_offset": any(one.offset is Offset.NONE for one in sweep.geometries),
         "dominant": _dominant(sweep),
         "unexplained": sum(row.unexplained or 0 for row in sweep.rows),
-        "charged": sweep.charged,
+        "charged": sweep.options.causes,
         "left_out": sweep.left_out_sentence,
-        "page_data": _page_data(sweep, light),
+        "page_data": _page_data(sweep, shears),
     }
     filters = {"percent": percent, "pixels": best.pixels, "digits": digits}
     return html_page("report.html.j2", filters, values)
 
 
-def _page_data(sweep: Sweep, light: LightReport | None) -> dict[str, Any]:
+def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
     """Return what the page's script reads; each picture is there once, however many settings share it."""
     pictures: dict[str, str] = {}
-    names, chosen = geometry_names(sweep.geometries), sweep.best
+
+    def keep(encoded: bytes) -> str:
+        key = hashlib.sha256(encoded).hexdigest()[:16]
+        if key not in pictures:
+            pictures[key] = images.address(encoded)
+        return key
+
+    names, light, reach = geometry_names(sweep.geometries), sweep.light, sweep.scene.frustum.longest_reach
     keys = [(row.settings, row.aperture) for row in sweep.rows]
+    eye = None
+    if light and light.eye:
+        measured, predicted = (
+            [getattr(one, name) for one in light.eye] for name in ("measured", "predicted")
+        )
+        nears = [one.near / reach for one in light.eye]
+        title = "rms change of radiance at the same surface points"
+        eye = figures.pair_figure(nears, measured, predicted, title)
     return {
         "rows": [
-            _row_data(row, own, pictures, sweep.geometries.index(CameraGeometry.of(row.settings)))
-            for row, own in zip(sweep.rows, sweep.pictures, strict=True)
+            {
+                "aperture": row.aperture.index,
+                "geometry": sweep.geometries.index(geometry_of(row.settings)),
+                "depth": row.settings.depth_label,
+                "near": row.settings.near,
+                "comparison": row.comparison,
+                "predicted": row.predicted,
+                "predicted_surface": row.predicted.surface_fraction if row.predicted else None,
+                "ratio": row.measured_over_predicted,
+                "times_s": row.times_s,
+                "parts_s": {"raster": {"gpu": row.gpu_s}},
+                "pictures": {name: keep(encoded) for name, encoded in row.pictures.items()},
+                "causes": {cause.name: cause.surface for cause in row.causes},
+            }
+            for row in sweep.rows
         ],
-        "cause_colors": causes.CAUSE_COLORS,
+        "cause_colors": images.CAUSE_COLORS,
         "geometries": [names[one] for one in sweep.geometries],
         "apertures": [aperture.index for aperture in sweep.apertures],
-        "truths": [_keep(encoded, pictures) for encoded in sweep.truths],
-        "start": keys.index((chosen.settings, chosen.aperture)),
+        "truths": [keep(truth.picture) for truth in sweep.truths],
+        "start": keys.index((sweep.best.settings, sweep.best.aperture)),
         "units": sweep.scene.units,
-        "reach": sweep.scene.frustum.longest_reach,
+        "reach": reach,
         "pictures": pictures,
         "curves": [
-            [_curves(sweep, light, aperture, one) for one in sweep.geometries] for aperture in sweep.apertures
+            [_curves(sweep, aperture, one, shears) for one in sweep.geometries]
+            for aperture in sweep.apertures
         ],
-        "eye": light and light.eye_figure,
+        "eye": eye,
         "scout": map_figures(sweep.auto) if sweep.auto else (),
     }
+
+
+def _curves(
+    sweep: Sweep, aperture: Aperture, geometry: DoubleFrustum, shears: Shears
+) -> dict[str, go.Figure | None]:
+    """Return the figures of an aperture and geometry by name; None for those without a point."""
+    reach, rows = sweep.scene.frustum.longest_reach, sweep.numbered(aperture, geometry)
+    drawn = figures.curves(rows, reach, shaded=sweep.light is not None)
+    if len(sweep.geometries) > 1:
+        drawn |= _comparison_figures(sweep, aperture, shears)
+    curves = {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
+    return curves | ({"causes": figures.cause_figure(rows, reach)} if sweep.options.causes else {})
 
 
 def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
@@ -116,57 +179,17 @@ def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
 
     Those of the best setting, at the aperture at which it is worst, come first.
     """
-    if not sweep.charged:
+    if not sweep.options.causes:
         return []
     names, chosen = geometry_names(sweep.geometries), sweep.best
-    first = CameraGeometry.of(chosen.settings)
-    found = []
+    first, found = geometry_of(chosen.settings), []
     for aperture in sorted(sweep.apertures, key=lambda one: one != chosen.aperture):
         for geometry in sorted(sweep.geometries, key=lambda one: one != first):
             name = names[geometry] if len(sweep.geometries) > 1 else ""
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]
-            found.append((heading, causes.sentences(rows, sweep.scene.units)))
+            found.append((heading, best.cause_sentences(rows, sweep.scene.units)))
     return found
-
-
-def _curves(
-    sweep: Sweep, light: LightReport | None, aperture: Aperture, geometry: CameraGeometry
-) -> dict[str, go.Figure | None]:
-    """Return the figures of an aperture and geometry by name; None for those without a point."""
-    reach, rows = sweep.scene.frustum.longest_reach, sweep.numbered(aperture, geometry)
-    drawn = figures.curves(rows, reach) | (light.curves(rows) if light else {})
-    drawn |= geometries.comparison_figures(sweep, aperture)
-    curves = {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
-    return curves | ({"causes": causes.cause_figure(rows, reach)} if sweep.charged else {})
-
-
-def _row_data(
-    row: Measurement, own: SettingPictures, pictures: dict[str, str], geometry: int
-) -> dict[str, Any]:
-    encoded = {one.name: getattr(own, one.name) for one in fields(own)}
-    return {
-        "aperture": row.aperture.index,
-        "geometry": geometry,
-        "depth": row.settings.depth_label,
-        "near": row.settings.near,
-        "comparison": row.comparison,
-        "predicted": row.predicted,
-        "predicted_surface": row.predicted.surface_fraction if row.predicted else None,
-        "ratio": row.measured_over_predicted,
-        "times_s": row.times_s,
-        "parts_s": row.parts_s,
-        "pictures": {name: _keep(one, pictures) for name, one in encoded.items() if one is not None},
-        "causes": {cause.name: cause.surface for cause in row.causes},
-    }
-
-
-def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
-    """Store a picture once, however many settings share it, and return its key."""
-    key = hashlib.sha256(encoded).hexdigest()[:16]
-    if key not in pictures:
-        pictures[key] = images.address(encoded)
-    return key
 
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
@@ -176,8 +199,9 @@ def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
         (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
         for kind, words in _CERTAINTY_WORDS.items()
     ]
-    for name in images.ALONE_COLORS if sweep.alone else ():
-        wrong = [getattr(alone.numbers, name) for alone in sweep.alone]
+    alone = [truth.alone for truth in sweep.truths if truth.alone is not None]
+    for name in images.ALONE_COLORS if alone else ():
+        wrong = [getattr(numbers, name) for numbers in alone]
         found.append((f"would have been wrong by {name.capitalize()} alone", wrong))
     return found
 
@@ -187,25 +211,109 @@ def _alone_figures(sweep: Sweep) -> list[dict[str, Any]]:
     return [
         {
             "title": f"{name.capitalize()} alone, aperture {aperture.column},{aperture.row}",
-            "color": images.ALONE_COLORS[name],
-            "wrong": (wrong := getattr(alone.numbers, name)),
-            "judged": alone.numbers.judged,
-            "sparse": wrong < SPARSE_FRACTION * alone.numbers.judged,
-            "truth": images.address(alone.pictures["truth"]),
-            "marks": images.address(alone.pictures[name]),
+            "color": color,
+            "wrong": (wrong := getattr(truth.alone, name)),
+            "judged": truth.alone.judged,
+            "sparse": wrong < SPARSE_FRACTION * truth.alone.judged,
+            "truth": images.address(truth.marks["truth"]),
+            "marks": images.address(truth.marks[name]),
         }
-        for aperture, alone in zip(sweep.apertures, sweep.alone, strict=False)
-        for name in images.ALONE_COLORS
-        if name in alone.pictures
+        for aperture, truth in zip(sweep.apertures, sweep.truths, strict=True)
+        for name, color in images.ALONE_COLORS.items()
+        if truth.alone is not None and name in truth.marks
     ]
 
 
-def _frustum_words(sweep: Sweep) -> str:
-    frustum, units = sweep.scene.frustum, sweep.scene.units
-    (width, height), (toward, behind) = frustum.resolution, frustum.reach
-    kind = "recentered" if frustum.recentered else "centered"
-    culled = "" if sweep.rows[0].settings.cull is Cull.NONE else ", faces turned away from the viewer culled"
-    return (
-        f"{kind} frustum, {width} x {height} pixels, "
-        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate{culled}"
-    )
+# Camera geometries side by side ------------------------------------------------------------------------
+
+
+def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, go.Figure]:
+    """Return curves of an aperture with a line for each geometry, with the depth buffer of the best setting.
+
+    The shear's curve is blank where an aperture has no shear, and there is none where nothing is sheared.
+    """
+    label, reach = sweep.best.settings.depth_label, sweep.scene.frustum.longest_reach
+    groups = {
+        name: [item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label]
+        for one, name in geometry_names(sweep.geometries).items()
+    }
+    drawn = {
+        f"geometry_{name}": figures.grouped_figure(groups, reach, number, title)
+        for name, number, title in (
+            ("surface", lambda row: row.surface_fraction or None, "share of pixels with the wrong surface"),
+            (
+                "displacement",
+                lambda row: row.displacement_p99_px or None,
+                "99th percentile of displacement, px",
+            ),
+        )
+    }
+    figures.write_percent(drawn["geometry_surface"])
+    if shears:
+        own = {near: one for (place, near), one in shears.items() if place == aperture and _sheared(one)}
+        drawn["geometry_shear"] = figures.pair_figure(
+            [near / reach for near in own],
+            [one.rms_px for one in own.values()],
+            [one.closed_form_rms_px for one in own.values()],
+            "rms displacement by the shear alone, px",
+        )
+    return drawn
+
+
+def _shears(sweep: Sweep) -> Shears:
+    """Return the shear of each aperture and near, ascending; depth buffers, fits and cuts share it."""
+    found: dict[tuple[Aperture, float], ShearNumbers] = {}
+    for row in sweep.rows:
+        if row.shear is not None:
+            found.setdefault((row.aperture, row.settings.near), row.shear)
+    return {key: found[key] for key in sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))}
+
+
+def _sheared(numbers: ShearNumbers) -> bool:
+    """Return whether there is a shear: right before the middle of its screen an aperture has none."""
+    return numbers.closed_form_rms_px > ROUNDED_SHEAR_PX
+
+
+def _compared(sweep: Sweep, per_geometry: list[best.Recommendation]) -> list[str]:
+    """Say for each geometry how good its best setting is, where there are two; the table tells of more."""
+    if not 1 < len(per_geometry) <= MAX_TOLD_GEOMETRIES:
+        return []
+    names, units = geometry_names(sweep.geometries), sweep.scene.units
+    return [
+        f"With {names[geometry_of(one.settings)]} the best setting is near {digits(one.settings.near)} "
+        f"{units} and {one.settings.depth_label} depth: {percent(one.surface_fraction)} of the judged pixels "
+        f"show the wrong surface, and {best.where_it_lies(one.displacement_p99_px)}.{best.gap(one, units)}"
+        for one in per_geometry
+    ]
+
+
+def _shear_sentences(sweep: Sweep, shears: Shears) -> list[str]:
+    """Say what the shear does, and up to which near each pivot keeps the displacement that nobody sees."""
+    sheared = {key: one for key, one in shears.items() if _sheared(one)}
+    if not sheared:
+        return []
+    units = sweep.scene.units
+    (place, near), worst = max(sheared.items(), key=lambda item: item[1].rms_px)
+    apart = max(abs(one.rms_px / one.closed_form_rms_px - 1) for one in sheared.values())
+    said = [
+        "Beside what the near offset does, a shear about the cameras' own centers moves points by up to "
+        f"{digits(worst.rms_px)} px (rms, at near {digits(near)} {units} and aperture "
+        f"{place.column},{place.row}), and a shear about the aperture by nothing.",
+        "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
+        + (f"at most {percent(apart)} at every near." if apart > EQUAL_FRACTION else "nothing but rounding."),
+    ]
+    parts, unseen = [], best.UNSEEN_DISPLACEMENT_PX
+    for pivot in Pivot:
+        # The worst aperture counts, of the usual fit and offset, no cuts, and the best depth buffer.
+        usual, moved = DoubleFrustum(near=1.0, pivot=pivot), dict[float, float]()
+        for row in sweep.rows:
+            same = row.settings.depth_label == sweep.best.settings.depth_label
+            if same and geometry_of(row.settings) == usual:
+                near = row.settings.near
+                moved[near] = max(moved.get(near, 0.0), row.displacement_p99_px)
+        if not moved:
+            return said
+        kept = max((near for near, px in moved.items() if px <= unseen), default=0.0)
+        where = f"up to near {digits(kept)} {units}" if kept else "at no near that was measured"
+        parts.append(f"with pivot {pivot} {where}")
+    return [*said, f"99 % of the picture lies within {digits(unseen)} px {', '.join(parts)}."]

@@ -12,8 +12,7 @@ import plotly.graph_objects as go
 from xfrustum.reports.common.figure_style import log_axis, look, style
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.provenance import versions
-from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
 from xfrustum.reports.inspection.page import PlateMap

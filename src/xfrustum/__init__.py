@@ -12,7 +12,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     Judge(scene).stream(apertures, settings) many hogels, drawn and judged         -> JudgedHogel, ..
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     camera_of(plate, column, row)            the camera of a hogel of a stored plate -> HogelCamera
-    make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    make_report(scene, folder, ReportOptions(..))  a sweep over settings, as a page  -> ReportFiles
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
     plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
@@ -57,6 +57,7 @@ _NAMES = {
     "raster": "Rasterizer",
     "reference": "Reference",
     "reports.error_report.report": "ReportFiles make_report",
+    "reports.error_report.settings": "ReportOptions",
     "compare.planning.views": "Requirement",
     "reports.scene_check.checking": "SceneCheck check",
     "reports.eye.view": "SceneView view",

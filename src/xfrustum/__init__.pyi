@@ -15,6 +15,7 @@ from xfrustum.reports.cost.cost import CostReport as CostReport
 from xfrustum.reports.cost.cost import measure_cost
 from xfrustum.reports.error_report.report import ReportFiles as ReportFiles
 from xfrustum.reports.error_report.report import make_report as make_report
+from xfrustum.reports.error_report.settings import ReportOptions as ReportOptions
 from xfrustum.reports.exchange.cameras import CameraFiles as CameraFiles
 from xfrustum.reports.exchange.cameras import write_cameras as write_cameras
 from xfrustum.reports.exchange.convert import Conversion as Conversion

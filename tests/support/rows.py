@@ -9,13 +9,13 @@ from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.run import StageTimes
-from xfrustum.reports.error_report.measurement import Measurement, RasterParts, StageParts
+from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.scenes import Aperture, DoubleFrustum
 
 MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 
 TIMES = StageTimes(trace=0.5, raster=0.01, compare=0.02, predict=0.03, causes=0.04)
-PARTS = StageParts(raster=RasterParts(gpu=0.001))
+GPU_S = 0.001
 NO_CAUSES = tuple(
     Cause(
         name=name,
@@ -49,7 +49,7 @@ def measured_row(settings: DoubleFrustum, comparison: ComparisonNumbers) -> Meas
         unexplained=0,
         predicted=NO_PREDICTION,
         times_s=TIMES,
-        parts_s=PARTS,
+        gpu_s=GPU_S,
     )
 
 

@@ -20,6 +20,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget, budget_of, write_budget
 from xfrustum.reports.comparison import table
 from xfrustum.reports.error_report.report import make_report
+from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import Cull, DepthFormat, DepthMapping, DoubleFrustum, Frustum, Scene
 
 CULLED_LINKS = ["near offset", "pivot", "fit", "slabs", "culling", "rasterization", "depth"]
@@ -112,9 +113,7 @@ def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:
     files = make_report(
         scene,
         str(tmp_path / "report"),
-        nears=[0.01],
-        depths=[(DepthFormat.D24, DepthMapping.STANDARD)],
-        cull=Cull.BACK,
+        ReportOptions(nears=[0.01], depths=[(DepthFormat.D24, DepthMapping.STANDARD)], cull=Cull.BACK),
     )
     (row,) = json.loads(files.json.read_text())["rows"]
     assert row["settings"]["cull"] == "back"

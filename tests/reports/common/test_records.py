@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
+from tests.support.rows import GPU_S, NO_CAUSES, TIMES, comparison_numbers
 from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.noise import NoiseNumbers
@@ -19,8 +19,7 @@ from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED, json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
-from xfrustum.reports.error_report.measurement import Ratios
-from xfrustum.reports.error_report.record import PredictedSurface, RowNumbers, TableRow
+from xfrustum.reports.error_report.measurement import PredictedSurface, RowNumbers, TableRow
 from xfrustum.scenes import Aperture, DoubleFrustum
 
 
@@ -53,7 +52,6 @@ def thing(size: Size | None, times: Mapping[str, float]) -> Thing:
 
 def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
     """Return a made-up row of measurements.parquet."""
-    nothing = Ratios(displacement_rms=None, displacement_p99=None, surface=None)
     return TableRow(
         aperture=Aperture(column=1, row=2, x=0.5, y=-0.5),
         numbers=RowNumbers(
@@ -67,18 +65,12 @@ def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
                 fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0, outside=0.0
             ),
             smallest_separation=Separations(c=None, c_star=None),
-            measured_over_predicted=nothing,
+            measured_over_predicted=dict.fromkeys(("displacement_rms", "displacement_p99", "surface")),
             times_s=TIMES,
-            parts_s=PARTS,
+            parts_s={"raster": {"gpu": GPU_S}},
         ),
         causes={cause.name: cause.numbers for cause in NO_CAUSES},
-        scene_name="scene",
-        scene_source="scene.toml",
-        scene_hash="0",
-        units="mm",
-        decided_by="certified",
-        versions={"numpy": "2", "scikit-image": "1"},
-        devices={"OpenGL vendor": "somebody"},
+        made_by={"scene_name": "scene", "version_scikit-image": "1", "device_OpenGL vendor": "somebody"},
     )
 
 
@@ -165,4 +157,4 @@ def test_a_report_has_the_same_columns_whatever_was_measured(tmp_path: Path) -> 
             assert any(f"{name}_".startswith(f"{inlined}{one.name}_") for name in full), one.name
     assert full["radiance_channels_rms"] == [0.1, 0.1, 0.1]
     assert full["version_scikit_image"] == "1" and full["device_opengl_vendor"] == "somebody"
-    assert full["time_raster_s"] == TIMES.raster and full["time_raster_gpu_s"] == PARTS.raster.gpu
+    assert full["time_raster_s"] == TIMES.raster and full["time_raster_gpu_s"] == GPU_S

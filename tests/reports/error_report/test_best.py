@@ -16,7 +16,7 @@ from xfrustum.reports.error_report.best import (
     pixels,
     sentence,
 )
-from xfrustum.reports.error_report.measurement import Measurement, Ratios
+from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.double_frustum import Pivot
 
@@ -45,11 +45,11 @@ def measured(
 def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
     ratios = measured(1.0, 0.14, 0.5).measured_over_predicted
     # Causes that know nothing of each other: 1 - 0.9 * 0.8.
-    assert ratios.surface == pytest.approx(0.14 / 0.28)
-    assert ratios.displacement_p99 == 2.0
-    assert ratios.displacement_rms == 2.5
+    assert ratios["surface"] == pytest.approx(0.14 / 0.28)
+    assert ratios["displacement_p99"] == 2.0
+    assert ratios["displacement_rms"] == 2.5
     nothing = measured(1.0, 0.0, None).measured_over_predicted
-    assert nothing == Ratios(displacement_rms=None, displacement_p99=None, surface=0.0)
+    assert nothing == {"displacement_rms": None, "displacement_p99": None, "surface": 0.0}
 
 
 def test_least_surface_error_is_best_whatever_the_displacement() -> None:

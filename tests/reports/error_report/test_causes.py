@@ -10,9 +10,11 @@ import pytest
 
 from tests.support.rows import NO_CAUSES, comparison_numbers, measured_row
 from xfrustum.compare.prediction.chain import LINKS
-from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
+from xfrustum.reports.error_report.best import cause_sentences, reigns
+from xfrustum.reports.error_report.figures import cause_figure
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import DepthFormat, DoubleFrustum, Offset, Pivot, open_scene
 
 JUDGED = 10_000
@@ -35,11 +37,11 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
         row(1e-4, depth=40),
     ]
     assert [(one.cause, one.low, one.high) for one in reigns(rows)] == [
-        ("depth", 1e-6, 1e-4),
+        ("the depth buffer", 1e-6, 1e-4),
         (None, 1e-2, 1e-2),
-        ("near offset", 0.1, 1.0),
+        ("the near offset", 0.1, 1.0),
     ]
-    (said,) = sentences(rows, "mm")
+    (said,) = cause_sentences(rows, "mm")
     assert said == (
         "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a "
         "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
@@ -48,7 +50,7 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
 
 def test_without_an_offset_the_first_link_is_the_gap_at_the_plate() -> None:
     stays = row(1.0, near_offset=500)
-    (said,) = sentences([replace(stays, settings=replace(stays.settings, offset=Offset.NONE))], "mm")
+    (said,) = cause_sentences([replace(stays, settings=replace(stays.settings, offset=Offset.NONE))], "mm")
     assert said == "D24 standard: at n = 1 mm the gap at the plate dominates."
 
 
@@ -70,9 +72,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     return make_report(
         scene,
         tmp_path_factory.mktemp("report"),
-        nears=[1e-5, 0.1, 10.0],
-        apertures=[scene.plate.aperture(3, 4)],
-        pivots=[Pivot.APERTURE],
+        ReportOptions(
+            nears=[1e-5, 0.1, 10.0], apertures=[scene.plate.aperture(3, 4)], pivots=[Pivot.APERTURE]
+        ),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import Timing
-from xfrustum.reports.cost.figure import trade_off_figure
+from xfrustum.reports.cost.page import trade_off_figure
 from xfrustum.reports.cost.trade_off import Option
 
 

@@ -22,9 +22,9 @@ from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid, geometry_names
-from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.reports.common.provenance import raster_command
 from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.settings import ReportOptions, admits, geometry_grid, geometry_names
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
@@ -40,6 +40,7 @@ SHEAR_TOLERANCE = 0.01
 """Relative error up to which the shear is what its closed form says, as the issue asks."""
 
 NEARS = (15.0, 0.15, 1.5e-4)
+USUAL = DoubleFrustum(near=1.0)
 D32F = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 
 
@@ -49,7 +50,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     scene = open_scene("car-recentered")
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 64)))
     corner = scene.plate.aperture(0, 0)
-    return make_report(scene, tmp_path_factory.mktemp("report"), nears=NEARS, depths=D32F, apertures=[corner])
+    return make_report(
+        scene, tmp_path_factory.mktemp("report"), ReportOptions(nears=NEARS, depths=D32F, apertures=[corner])
+    )
 
 
 def rows(files: ReportFiles, pivot: str) -> list[dict[str, Any]]:
@@ -68,27 +71,27 @@ def test_a_recentered_frustum_is_measured_with_both_pivots(files: ReportFiles) -
 
 def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> None:
     centered = open_scene("car").frustum
-    assert geometry_grid(centered) == (CameraGeometry(),)
-    asked = geometry_grid(centered, pivots=[Pivot.CAMERA])
-    assert asked == (CameraGeometry(pivot=Pivot.CAMERA),)
+    assert geometry_grid(centered, ReportOptions()) == (USUAL,)
+    asked = geometry_grid(centered, ReportOptions(pivots=[Pivot.CAMERA]))
+    assert asked == (replace(USUAL, pivot=Pivot.CAMERA),)
 
 
 def test_cameras_in_the_aperture_are_measured_with_one_pivot_unless_both_are_asked_for() -> None:
     """Their own centers are the aperture, so that both pivots draw the same."""
     scene = open_scene("car-recentered")
     scene = replace(scene, frustum=replace(scene.frustum, resolution=(32, 32)))
-    found = geometry_grid(scene.frustum, offsets=[Offset.PLATE, Offset.NONE])
+    found = geometry_grid(scene.frustum, ReportOptions(offsets=list(Offset)))
     assert [(one.pivot, one.offset) for one in found] == [
         (Pivot.APERTURE, Offset.PLATE),
         (Pivot.APERTURE, Offset.NONE),
         (Pivot.CAMERA, Offset.PLATE),
     ]
-    assert len(geometry_grid(scene.frustum, list(Pivot), offsets=list(Offset))) == 4
+    assert len(geometry_grid(scene.frustum, ReportOptions(pivots=list(Pivot), offsets=list(Offset)))) == 4
     with Rasterizer(scene) as rasterizer:
         one, other = (
             rasterizer.render(
                 scene.plate.aperture(0, 0),
-                CameraGeometry(pivot=pivot, offset=Offset.NONE).with_depth(1.5, *D32F[0]),
+                DoubleFrustum(near=1.5, pivot=pivot, offset=Offset.NONE),
             )
             for pivot in Pivot
         )
@@ -151,11 +154,13 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
     made = make_report(
         scene,
         tmp_path / "out",
-        nears=[1.0, 0.1],
-        depths=D32F,
-        fits=[Fit.ANGLE, 15.0],
-        offsets=[Offset.PLATE, Offset.NONE],
-        slabs=[(15.0, 40.0), ()],
+        ReportOptions(
+            nears=[1.0, 0.1],
+            depths=D32F,
+            fits=[Fit.ANGLE, 15.0],
+            offsets=[Offset.PLATE, Offset.NONE],
+            slabs=[(15.0, 40.0), ()],
+        ),
     )
     asked = [
         tuple(row["settings"][key] for key in ("fit", "offset", "slabs", "near"))
@@ -173,9 +178,9 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
 
 def test_default_nears_that_reach_over_the_first_cut_are_left_out_without_an_offset() -> None:
     frustum = open_scene("car").frustum
-    stays = CameraGeometry(offset=Offset.NONE, slabs=(2.0,))
-    assert [stays.admits(near, frustum) for near in (1.9, 2.0, 3.0)] == [True, False, False]
-    assert CameraGeometry(slabs=(2.0,)).admits(3.0, frustum)
+    stays = replace(USUAL, offset=Offset.NONE, slabs=(2.0,))
+    assert [admits(stays, near, frustum) for near in (1.9, 2.0, 3.0)] == [True, False, False]
+    assert admits(replace(USUAL, slabs=(2.0,)), 3.0, frustum)
 
 
 @pytest.mark.parametrize(
@@ -206,8 +211,8 @@ def test_lists_that_make_no_sense_are_refused_in_one_line(
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
-    def note(*_: object, **options: Any) -> None:
-        asked.update(options)
+    def note(_scene: object, _out: object, options: ReportOptions) -> None:
+        asked.update(vars(options))
         raise InputError("enough")
 
     monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
@@ -220,10 +225,10 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_names_tell_geometries_apart_by_what_differs() -> None:
-    two = [CameraGeometry(offset=Offset.NONE, fit=fit) for fit in (Fit.ANGLE, 15.0)]
+    two = [replace(USUAL, offset=Offset.NONE, fit=fit) for fit in (Fit.ANGLE, 15.0)]
     assert list(geometry_names(two).values()) == ["fit angle", "fit 15"]
     assert list(geometry_names(two[:1]).values()) == ["fit angle, no offset"]
-    assert list(geometry_names([CameraGeometry()]).values()) == [""]
+    assert list(geometry_names([USUAL]).values()) == [""]
 
 
 def test_the_command_to_copy_draws_the_same_cameras() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -40,7 +41,7 @@ def shiny(name: str = "asymmetric") -> Scene:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
-    return make_report(shiny(), tmp_path_factory.mktemp("report"), nears=NEARS, depths=DEPTHS)
+    return make_report(shiny(), tmp_path_factory.mktemp("report"), ReportOptions(nears=NEARS, depths=DEPTHS))
 
 
 def page_data(files: ReportFiles) -> dict[str, Any]:
@@ -116,7 +117,7 @@ def test_the_page_is_still_one_file_that_asks_for_nothing(files: ReportFiles) ->
 
 def test_an_unshaded_scene_has_none_of_it(tmp_path: Path) -> None:
     scene = view("asymmetric", (32, 24))
-    files = make_report(scene, tmp_path, nears=NEARS[:1], depths=DEPTHS)
+    files = make_report(scene, tmp_path, ReportOptions(nears=NEARS[:1], depths=DEPTHS))
     assert files.content["shading"] is None
     assert [note for note in files.notes if not note.startswith("Measured at 1 of ")] == []
     assert files.content["rows"][0]["comparison"]["radiance"] is None
@@ -132,7 +133,7 @@ def test_a_matte_scene_has_no_curve_of_the_eye_vector(tmp_path: Path) -> None:
     scene = replace(shiny(), sampling=Sampling(), transport=Transport())
     matte = {"all": replace(SHINY, specular=(0.0, 0.0, 0.0))}
     scene = replace(scene, appearance=replace(scene.appearance, materials=matte))
-    files = make_report(scene, tmp_path, nears=NEARS[:1], depths=DEPTHS)
+    files = make_report(scene, tmp_path, ReportOptions(nears=NEARS[:1], depths=DEPTHS))
     shading = files.content["shading"]
     assert shading["eye_vector"] == [] == shading["left_out"]
     assert 'id="plot-eye"' not in files.html.read_text()

@@ -17,8 +17,9 @@ from PIL import Image
 
 from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.error_report import images, report, sweep
+from xfrustum.reports.error_report import images, report
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
+from xfrustum.reports.error_report.settings import ReportOptions, default_nears
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
@@ -50,7 +51,7 @@ def small(name: str, resolution: tuple[int, int] = (64, 48)) -> Scene:
 def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     """A report of a sheared frustum, hence of three apertures."""
     out = tmp_path_factory.mktemp("report") / "new" / "folder"
-    return make_report(small("asymmetric-recentered"), out, nears=NEARS, depths=DEPTHS)
+    return make_report(small("asymmetric-recentered"), out, ReportOptions(nears=NEARS, depths=DEPTHS))
 
 
 def page_data(page: Path) -> dict[str, Any]:
@@ -68,7 +69,7 @@ def refuse(constant: str) -> NoReturn:
 
 
 def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger_reach() -> None:
-    nears = sweep.default_nears(Frustum(resolution=(8, 8), reach=(50.0, 700.0), fov=(1.0, 1.0)))
+    nears = default_nears(Frustum(resolution=(8, 8), reach=(50.0, 700.0), fov=(1.0, 1.0)))
     assert len(nears) == 25
     np.testing.assert_allclose([nears[0], nears[-1]], [70.0, 7e-6], rtol=1e-12)
     np.testing.assert_allclose([b / a for a, b in pairwise(nears)], 10 ** (-7 / 24), rtol=1e-12)
@@ -219,7 +220,9 @@ def test_nothing_but_the_three_files_is_left(files: ReportFiles) -> None:
 
 
 def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
-    made = make_report(small("empty", (16, 16)), tmp_path / "out", nears=[1.0], depths=DEPTHS[:1])
+    made = make_report(
+        small("empty", (16, 16)), tmp_path / "out", ReportOptions(nears=[1.0], depths=DEPTHS[:1])
+    )
     (row,) = made.content["rows"]
     assert row["comparison"]["surface"]["wrong"] == 0
     assert row["comparison"]["displacement_px"] is None
@@ -250,7 +253,7 @@ def test_a_report_that_fails_leaves_the_old_one_untouched(
     monkeypatch.setattr(report, "write_parquet", lambda _sweep, path: fail(path))
     for out in (tmp_path, tmp_path / "deep" / "new"):
         with pytest.raises(RuntimeError, match="in the middle"):
-            make_report(small("empty", (8, 8)), out, nears=[1.0], depths=DEPTHS[:1])
+            make_report(small("empty", (8, 8)), out, ReportOptions(nears=[1.0], depths=DEPTHS[:1]))
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert (tmp_path / "index.html").read_text() == "the old report"
 
@@ -258,7 +261,7 @@ def test_a_report_that_fails_leaves_the_old_one_untouched(
 def test_a_second_report_replaces_its_files_and_keeps_others(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
-    make_report(small("empty", (8, 8)), tmp_path, nears=[1.0], depths=DEPTHS[:1])
+    make_report(small("empty", (8, 8)), tmp_path, ReportOptions(nears=[1.0], depths=DEPTHS[:1]))
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*FILES, "notes.txt"])
     assert json.loads((tmp_path / "report.json").read_text())["rows"]
 
@@ -272,8 +275,8 @@ def test_a_second_report_replaces_its_files_and_keeps_others(tmp_path: Path) -> 
         ({"nears": [150.0]}, "smaller than the reach"),
         ({"nears": []}, "nothing to measure"),
         ({"apertures": []}, "nothing to measure"),
-        ({"out": Path("a-file") / "under" / "it"}, "not a folder"),
-        ({"out": Path("a-file")}, "not a folder"),
+        ({"out": "a-file/under/it"}, "not a folder"),
+        ({"out": "a-file"}, "not a folder"),
     ],
 )
 def test_bad_questions_are_refused_before_any_work(
@@ -282,8 +285,9 @@ def test_bad_questions_are_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     Path("a-file").touch()
     monkeypatch.setattr(report, "sweep", lambda *_, **__: pytest.fail("work began"))
+    out = change.pop("out", "out")
     with pytest.raises(InputError, match=words) as refused:
-        make_report(small("car"), **{"out": Path("out"), **change})
+        make_report(small("car"), out, ReportOptions(**change))
     assert "\n" not in str(refused.value)
     assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
 
@@ -309,7 +313,7 @@ def test_undefined_pixels_are_transparent_and_scales_run_from_end_to_end() -> No
     shift[0, 1:, 0], shift[0, 1:, 1] = [0.0, 3e-4, 1e5], 0.0
     shown = decoded(images.displacement_map(np.hypot(shift[..., 0], shift[..., 1])))
     assert list(shown[0, :, 3]) == [0, 255, 255, 255]
-    ends = [[int(c) for c in re.findall(r"\d+", images.displacement_scale()[i])] for i in (0, 0, -1)]
+    ends = [[int(c) for c in re.findall(r"\d+", images.DISPLACEMENT_SCALE[i])] for i in (0, 0, -1)]
     np.testing.assert_allclose(shown[0, 1:, :3], ends, atol=1)
 
 
@@ -350,7 +354,7 @@ def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
 
 
 def test_where_nothing_shows_the_sentence_does_not_praise_a_setting(tmp_path: Path) -> None:
-    files = make_report(small("empty"), tmp_path / "out", nears=NEARS, depths=DEPTHS)
+    files = make_report(small("empty"), tmp_path / "out", ReportOptions(nears=NEARS, depths=DEPTHS))
     assert files.sentence == (
         "At hogel 40,30: there is nothing to judge: neither the truth nor any raster image shows a surface."
     )

@@ -16,6 +16,7 @@ from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Pivot
 
 NEARS = (10.0, 0.1)
@@ -27,11 +28,13 @@ def made(folder: Path, *, causes: bool) -> ReportFiles:
     return make_report(
         scene,
         folder,
-        nears=NEARS,
-        depths=DEPTHS,
-        apertures=[scene.plate.aperture(3, 4)],
-        pivots=[Pivot.APERTURE],
-        causes=causes,
+        ReportOptions(
+            nears=NEARS,
+            depths=DEPTHS,
+            apertures=[scene.plate.aperture(3, 4)],
+            pivots=[Pivot.APERTURE],
+            causes=causes,
+        ),
     )
 
 
@@ -128,8 +131,8 @@ def test_the_command_says_whether_there_are_causes(
 ) -> None:
     told: list[object] = []
 
-    def note(*_: object, **how: object) -> None:
-        told.append(how["causes"])
+    def note(_scene: object, _out: object, options: ReportOptions) -> None:
+        told.append(options.causes)
         raise InputError("seen")
 
     monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)

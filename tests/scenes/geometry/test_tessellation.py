@@ -10,7 +10,13 @@ import pytest
 from tests.support.views import view
 from xfrustum.reports.error_report.best import best_setting
 from xfrustum.reports.error_report.measurement import Measurement
-from xfrustum.reports.error_report.sweep import DEFAULT_DEPTHS, default_nears, settings_grid, sweep
+from xfrustum.reports.error_report.settings import (
+    DEFAULT_DEPTHS,
+    ReportOptions,
+    default_nears,
+    settings_of,
+)
+from xfrustum.reports.error_report.sweep import sweep
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.geometry.operations import refine
 
@@ -34,7 +40,8 @@ def rows(
     levels: int, resolution: tuple[int, int], depths: tuple[tuple[DepthFormat, DepthMapping], ...], step: int
 ) -> tuple[Measurement, ...]:
     scene = refine(view("car", resolution), levels)
-    grid = settings_grid(default_nears(scene.frustum)[::step], depths)
+    nears = default_nears(scene.frustum)[::step]
+    grid = settings_of(scene.frustum, ReportOptions(nears=nears, depths=depths))
     return sweep(scene, [scene.plate.middle], grid).rows
 
 

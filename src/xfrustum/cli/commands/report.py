@@ -65,6 +65,7 @@ def report(asked: _Asked) -> None:
     check_no_other_tracer(asked.tracer if options.is_given("tracer") else None, asked.decided_by)
     opened = asked.light.applied(options.open_scene(asked.scene))
     from xfrustum.reports.error_report.report import make_report
+    from xfrustum.reports.error_report.settings import ReportOptions
 
     chosen: AutoApertures | tuple[Aperture, ...]
     if isinstance(asked.apertures, str):
@@ -73,9 +74,7 @@ def report(asked: _Asked) -> None:
         given = tuple(opened.plate.aperture(*index) for index in asked.apertures or ())
         chosen = given or opened.default_apertures()
         options.look_at(opened, chosen)
-    files = make_report(
-        opened,
-        asked.out,
+    how = ReportOptions(
         apertures=chosen,
         tracer=asked.tracer,
         effects=asked.light.effects,
@@ -83,6 +82,7 @@ def report(asked: _Asked) -> None:
         progress=asked.progress,
         **asked.sweep,
     )
+    files = make_report(opened, asked.out, how)
     asked.tell(
         lambda: {"files": files.places, **files.content},
         lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
