@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -41,64 +40,41 @@ class Effect(StrEnum):
 
 ALL_EFFECTS = frozenset(Effect)
 
+_HAVE = {
+    Effect.SMOOTH_NORMALS: "normals at {} vertices",
+    Effect.VERTEX_COLORS: "colors at {} vertices",
+    Effect.TEXTURES: "a texture",
+    Effect.AMBIENT: "a material with an ambient coefficient",
+    Effect.DIFFUSE: "a material with a diffuse coefficient",
+    Effect.SPECULAR: "a material with a specular coefficient",
+    Effect.REFLECTION: "a reflective material",
+}
+"""What an object has that calls for an effect; the effects without are cameras."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """One effect, used or left out, and the fact in the scene that decided it.
-
-    Attributes
-    ----------
-    effect, used
-        The effect, and whether images are made with it.
-    reason
-        The fact, in words.
-    objects
-        Numbers of the objects that call for the effect and may be shown.
-    out_of_sight
-        Numbers of the objects that would call for it, but lie beyond the reach or beside the frusta.
-    """
+    """One effect, used or left out, and the fact in the scene that decided it, in words."""
 
     effect: Effect
     used: bool
     reason: str
-    objects: tuple[int, ...] = ()
-    out_of_sight: tuple[int, ...] = ()
+    objects: tuple[int, ...] = ()  # numbers of those that call for the effect and may be shown
+    out_of_sight: tuple[int, ...] = ()  # of those that would, but lie beyond the reach or beside the frusta
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """The images whose effects are decided on.
+    """The images whose effects are decided on."""
 
-    Attributes
-    ----------
-    camera
-        Cameras that draw.
-    apertures
-        Apertures of the images; None for all of the plate.
-    settings
-        Settings that images are drawn with; none are needed unless a near is tiny, see `Region.of`.
-    """
-
-    camera: Camera = Camera.BOTH
-    apertures: tuple[Aperture, ...] | None = None
-    settings: tuple[DoubleFrustum, ...] = ()
+    camera: Camera = Camera.BOTH  # cameras that draw
+    apertures: tuple[Aperture, ...] | None = None  # None for all of the plate
+    settings: tuple[DoubleFrustum, ...] = ()  # none are needed unless a near is tiny, see `Region.of`
 
 
-def decide(
-    scene: Scene, camera: Camera = Camera.BOTH, question: Question | None = None
-) -> tuple[Decision, ...]:
-    """Return the decision about every effect.
-
-    Parameters
-    ----------
-    scene
-        Scene that is asked about.
-    camera
-        Cameras that draw.
-    question
-        Images that are asked for, instead of those of the whole plate by `camera`.
-    """
-    asked = question or Question(camera=camera)
+def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ...]:
+    """Return the decision about every effect, for some images or all of the whole plate."""
+    asked = question or Question()
     region = Region.of(scene, asked.apertures, asked.settings)
     shown = [region.shows(part) for part in scene.objects]
     decisions = []
@@ -106,12 +82,11 @@ def decide(
         inside: list[int] = []
         outside: list[int] = []
         refused = _refused(scene, effect, asked.camera)
-        for number, part in enumerate(scene.objects):
-            faces = None if refused else _calling_faces(effect, part, scene.materials[number])
-            if faces is None or not faces.any():
-                continue
-            seen = shown[number] and (bool(faces.all()) or region.shows(part, part.faces[faces]))
-            (inside if seen else outside).append(number)
+        for number, part in enumerate(() if refused else scene.objects):
+            faces = _calling_faces(effect, part, scene.materials[number])
+            if faces is not None and faces.any():
+                seen = shown[number] and (bool(faces.all()) or region.shows(part, part.faces[faces]))
+                (inside if seen else outside).append(number)
         reason = refused or _reason(scene, effect, len(inside), len(outside))
         decisions.append(
             Decision(
@@ -127,22 +102,24 @@ def decide(
 
 def _refused(scene: Scene, effect: Effect, camera: Camera) -> str | None:
     """Return why an effect changes no picture, whatever the objects are; None where objects decide."""
-    environment, lights = scene.appearance.environment, scene.appearance.lights
-    if effect in (Effect.C, Effect.C_STAR) and camera not in (Camera.BOTH, effect.value):
+    environment = scene.appearance.environment
+    if effect not in _HAVE and camera not in (Camera.BOTH, effect.value):
         return f"camera {camera} alone is asked for"
-    if effect is Effect.REFLECTION and environment is None:
-        return "there is no environment to reflect"
-    if effect is Effect.REFLECTION and environment is not None:
+    if effect is Effect.REFLECTION:
+        if environment is None:
+            return "there is no environment to reflect"
         return None if environment.strength and environment.radiance.any() else "the environment is black"
-    lit = effect in (Effect.DIFFUSE, Effect.SPECULAR)
-    wanted = lit and any(max(getattr(one, effect.value)) > 0 for one in scene.materials)
-    return "there is no light" if wanted and not any(max(one.color) > 0 for one in lights) else None
+    if effect in (Effect.DIFFUSE, Effect.SPECULAR):
+        wanted = any(max(getattr(one, effect.value)) > 0 for one in scene.materials)
+        if wanted and not any(max(one.color) > 0 for one in scene.appearance.lights):
+            return "there is no light"
+    return None
 
 
 def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mask | None:
     """Return (F,) which triangles of an object call for an effect; None for no triangle."""
     faces, found = part.faces, None
-    if effect in (Effect.C, Effect.C_STAR):
+    if effect not in _HAVE:
         heights = part.vertices[:, 2]
         found = (heights <= 0 if effect is Effect.C else heights >= 0)[faces].any(axis=1)
     elif effect is Effect.SMOOTH_NORMALS and part.vertex_normals is not None:
@@ -151,139 +128,77 @@ def _calling_faces(effect: Effect, part: SceneObject, material: Material) -> Mas
         found = (part.vertex_colors != 1).any(axis=1)[faces].any(axis=1)
     elif effect is Effect.TEXTURES and part.texture_of_triangle is not None and part.uv is not None:
         found = (part.texture_of_triangle >= 0) & np.isfinite(part.uv[faces]).all(axis=(1, 2))
-    elif effect is Effect.REFLECTION:
-        found = np.full(len(faces), max(material.reflectivity) > 0)
-    elif effect in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR):
-        found = np.full(len(faces), max(getattr(material, effect.value)) > 0)
+    elif effect in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR, Effect.REFLECTION):
+        name = "reflectivity" if effect is Effect.REFLECTION else effect.value
+        found = np.full(len(faces), max(getattr(material, name)) > 0)
     return None if found is None else np.asarray(found)
-
-
-_HAVE = {
-    Effect.SMOOTH_NORMALS: "normals at {} vertices",
-    Effect.VERTEX_COLORS: "colors at {} vertices",
-    Effect.TEXTURES: "a texture",
-    Effect.AMBIENT: "a material with an ambient coefficient",
-    Effect.DIFFUSE: "a material with a diffuse coefficient",
-    Effect.SPECULAR: "a material with a specular coefficient",
-    Effect.REFLECTION: "a reflective material",
-}
-"""What an object has that calls for an effect."""
-
-OUT_OF_SIGHT = "lies beyond the reach or beside the frusta"
-"""Why something calls for no effect, in words."""
 
 
 def _reason(scene: Scene, effect: Effect, inside: int, outside: int) -> str:
     """Return the fact that decided an effect, in words."""
-    if effect in (Effect.C, Effect.C_STAR):
+    if effect not in _HAVE:
         behind = effect is Effect.C
-        reach = scene.frustum.reach[behind]
-        count = slab_content(scene, Camera(effect.value), (0.0, reach)).triangles
+        count = _slab(scene, Camera(effect.value), (0.0, scene.frustum.reach[behind])).triangles
         subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
         aside = ", and nothing of it lies in the frusta" if count and not inside else ""
         return f"{subject} {'behind' if behind else 'before'} the plate within the reach{aside}"
-    what = _HAVE[effect]
-    count = inside or outside
+    what, count = _HAVE[effect], inside or outside
     if count == 0:
         return f"no object has {what.format('its')}"
     subject = "one object has" if count == 1 else f"{count} objects have"
-    aside = f", but what has {'it' if 'a ' in what else 'them'} {OUT_OF_SIGHT}" if not inside else ""
+    them = "it" if "a " in what else "them"
+    aside = f", but what has {them} lies beyond the reach or beside the frusta" if not inside else ""
     return f"{subject} {what.format('its' if count == 1 else 'their')}{aside}"
 
 
-def needed(scene: Scene, camera: Camera = Camera.BOTH, question: Question | None = None) -> frozenset[Effect]:
+def needed(scene: Scene, question: Question | None = None) -> frozenset[Effect]:
     """Return the effects that `decide` says are used."""
-    if camera is not Camera.BOTH or question is not None:
-        return _used(decide(scene, camera, question))
-    # Each renderer of a scene asks for all of its images.
-    if scene not in _NEEDED:
-        _NEEDED[scene] = _used(decide(scene))
-    return _NEEDED[scene]
+    return frozenset(decision.effect for decision in decide(scene, question) if decision.used)
 
 
-_NEEDED: WeakKeyDictionary[Scene, frozenset[Effect]] = WeakKeyDictionary()
-"""Effects that all images of a scene need, by the scene, which does not change."""
-
-
-def _used(decisions: Iterable[Decision]) -> frozenset[Effect]:
-    return frozenset(decision.effect for decision in decisions if decision.used)
-
-
-def chosen(
-    scene: Scene, names: str, camera: Camera = Camera.BOTH, question: Question | None = None
-) -> frozenset[Effect]:
-    """Return the effects that a text names: `auto`, `all`, or names between commas.
-
-    Raises
-    ------
-    InputError
-        There is no such effect.
-    """
+def chosen(scene: Scene, names: str, question: Question | None = None) -> frozenset[Effect]:
+    """Return the effects that a text names: `auto`, `all`, or names between commas; InputError for others."""
     if names == "auto":
-        return needed(scene, camera, question)
+        return needed(scene, question)
     if names == "all":
         return ALL_EFFECTS
-    asked = [name.strip() for name in names.split(",")]
-    if {"auto", "all"} & set(asked):
+    asked = {name.strip() for name in names.split(",")}
+    if asked & {"auto", "all"}:
         raise InputError(f"effects are auto, or all, or names between commas, and no mixture: not {names!r}")
-    return frozenset(_named(name) for name in asked)
+    for name in sorted(asked - set(Effect)):
+        raise InputError(
+            f"no effect is called {name!r}; use auto, or all, or names out of {', '.join(Effect)}"
+        )
+    return frozenset(map(Effect, asked))
 
 
 def checked(effects: object) -> frozenset[Effect]:
-    """Return effects that are given as members or names as members.
-
-    Raises
-    ------
-    InputError
-        The effects are no collection, or one of them is no effect.
-    """
+    """Return effects that are given as members or names as members; InputError where they are no such."""
     if isinstance(effects, str) or not isinstance(effects, Iterable):
         raise InputError(f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}")
     return frozenset(choice(Effect, effect, "an effect") for effect in effects)
 
 
-def _named(name: str) -> Effect:
-    try:
-        return Effect(name)
-    except ValueError as error:
-        raise InputError(
-            f"no effect is called {name!r}; use auto, or all, or names out of {', '.join(Effect)}"
-        ) from error
-
-
 @dataclass(frozen=True, kw_only=True)
 class SlabContent:
-    """The content of one slab of one camera; a slab without triangles is not drawn.
-
-    Attributes
-    ----------
-    camera
-        C or C*.
-    heights
-        Heights |z| between which the slab lies.
-    triangles
-        Number of triangles that reach into the slab.
-    """
+    """The content of one slab of C or C*: how many triangles reach into it; one without is not drawn."""
 
     camera: Camera
-    heights: tuple[float, float]
+    heights: tuple[float, float]  # |z| between which the slab lies
     triangles: int
 
 
 def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, ...]:
     """Return the content of every slab that is asked for, from the back: C's inward, C*'s outward."""
     reach_viewer, reach_back = scene.frustum.reach
-    behind = [slab_content(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
-    before = [slab_content(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
-    chosen = {Camera.BOTH: [*behind, *before], Camera.C: behind, Camera.C_STAR: before}
-    return tuple(chosen[settings.camera])
+    behind = [_slab(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
+    before = [_slab(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
+    return tuple(one for one in (*behind, *before) if settings.camera in (Camera.BOTH, one.camera))
 
 
-def slab_content(scene: Scene, camera: Camera, heights: tuple[float, float]) -> SlabContent:
-    """Return the content of one slab of C, behind the plate, or of C*, before it."""
+def _slab(scene: Scene, camera: Camera, heights: tuple[float, float]) -> SlabContent:
     near, far = heights
     low, high = (-far, -near) if camera is Camera.C else (near, far)
     lowest, highest = scene.height_ranges
-    return SlabContent(
-        camera=camera, heights=heights, triangles=int(np.count_nonzero((highest >= low) & (lowest <= high)))
-    )
+    count = int(np.count_nonzero((highest >= low) & (lowest <= high)))
+    return SlabContent(camera=camera, heights=heights, triangles=count)

@@ -15,8 +15,8 @@ from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, Labels, ShownImage
-from xfrustum.scenes.notebook import Brief, Labelled, digits
+from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage, labelled
+from xfrustum.scenes.notebook import Brief, digits
 
 RESOLUTION = (400, 300)
 """Pixels of an eye's film where nobody says otherwise."""
@@ -43,31 +43,14 @@ class Beam(StrEnum):
 class Eye:
     """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top.
 
-    Its rays run through the centers of equal cells of the plate.
-
-    Attributes
-    ----------
-    position
-        Center of the pupil, scene units; z is its height before the plate, and positive.
-    resolution
-        W, H in pixels.
-    pupil
-        Diameter of the pupil, scene units; 0 for a pinhole.
-    focus
-        Height z of the plane that the eye is focused on; below the eye. Without a pupil it has no effect.
-    beam
-        Profile of the replayed beams.
-
-    Raises
-    ------
-    InputError
-        The eye lies in or behind the plate, a number is not finite, or there are too many pixels.
+    Its rays run through the centers of equal cells of the plate. Raises InputError where the eye lies in or
+    behind the plate, a number is not finite, or there are too many pixels.
     """
 
-    position: tuple[float, float, float]
-    resolution: tuple[int, int] = RESOLUTION
-    pupil: float = 0.0
-    focus: float = 0.0
+    position: tuple[float, float, float]  # center of the pupil, scene units; z, before the plate, is positive
+    resolution: tuple[int, int] = RESOLUTION  # W, H in pixels
+    pupil: float = 0.0  # its diameter, scene units; 0 for a pinhole
+    focus: float = 0.0  # height z, below the eye, of the plane in focus; without a pupil it has no effect
     beam: Beam = Beam.BOX
 
     def __post_init__(self) -> None:
@@ -107,16 +90,8 @@ class Eye:
 class HogelPixels(Brief):
     """The hogel, and the pixel of it, that each pixel of an eye's film takes, and with which weight.
 
-    A pixel's column depends on the eye's column alone, and its row on the eye's row.
-
-    Attributes
-    ----------
-    hogel_column, film_column
-        (W,) column of the hogel on the plate, and of the pixel in it; -1 where the ray meets none.
-    hogel_row, film_row
-        (H,) likewise; -1 where the ray meets none.
-    column_weight, row_weight
-        (W,) and (H,) factors of the weight.
+    A pixel's column depends on the eye's column alone, (W,), and its row on the eye's row, (H,). Numbers are
+    -1 where the ray meets no hogel; the weight is the product of both factors.
     """
 
     hogel_column: Indices
@@ -139,18 +114,10 @@ class HogelPixels(Brief):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Replay(Brief):
-    """All pixels of hogels that an eye is shown.
+    """All pixels of hogels that an eye is shown."""
 
-    Attributes
-    ----------
-    shown
-        The pixels that say which surface the eye is shown: nearest to the rays through the pupil's center.
-    colors
-        The pixels whose weighted sum is what the eye sees.
-    """
-
-    shown: HogelPixels
-    colors: tuple[HogelPixels, ...]
+    shown: HogelPixels  # those that say which surface: nearest to the rays through the pupil's center
+    colors: tuple[HogelPixels, ...]  # those whose weighted sum is what the eye sees
 
     @property
     def hogels(self) -> tuple[tuple[int, int], ...]:
@@ -164,35 +131,20 @@ class Replay(Brief):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class EyeImage(ShownImage):
-    """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
-
-    Attributes
-    ----------
-    eye
-        The eye.
-    triangle, object
-        int32 numbers of the surface on the ray through the pupil's center, `NOTHING` where there is none.
-    position
-        Surface point that is shown, scene units; NaN where there is none, and where it is not known.
-    color
-        Linear RGB, float32, averaged over the pupil and over beams; None where it is not known.
-    certainty
-        uint8 `Certainty` per pixel; None where nothing was certified.
-    """
+class EyeImage(SurfaceImage):
+    """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     eye: Eye
-    triangle: Numbers
-    object: Numbers
-    position: Floats
-    color: Singles | None = None
-    certainty: Bytes | None = None
+    triangle: Numbers  # surface on the ray through the pupil's center, `NOTHING` where there is none
+    object: Numbers  # likewise
+    position: Floats  # surface point, scene units; NaN where there is none or it is not known
+    color: Singles | None = None  # linear RGB, averaged over the pupil and over beams; None if not known
+    certainty: Bytes | None = None  # uint8 `Certainty` per pixel; None where nothing was certified
 
     @property
     def covered(self) -> Mask:
         """Pixels that show a surface."""
-        covered: Mask = (self.triangle != NOTHING) | (self.object != NOTHING)
-        return covered
+        return np.asarray((self.triangle != NOTHING) | (self.object != NOTHING))
 
     def _said(self) -> str:
         place = ", ".join(map(digits, self.eye.position))
@@ -202,7 +154,7 @@ class EyeImage(ShownImage):
     def _labels(self, units: str) -> Labels:
         eye = self.eye
         places = {
-            f"eye_{name}": Labelled(values=value, meaning=f"{name} of the eye", units=units)
+            f"eye_{name}": labelled(value, f"{name} of the eye", units)
             for name, value in zip("xyz", eye.position, strict=True)
         }
         return {}, places, {"pupil": eye.pupil, "focus": eye.focus, "beam": str(eye.beam)}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.notebook import (
     NO_UNIT,
     SCENE_UNITS,
@@ -36,7 +37,7 @@ from xfrustum.scenes.plate.plate import Aperture
 if TYPE_CHECKING:
     import xarray
 
-Labels = tuple[dict[str, Labelled | None], dict[str, Labelled], dict[str, Any]]
+Labels = tuple[dict[str, Labelled], dict[str, Labelled], dict[str, Any]]
 """Further arrays of an image, coordinates that belong to all of it, and facts, by their names."""
 
 NOTHING = -1
@@ -60,50 +61,27 @@ class Certainty(IntEnum):
 class HogelCamera:
     """The crossed frustum that an image answers for, in full double precision.
 
-    Attributes
-    ----------
-    aperture
-        The aperture; its lines are P(s) = (x, y, 0) + s (kx + u tx, ky + v ty, -1).
-    resolution
-        W, H in pixels.
-    shear, half_extent
-        k and t, slopes per unit of depth.
-    reach
-        Reach toward the viewer and behind the plate, scene units.
-    scene, scene_hash
-        Name or path by which the scene can be opened again, and the hash that proves it the same.
-    renderer
-        Name of the renderer, with versions or devices, for people.
-    settings
-        Settings of the double frustum that drew the image; None for other renderers.
-    light_paths
-        Light paths per pixel over which color was averaged; None where none were traced.
+    The lines of the aperture are P(s) = (x, y, 0) + s (kx + u tx, ky + v ty, -1).
     """
 
     aperture: Aperture
-    resolution: tuple[int, int]
-    shear: tuple[float, float]
-    half_extent: tuple[float, float]
-    reach: tuple[float, float]
-    scene: str
-    scene_hash: str
-    renderer: str
-    settings: DoubleFrustum | None = None
-    light_paths: int | None = None
+    resolution: tuple[int, int]  # W, H in pixels
+    shear: tuple[float, float]  # k, slopes per unit of depth
+    half_extent: tuple[float, float]  # t, likewise
+    reach: tuple[float, float]  # toward the viewer and behind the plate, scene units
+    scene: str  # name or path by which the scene can be opened again
+    scene_hash: str  # proves that it is the same
+    renderer: str  # with versions or devices, for people
+    settings: DoubleFrustum | None = None  # those that drew the image; None for other renderers
+    light_paths: int | None = None  # per pixel, over which color was averaged; None where none were traced
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
     """The simulation that made the color of an image, as it was asked for.
 
-    Attributes
-    ----------
-    effects
-        Effects in the order of `Effect`, so that equal sets are written alike.
-    sampling
-        Points over which each color is averaged.
-    transport
-        Light transport that light paths simulated, and their number; None where none were traced.
+    Effects are in the order of `Effect`, so that equal sets are written alike; transport is None where no
+    light paths were traced.
     """
 
     effects: tuple[Effect, ...]
@@ -116,14 +94,11 @@ class Rendering:
     ) -> Rendering:
         """Return the rendering with its effects in order."""
         asked = frozenset(effects)
-        return cls(
-            effects=tuple(effect for effect in Effect if effect in asked),
-            sampling=sampling,
-            transport=transport,
-        )
+        ordered = tuple(effect for effect in Effect if effect in asked)
+        return cls(effects=ordered, sampling=sampling, transport=transport)
 
 
-class ShownImage(Shown):
+class SurfaceImage(Shown):
     """An image whose pixels show surfaces: a notebook shows its color and heights, and xarray labels it."""
 
     triangle: Numbers
@@ -147,11 +122,7 @@ class ShownImage(Shown):
         Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
         -1 to 1), and rgb or xyz. The place of a hogel's aperture, or of an eye, is a coordinate; the numbers
         of the camera, and the scene's hash, are attributes. The film of an eye is the rectangle of the plate.
-
-        Parameters
-        ----------
-        units
-            Name of the scene's unit of length (`scene.units`), which images do not know.
+        `units` names the scene's unit of length (`scene.units`), which images do not know.
 
         Raises
         ------
@@ -190,55 +161,30 @@ class ShownImage(Shown):
 
 def labelled(
     values: NDArray[Any] | float | None, meaning: str, units: str | None = None, last: str = "rgb"
-) -> Labelled | None:
-    """Return an array with its meaning; None where there is none."""
-    return None if values is None else Labelled(values=values, meaning=meaning, units=units, last=last)
+) -> Labelled:
+    """Return an array with its meaning."""
+    return Labelled(values=values, meaning=meaning, units=units, last=last)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class HogelImage(ShownImage):
-    """The image of one aperture. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
-
-    Attributes
-    ----------
-    camera
-        The crossed frustum that the image answers for.
-    triangle, object
-        int32 numbers, `NOTHING` where there is no surface.
-    position
-        Visible surface point in scene units, NaN where there is none: float64 from a
-        reference, float32 from a rasterizer. Points of our own rasterizers and models lie coordinate by
-        coordinate in memory.
-    normal
-        Unit normal of the triangle by the mesh's winding, NaN where there is no surface.
-    color
-        Linear RGB, float32.
-    variance
-        (H, W, 3) float32 variance of the color where it is a mean over light paths; None where it has no
-        noise.
-    certainty
-        uint8 `Certainty` per pixel; None in images that are not certified.
-    companions
-        (N, 3) row, column and triangle number of every surface that shares a tie; None in images that are
-        not certified.
-    second_opinion
-        Function that returns `overruled`, which asks a float32 tracer; None in images that are not
-        certified. Nothing is traced before `overruled` is read.
-    rendering
-        Effects and samples of the color; None where they are unknown or there is no color.
-    """
+class HogelImage(SurfaceImage):
+    """The image of one aperture. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     camera: HogelCamera
-    triangle: Numbers
-    object: Numbers
+    triangle: Numbers  # int32, `NOTHING` where there is no surface
+    object: Numbers  # likewise
+    # Visible surface point in scene units, NaN where there is none: float64 from a reference, float32 from a
+    # rasterizer. Those of our own rasterizers and models are structures of arrays in memory.
     position: NDArray[np.floating]
-    normal: NDArray[np.floating] | None = None
-    color: Singles | None = None
-    variance: Singles | None = None
-    certainty: Bytes | None = None
-    companions: Indices | None = None
-    second_opinion: Callable[[], Mask] | None = None
-    rendering: Rendering | None = None
+    normal: NDArray[np.floating] | None = None  # unit, by the mesh's winding, NaN where there is no surface
+    color: Singles | None = None  # linear RGB
+    variance: Singles | None = None  # of the color where it is a mean over light paths; None without noise
+    certainty: Bytes | None = None  # uint8 `Certainty`; None in images that are not certified
+    companions: Indices | None = (
+        None  # (N, 3) row, column, triangle of all surfaces that share a tie; likewise
+    )
+    second_opinion: Callable[[], Mask] | None = None  # asks a float32 tracer for `overruled`; likewise
+    rendering: Rendering | None = None  # of the color; None where it is unknown or there is no color
 
     @cached_property
     def overruled(self) -> Mask | None:
@@ -251,49 +197,34 @@ class HogelImage(ShownImage):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the second opinion itself, not a function that holds the whole scene."""
         overruled = self.overruled
-        return vars(self) | {"second_opinion": None if overruled is None else partial(_itself, overruled)}
+        return vars(self) | {"second_opinion": None if overruled is None else partial(_joined, [overruled])}
 
     @cached_property
     def covered(self) -> Mask:
         """Pixels that show a surface, by number or, in foreign images without numbers, by position."""
-        covered: Mask = (self.triangle != NOTHING) | np.isfinite(self.height)
-        covered.flags.writeable = False
-        return covered
+        return read_only((self.triangle != NOTHING) | np.isfinite(self.height))
 
     @cached_property
     def off_plate(self) -> Mask:
         """Pixels that show a surface off the plate at a known position."""
-        # Coordinate by coordinate, because numpy reduces over so short an axis ten times slower.
+        # One axis after the other, because numpy reduces over so short an axis ten times slower.
         x, y, z = (self.position[..., axis] for axis in range(3))
-        found: Mask = self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
-        found.flags.writeable = False
-        return found
+        return read_only(self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0))
 
     @property
     def height(self) -> NDArray[np.floating]:
         """Height above the plate, NaN where there is no surface."""
         return self.position[..., 2]
 
-    def rows(self, some: slice) -> HogelImage:
-        """Return a band of rows, without `companions` and `second_opinion`."""
-        return self._mapped(lambda array: array[some])
-
     def at(self, pixels: Indices) -> HogelImage:
         """Return some pixels, given by their flat numbers, side by side in one row: surfaces without colors.
 
         The row has neither normals nor `companions` and `second_opinion`.
         """
-
-        def taken(array: NDArray[Any]) -> NDArray[Any]:
-            return array.reshape(-1, *array.shape[2:])[pixels][None]
-
-        return HogelImage(
-            camera=self.camera,
-            triangle=taken(self.triangle),
-            object=taken(self.object),
-            position=taken(self.position),
-            certainty=None if self.certainty is None else taken(self.certainty),
-        )
+        names = ("triangle", "object", "position", "certainty")
+        arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
+        some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}
+        return HogelImage(camera=self.camera, **some)
 
     def _said(self) -> str:
         camera = self.camera
@@ -319,21 +250,17 @@ class HogelImage(ShownImage):
         camera = self.camera
         at = camera.aperture
         places = {
-            "column": Labelled(values=at.column, meaning="column of the hogel, from the left"),
-            "row": Labelled(values=at.row, meaning="row of the hogel, from the top"),
-            "x": Labelled(values=at.x, meaning="x of the aperture", units=units),
-            "y": Labelled(values=at.y, meaning="y of the aperture", units=units),
+            "column": labelled(at.column, "column of the hogel, from the left"),
+            "row": labelled(at.row, "row of the hogel, from the top"),
+            "x": labelled(at.x, "x of the aperture", units),
+            "y": labelled(at.y, "y of the aperture", units),
         }
+        names = ("shear", "half_extent", "reach", "scene", "scene_hash", "renderer", "light_paths")
+        facts = {name: getattr(camera, name) for name in names}
         attributes = {
             "aperture": list(at.index),
-            "shear": list(camera.shear),
-            "half_extent": list(camera.half_extent),
-            "reach": list(camera.reach),
-            "scene": camera.scene,
-            "scene_hash": camera.scene_hash,
-            "renderer": camera.renderer,
+            **{name: list(fact) if isinstance(fact, tuple) else fact for name, fact in facts.items()},
             "settings": None if camera.settings is None else dumps(asdict(camera.settings)),
-            "light_paths": camera.light_paths,
         }
         variance = "variance of the color, which is a mean over light paths"
         images = {
@@ -342,12 +269,6 @@ class HogelImage(ShownImage):
         }
         return images, places, attributes
 
-    def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
-        mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}
-        mine |= {"companions": None, "second_opinion": None}
-        arrays = {name: part(value) for name, value in mine.items() if isinstance(value, np.ndarray)}
-        return HogelImage(**mine | arrays)
-
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
     """Join bands of rows of one image, from the top. The image has the arrays that all bands have."""
@@ -355,19 +276,16 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
         return bands[0]
     whole: dict[str, Any] = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
     opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
-    whole["second_opinion"] = partial(_joined, opinions) if len(opinions) == len(bands) else None
-
-    def joined(name: str) -> Any:
+    whole["second_opinion"] = partial(_asked, opinions) if len(opinions) == len(bands) else None
+    for name in (item.name for item in fields(HogelImage) if item.name not in whole):
         parts = [getattr(band, name) for band in bands]
-        return None if any(part is None for part in parts) else np.concatenate(parts)
-
-    arrays = [item.name for item in fields(HogelImage) if item.name not in whole]
-    return HogelImage(**whole, **{name: joined(name) for name in arrays})
+        whole[name] = None if any(part is None for part in parts) else np.concatenate(parts)
+    return HogelImage(**whole)
 
 
-def _joined(opinions: Sequence[Callable[[], Mask]]) -> Mask:
+def _asked(opinions: Sequence[Callable[[], Mask]]) -> Mask:
     return np.concatenate([opinion() for opinion in opinions])
 
 
-def _itself(mask: Mask) -> Mask:
-    return mask
+def _joined(masks: Sequence[Mask]) -> Mask:
+    return np.concatenate(masks)

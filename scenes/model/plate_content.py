@@ -51,28 +51,15 @@ DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMA
 class PlateContent:
     """The images that a stream of hogels carries.
 
-    Attributes
-    ----------
-    color
-        Type of linear RGB.
-    ids
-        Whether the stream has triangle numbers; asking for the channel is the same.
-    channels
-        The images, in the order of `Channel`; by default color, and triangle numbers with `ids`.
-    effects
-        Effects that are simulated; None for those that the scene calls for. More effects do not change the
-        pictures.
-
-    Raises
-    ------
-    InputError
-        The type, the switch, a channel or an effect is none, or there is no channel.
+    Raises InputError where the type, the switch, a channel or an effect is none.
     """
 
-    color: ColorType = ColorType.FLOAT16
-    ids: bool = False
-    channels: tuple[Channel, ...] = ()
-    effects: frozenset[Effect] | None = None
+    color: ColorType = ColorType.FLOAT16  # type of linear RGB
+    ids: bool = False  # whether the stream has triangle numbers; asking for the channel is the same
+    channels: tuple[Channel, ...] = ()  # in the order of `Channel`; by default color, and `ids`
+    effects: frozenset[Effect] | None = (
+        None  # None for those that the scene calls for, with the same pictures
+    )
 
     def __post_init__(self) -> None:
         ids = switch(self.ids, "ids")
@@ -89,13 +76,7 @@ class PlateContent:
 
 @dataclass(frozen=True, kw_only=True)
 class FilmPart:
-    """A rectangle of a hogel's film, of whose pixels something is wanted.
-
-    Attributes
-    ----------
-    columns, rows
-        First and last column, and first and last row, inclusive.
-    """
+    """A rectangle of a hogel's film, of whose pixels something is wanted; both ends belong to it."""
 
     columns: tuple[int, int]
     rows: tuple[int, int]
@@ -103,32 +84,17 @@ class FilmPart:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlateHogel(Brief):
-    """The image of one aperture in a stream, row 0 at the top.
+    """The image of one aperture in a stream, row 0 at the top; all but color are None unless asked for.
 
     Where only a part of the film was asked for, pixels outside of it mean nothing.
-
-    Attributes
-    ----------
-    aperture
-        Aperture of the image.
-    color
-        (H, W, 3) linear RGB in the type that was asked for.
-    triangle
-        (H, W) int32 numbers, -1 where there is no surface; None unless asked for.
-    height
-        (H, W) float32 height above the plate, NaN where there is no surface; None unless asked for.
-    normal
-        (H, W, 3) float32 unit normals by the mesh's winding, NaN where there is no surface; None likewise.
-    certainty
-        (H, W) uint8 `Certainty`; None unless asked for.
     """
 
     aperture: Aperture
-    color: NDArray[Any]
-    triangle: Numbers | None
-    height: Singles | None = None
-    normal: Singles | None = None
-    certainty: Bytes | None = None
+    color: NDArray[Any]  # (H, W, 3) linear RGB in the type that was asked for
+    triangle: Numbers | None  # (H, W), -1 where there is no surface
+    height: Singles | None = None  # (H, W) above the plate, NaN where there is no surface
+    normal: Singles | None = None  # (H, W, 3) unit, by the mesh's winding, NaN likewise
+    certainty: Bytes | None = None  # (H, W) uint8 `Certainty`
 
     def image(self, channel: Channel) -> NDArray[Any]:
         """Return one of the images; it must have been asked for."""

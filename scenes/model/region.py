@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture
 
 SMALLEST_NEAR_SHARE = 2.0**-16
 """Smallest near, as a share of the longest reach, for which images are known to end at `FAR_MARGIN`."""
@@ -36,30 +37,17 @@ eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^
 TRIANGLES_AT_ONCE = 1 << 15
 """Triangles that are tried together. This bounds the memory, some 500 bytes for each."""
 
-Rectangle = tuple[tuple[float, float], tuple[float, float]]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """The bound: all crossed frusta of a rectangle of apertures, widened by a near offset.
-
-    Attributes
-    ----------
-    scene
-        Scene whose frustum and reach count.
-    apertures
-        Lowest and highest x, and lowest and highest y, of the points that lines pass through.
-    step
-        Largest distance by which cameras step back, scene units; 0 for the true frusta.
-    unbounded
-        Whether images may show surfaces at any height, because near is so small that float32 knows no far
-        plane.
-    """
+    """The bound: all crossed frusta of a rectangle of apertures, widened by a near offset."""
 
     scene: Scene
-    apertures: Rectangle
-    step: float
-    unbounded: bool = False
+    apertures: tuple[
+        tuple[float, float], ...
+    ]  # lowest and highest x, and y, of the points that lines run through
+    step: float  # largest distance by which cameras step back, scene units; 0 for the true frusta
+    unbounded: bool = False  # whether near is so small that float32 knows no far plane
 
     @classmethod
     def of(
@@ -68,102 +56,68 @@ class Region:
         apertures: Iterable[Aperture] | None = None,
         settings: Sequence[DoubleFrustum] = (),
     ) -> Region:
-        """Return the region of some apertures with their cells, over which sub-apertures are spread.
+        """Return the region of drawn images of some apertures with their cells; None for all of the plate.
 
-        Parameters
-        ----------
-        scene
-            Scene that is asked about.
-        apertures
-            Apertures whose images are asked for; None for all of the plate.
-        settings
-            Settings that images are drawn with. The region is that of every near from `SMALLEST_NEAR_SHARE`
-            of the reach up to the reach; it needs no settings unless one of them has a smaller near.
+        It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up to the reach, and needs no
+        settings unless one of them has a smaller near.
         """
-        return cls(
-            scene=scene,
-            apertures=_cells(scene.plate, apertures),
-            step=scene.frustum.longest_reach,
-            unbounded=any(loses_far_plane(scene, one) for one in settings),
-        )
+        unbounded = any(loses_far_plane(scene, one) for one in settings)
+        rectangle = _cells(scene, apertures)
+        return cls(scene=scene, apertures=rectangle, step=scene.frustum.longest_reach, unbounded=unbounded)
 
     @classmethod
     def true(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
         """Return the region of the true frusta of some apertures with their cells; None for all."""
-        return cls(scene=scene, apertures=_cells(scene.plate, apertures), step=0.0)
+        return cls(scene=scene, apertures=_cells(scene, apertures), step=0.0)
 
     def holds(self, low: Floats, high: Floats) -> Mask:
         """Return which axis-parallel boxes may have a part in the region; False is certain.
 
-        Parameters
-        ----------
-        low, high
-            (N, 3) lowest and highest coordinates of each box, scene units.
+        `low` and `high` are (N, 3) lowest and highest coordinates of each box, scene units. At a distance d
+        from the plate the lines of an aperture at a span the interval a + (m - a) z/Z -+ t (d + n), where
+        the screen has its middle m at the height Z. It is linear in d and in a each, so that over ranges of
+        both its ends are extreme at the ranges' own ends.
         """
-        toward, back = self.scene.frustum.reach
-        return self._holds_on_side(low, high, -1.0, back) | self._holds_on_side(low, high, 1.0, toward)
-
-    def _holds_on_side(self, low: Floats, high: Floats, side: float, reach: float) -> Mask:
-        """Return which boxes may have a part in the region on one side of the plate.
-
-        At a distance d from the plate the lines of an aperture at a span the interval
-        a + (m - a) z/Z -+ t (d + n), where the screen has its middle m at the height Z. It is linear in d and
-        in a each, so that over ranges of both its ends are extreme at the ranges' own ends.
-
-        Parameters
-        ----------
-        low, high
-            (N, 3) corners of the boxes.
-        side
-            1 before the plate, -1 behind it.
-        reach
-            Reach of this side.
-        """
-        distances = side * low[:, 2], side * high[:, 2]
-        nearest, farthest = np.minimum(*distances), np.maximum(*distances)
-        end = math.inf if self.unbounded else FAR_MARGIN * reach
-        held: Mask = (farthest >= 0) & (nearest <= end)
-        begin, stop = np.maximum(nearest, 0.0), np.minimum(np.maximum(farthest, 0.0), end)
-        for axis in (0, 1):
-            ends = [self._interval(axis, a, d, side) for a in self.apertures[axis] for d in (begin, stop)]
-            lowest = np.minimum.reduce([one for one, _, _ in ends])
-            highest = np.maximum.reduce([other for _, other, _ in ends])
-            slack = ROUNDING_MARGIN * np.maximum.reduce([size for _, _, size in ends])
-            held &= (high[:, axis] >= lowest - slack) & (low[:, axis] <= highest + slack)
+        held: Mask = np.zeros(len(low), dtype=np.bool_)
+        for side, reach in zip((1.0, -1.0), self.scene.frustum.reach, strict=True):
+            distances = side * low[:, 2], side * high[:, 2]
+            nearest, farthest = np.minimum(*distances), np.maximum(*distances)
+            end = math.inf if self.unbounded else FAR_MARGIN * reach
+            inside = (farthest >= 0) & (nearest <= end)
+            begin, stop = np.maximum(nearest, 0.0), np.minimum(np.maximum(farthest, 0.0), end)
+            for axis in (0, 1):
+                ends = [self._interval(axis, a, d, side) for a in self.apertures[axis] for d in (begin, stop)]
+                lowest = np.minimum.reduce([middle - half for middle, half, _ in ends])
+                highest = np.maximum.reduce([middle + half for middle, half, _ in ends])
+                slack = ROUNDING_MARGIN * np.maximum.reduce([size for _, _, size in ends])
+                inside &= (high[:, axis] >= lowest - slack) & (low[:, axis] <= highest + slack)
+            held |= inside
         return held
 
     def _interval(self, axis: int, a: float, d: Floats, side: float) -> tuple[Floats, Floats, Floats]:
-        """Return both ends of the lines of an aperture at distances d, and their largest terms."""
+        """Return middle and half width of the lines of an aperture at distances d, and their largest term."""
         frustum = self.scene.frustum
         if frustum.screen is None:
             assert frustum.fov is not None
-            middle, half = np.full_like(d, a), math.tan(frustum.fov[axis] / 2) * (d + self.step)
-            return middle - half, middle + half, np.abs(middle) + half
+            half = math.tan(frustum.fov[axis] / 2) * (d + self.step)
+            return np.full_like(d, a), half, abs(a) + half
         slope = (frustum.screen.center[axis] - a) / frustum.screen.height
-        middle = a + slope * side * d
         # The shear of pivot `camera` is fixed at the camera, which moves the frustum aside by up to a step.
-        half = (
-            frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + self.step)
-            + abs(slope) * self.step
-        )
-        return middle - half, middle + half, abs(a) + abs(slope) * d + half
+        half = frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + self.step)
+        half = half + abs(slope) * self.step
+        return a + slope * side * d, half, abs(a) + abs(slope) * d + half
 
     def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
-        """Return whether images may show one of an object's triangles; False is certain.
-
-        Parameters
-        ----------
-        part
-            Object of the scene.
-        faces
-            (F, 3) triangles of the object that count; None for all.
-        """
+        """Return whether images may show one of an object's triangles, or of some; False is certain."""
         counted = part.faces if faces is None else faces
-        box = part.vertices.min(axis=0)[None], part.vertices.max(axis=0)[None]
-        return bool(self.holds(*box)[0]) and any(
-            bool(self.holds(*_boxes(part.vertices[counted[start : start + TRIANGLES_AT_ONCE]])).any())
-            for start in range(0, len(counted), TRIANGLES_AT_ONCE)
-        )
+        if not self.holds(part.vertices.min(axis=0)[None], part.vertices.max(axis=0)[None])[0]:
+            return False
+        for start in range(0, len(counted), TRIANGLES_AT_ONCE):
+            # Corner by corner, because numpy reduces over so short an axis several times slower.
+            corners = part.vertices[counted[start : start + TRIANGLES_AT_ONCE]].transpose(1, 0, 2)
+            if self.holds(reduce(np.minimum, corners), reduce(np.maximum, corners)).any():
+                return True
+        return False
 
 
 def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
@@ -173,26 +127,15 @@ def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
     large numbers then (raster/cameras/depth_formats).
     """
     hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
-    nearest = min(settings.near, *settings.slabs[:1]) if settings.slabs else settings.near
+    nearest = min((settings.near, *settings.slabs[:1]))
     return hyperbolic and nearest < SMALLEST_NEAR_SHARE * scene.frustum.longest_reach
 
 
-def _cells(plate: Plate, apertures: Iterable[Aperture] | None) -> Rectangle:
+def _cells(scene: Scene, apertures: Iterable[Aperture] | None) -> tuple[tuple[float, float], ...]:
     """Return the rectangle about the cells of some apertures; None for the plate itself."""
+    plate = scene.plate
     if apertures is None:
-        (width, height) = plate.size
-        return (-width / 2, width / 2), (-height / 2, height / 2)
-    places = [(aperture.x, aperture.y) for aperture in apertures]
-    ranges = []
-    for axis in (0, 1):
-        pitch = plate.size[axis] / plate.hogels[axis]
-        along = [place[axis] for place in places]
-        ranges.append((min(along) - pitch / 2, max(along) + pitch / 2))
-    return ranges[0], ranges[1]
-
-
-def _boxes(corners: Floats) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest corner (F, 3) of the boxes about triangles (F, 3, 3)."""
-    # Corner by corner, because numpy reduces over so short an axis several times slower.
-    a, b, c = corners.transpose(1, 0, 2)
-    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        return tuple((-size / 2, size / 2) for size in plate.size)
+    along = zip(*((aperture.x, aperture.y) for aperture in apertures), strict=True)
+    halves = (size / count / 2 for size, count in zip(plate.size, plate.hogels, strict=True))
+    return tuple((min(places) - half, max(places) + half) for places, half in zip(along, halves, strict=True))

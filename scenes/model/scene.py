@@ -58,79 +58,42 @@ class NormalsMade(StrEnum):
     ALL = "all"
 
 
-def _points(name: str, vertices: object) -> Floats:
-    """Return vertices as (V, 3) float64."""
-    try:
-        points = np.ascontiguousarray(vertices, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: vertices must be numbers, (V, 3) ({error})") from error
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"{name}: vertices must be one triple each, (V, 3), not {points.shape}")
-    return points
-
-
-def _indices(name: str, faces: object) -> Indices:
-    """Return faces as (F, 3) int64; fractions are refused, not rounded."""
-    given = np.asarray(faces)
-    if given.dtype.kind not in "iu" and given.size:
-        raise InputError(f"{name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
-    return np.ascontiguousarray(given, dtype=np.int64)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneObject(Shown):
     """One object of a scene: a triangle mesh in scene coordinates.
 
-    Attributes
-    ----------
-    name
-        Mesh file or built-in shape that the object came from.
-    vertices
-        (V, 3) float64 vertices, scene units, finite.
-    faces
-        (F, 3) int64 indices into `vertices`, at least one.
-    material
-        Name of the object's material table; None for the default material.
-    uv
-        (V, 2) float64 texture coordinates, v up; NaN at vertices without, None if the mesh has none.
-    textures
-        (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top; empty if the mesh has none.
-    texture_of_triangle
-        (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
-    vertex_normals
-        (V, 3) float64 normals for shading, on the side that the winding faces. They are interpolated
-        linearly over a triangle as they are, of any length, and the result is made a unit vector. NaN at
-        vertices without, where triangles are flat; None if the mesh has none.
-    vertex_colors
-        (V, 3) float64 linear RGB; None if the mesh has none.
-    normals_made
-        Whether vertex normals were made from the faces, as `smooth = true` asks.
-    warnings
-        Faults that were found on reading and that do not hinder drawing, one line each.
-
-    Raises
-    ------
-    InputError
-        There are no faces, vertices are not finite, or faces point past the vertices.
+    Vertex normals lie on the side that the winding faces. They are interpolated linearly over a triangle as
+    they are, of any length, and the result is made a unit vector; triangles without one at a corner are flat.
+    Raises InputError where there are no faces, vertices are not finite, or faces point past the vertices.
     """
 
-    name: str
-    vertices: Floats
-    faces: Indices
-    material: str | None = None
-    uv: Floats | None = None
-    textures: tuple[Bytes, ...] = ()
-    texture_of_triangle: Numbers | None = None
-    vertex_normals: Floats | None = None
-    vertex_colors: Floats | None = None
-    normals_made: NormalsMade = NormalsMade.NONE
-    warnings: tuple[str, ...] = ()
+    name: str  # mesh file or built-in shape that the object came from
+    vertices: Floats  # (V, 3) scene units, finite
+    faces: Indices  # (F, 3) indices into `vertices`, at least one
+    material: str | None = None  # name of the material table; None for the default
+    uv: Floats | None = None  # (V, 2) texture coordinates, v up; NaN at vertices without
+    textures: tuple[Bytes, ...] = ()  # (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
+    texture_of_triangle: Numbers | None = None  # (F,) index into `textures`, `UNTEXTURED` where there is none
+    vertex_normals: Floats | None = None  # (V, 3), NaN at vertices without
+    vertex_colors: Floats | None = None  # (V, 3) linear RGB
+    normals_made: NormalsMade = NormalsMade.NONE  # from the faces, as `smooth = true` asks
+    warnings: tuple[str, ...] = ()  # faults found on reading that do not hinder drawing, one line each
 
     def __post_init__(self) -> None:
         one_of(self.name, str, "an object's name")
         if self.material is not None:
             one_of(self.material, str, f"{self.name}: the name of a material")
-        vertices, faces = _points(self.name, self.vertices), _indices(self.name, self.faces)
+        try:
+            vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: vertices must be numbers, (V, 3) ({error})") from error
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise InputError(f"{self.name}: vertices must be one triple each, (V, 3), not {vertices.shape}")
+        given = np.asarray(self.faces)
+        # Fractions are refused, not rounded.
+        if given.dtype.kind not in "iu" and given.size:
+            raise InputError(f"{self.name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
+        faces = np.ascontiguousarray(given, dtype=np.int64)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
         if faces.min() < 0 or faces.max() >= len(vertices):
@@ -150,9 +113,8 @@ class SceneObject(Shown):
                 continue
             if np.shape(values) != vertices.shape:
                 raise InputError(f"{self.name}: {name} must be one triple per vertex")
-            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
-        object.__setattr__(self, "vertices", read_only(vertices))
-        object.__setattr__(self, "faces", read_only(faces))
+            settle(self, **{name: read_only(np.array(values, dtype=np.float64))})
+        settle(self, vertices=read_only(vertices), faces=read_only(faces))
 
     def _said(self) -> str:
         low, size, high = self._extent()
@@ -174,20 +136,9 @@ UNTEXTURED = -1
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SurfaceAttributes(Brief):
-    """Attributes of the vertices and triangles of all objects; None where no object has any.
+    """Attributes of the vertices and triangles of all objects, as in `SceneObject`; None where none has any.
 
-    Attributes
-    ----------
-    vertex_normals
-        (V, 3) normals of any length, NaN where a vertex has none.
-    vertex_colors
-        (V, 3) linear RGB, one where an object has none.
-    uv
-        (V, 2) texture coordinates, v up; NaN where a vertex has none.
-    textures
-        (H, W, 4) uint8 sRGB each, row 0 at the top.
-    texture_of_triangle
-        (F,) index into `textures`, or `UNTEXTURED`.
+    Where an object has none, colors are one, normals and texture coordinates NaN.
     """
 
     vertex_normals: Floats | None
@@ -199,6 +150,13 @@ class SurfaceAttributes(Brief):
     @classmethod
     def of(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
         """Return the attributes of all objects, joined."""
+
+        def joined(name: str, width: int, missing: float) -> Floats | None:
+            found = [(getattr(part, name), (len(part.vertices), width)) for part in objects]
+            if all(values is None for values, _ in found):
+                return None
+            return np.concatenate([np.full(s, missing) if values is None else values for values, s in found])
+
         textures: list[Bytes] = []
         numbers = []
         for part in objects:
@@ -212,61 +170,41 @@ class SurfaceAttributes(Brief):
             textures += part.textures
         textured = bool(textures) and any((part >= 0).any() for part in numbers)
         return cls(
-            vertex_normals=_joined(objects, "vertex_normals", 3, np.nan),
-            vertex_colors=_joined(objects, "vertex_colors", 3, 1.0),
-            uv=_joined(objects, "uv", 2, np.nan),
+            vertex_normals=joined("vertex_normals", 3, np.nan),
+            vertex_colors=joined("vertex_colors", 3, 1.0),
+            uv=joined("uv", 2, np.nan),
             textures=tuple(textures) if textured else (),
             texture_of_triangle=np.concatenate(numbers) if textured else None,
         )
-
-
-def _joined(objects: Sequence[SceneObject], name: str, width: int, missing: float) -> Floats | None:
-    """Concatenate an attribute of all objects; None where no object has it."""
-    if all(getattr(part, name) is None for part in objects):
-        return None
-    parts = [
-        np.full((len(part.vertices), width), missing) if getattr(part, name) is None else getattr(part, name)
-        for part in objects
-    ]
-    return np.concatenate(parts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Shown):
     """Plate, frustum and objects: one question for every renderer.
 
-    Triangles are numbered through the objects in order, and within one in the order of its faces.
-
-    Attributes
-    ----------
-    name, units
-        Name of the scene and of its own length unit, for people.
-    plate, frustum
-        The plate, and the crossed frustum of its apertures.
-    objects
-        Meshes in scene coordinates, each zero or between `SMALLEST_COORDINATE` and `LONGEST`. There may
-        be no objects: the true image of nothing is nothing.
-    source
-        Path or built-in name by which the command line opens this scene. Images have it too, so that a
-        comparison can trace the scene again.
-    appearance
-        Materials and lights; by default gray, under one directional light.
-    sampling, transport
-        Sampling of color, and light transport; by default one sample, and none.
+    Triangles are numbered through the objects in order, and within one in the order of its faces. Coordinates
+    are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`. There may be no objects: the true image of
+    nothing is nothing. Images have `source` too, so that a comparison can trace the scene again.
     """
 
     name: str
     plate: Plate
     frustum: Frustum
     objects: tuple[SceneObject, ...]
-    units: str = "units"
-    source: str = ""
-    appearance: Appearance = field(default_factory=Appearance)
-    sampling: Sampling = field(default_factory=Sampling)
-    transport: Transport = field(default_factory=Transport)
+    units: str = "units"  # name of the scene's own length unit, for people
+    source: str = ""  # path or built-in name by which the command line opens this scene
+    appearance: Appearance = field(default_factory=Appearance)  # by default gray, under one directional light
+    sampling: Sampling = field(default_factory=Sampling)  # by default one sample
+    transport: Transport = field(default_factory=Transport)  # by default none
 
     def __post_init__(self) -> None:
-        self._check_kinds()
+        kinds = {"name": str, "units": str, "plate": Plate, "frustum": Frustum, "objects": Iterable}
+        kinds |= {"appearance": Appearance, "sampling": Sampling, "transport": Transport}
+        for name, kind in kinds.items():
+            one_of(getattr(self, name), kind, f"a scene's {name}")
+        settle(self, objects=tuple(self.objects))
+        for number, part in enumerate(self.objects):
+            one_of(part, SceneObject, f"object {number} of a scene")
         lengths = [*self.plate.size, *self.frustum.reach]
         corners = [self._largest_coordinate(part) for part in self.objects]
         screen = self.frustum.screen
@@ -287,13 +225,7 @@ class Scene(Shown):
             )
 
     def _largest_coordinate(self, part: SceneObject) -> float:
-        """Return the largest absolute coordinate of an object.
-
-        Raises
-        ------
-        InputError
-            A coordinate is smaller than `SMALLEST_COORDINATE`, but not zero.
-        """
+        """Return the largest absolute coordinate of an object; InputError where one is tiny, but not zero."""
         coordinates = np.abs(part.vertices)
         smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
         if smallest < SMALLEST_COORDINATE:
@@ -303,20 +235,6 @@ class Scene(Shown):
                 "zero, or scale the mesh"
             )
         return float(coordinates.max())
-
-    def _check_kinds(self) -> None:
-        """Raise InputError where an attribute has the wrong class."""
-        one_of(self.name, str, "a scene's name")
-        one_of(self.units, str, "a scene's units")
-        one_of(self.plate, Plate, "a scene's plate")
-        one_of(self.frustum, Frustum, "a scene's frustum")
-        one_of(self.appearance, Appearance, "a scene's appearance")
-        one_of(self.sampling, Sampling, "a scene's sampling")
-        one_of(self.transport, Transport, "a scene's transport")
-        one_of(self.objects, Iterable, "a scene's objects")
-        settle(self, objects=tuple(self.objects))
-        for number, part in enumerate(self.objects):
-            one_of(part, SceneObject, f"object {number} of a scene")
 
     @property
     def warnings(self) -> tuple[str, ...]:

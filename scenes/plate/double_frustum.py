@@ -92,45 +92,38 @@ class Cull(StrEnum):
     BACK = "back"
 
 
+_NAMED: dict[str, type[StrEnum]] = {
+    "depth": DepthFormat,
+    "mapping": DepthMapping,
+    "camera": Camera,
+    "pivot": Pivot,
+    "offset": Offset,
+    "cull": Cull,
+}
+"""Settings that are names."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
     """One way to draw the two cameras C and C*.
 
-    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
-
-    Attributes
-    ----------
-    near
-        Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
-        their near planes lie.
-    depth, mapping
-        Format of the depth buffer, and the function of distance that it stores.
-    camera
-        Both cameras, or one alone.
-    pivot, offset
-        Point of the shear, and whether the cameras step back.
-    fit
-        A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first
-        slab where there are slabs, else for the angle.
-    slabs
-        Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
-        plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
-    cull
-        Faces that are left out, by the winding of their corners.
-
-    Raises
-    ------
-    InputError
-        A name that means nothing, or a length that is not positive and finite.
+    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`. Raises InputError
+    for a name that means nothing, or a length that is not positive and finite.
     """
 
+    # Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
+    # their near planes lie.
     near: float
     depth: DepthFormat = DepthFormat.D24
     mapping: DepthMapping = DepthMapping.STANDARD
     camera: Camera = Camera.BOTH
     pivot: Pivot = Pivot.APERTURE
     offset: Offset = Offset.PLATE
+    # A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first slab
+    # where there are slabs, else for the angle.
     fit: Fit | float | None = None
+    # Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near plane of its
+    # own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
     slabs: tuple[float, ...] = ()
     cull: Cull = Cull.NONE
 
@@ -145,18 +138,9 @@ class DoubleFrustum:
         ascending = all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf)))
         if not ascending:
             raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
-        settle(
-            self,
-            near=near,
-            slabs=slabs,
-            fit=_fit(self.fit),
-            depth=choice(DepthFormat, self.depth, "depth"),
-            mapping=choice(DepthMapping, self.mapping, "mapping"),
-            camera=choice(Camera, self.camera, "camera"),
-            pivot=choice(Pivot, self.pivot, "pivot"),
-            offset=choice(Offset, self.offset, "offset"),
-            cull=choice(Cull, self.cull, "cull"),
-        )
+        settle(self, near=near, slabs=slabs, fit=_fit(self.fit))
+        for name, kind in _NAMED.items():
+            settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
         """Raise InputError where these settings make no sense for a frustum.

@@ -23,19 +23,11 @@ of order one in double precision: with a smaller half-extent, they would be the 
 
 @dataclass(frozen=True, kw_only=True)
 class Screen:
-    """A projection screen fixed to the plate's frame (paper, section 5).
+    """A projection screen fixed to the plate's frame (paper, section 5), in scene units."""
 
-    Attributes
-    ----------
-    height
-        Signed height above the plate, not zero; positive on the viewer's side.
-    center, size
-        Center (x, y), width and height in scene units.
-    """
-
-    height: float
-    center: tuple[float, float]
-    size: tuple[float, float]
+    height: float  # signed, above the plate, not zero; positive on the viewer's side
+    center: tuple[float, float]  # x, y
+    size: tuple[float, float]  # width, height
 
     def __post_init__(self) -> None:
         height, center, size = real(self.height), reals(self.center, 2), reals(self.size, 2)
@@ -59,23 +51,11 @@ class Screen:
 
 @dataclass(frozen=True, kw_only=True)
 class Frustum:
-    """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`).
+    """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`), one of the two."""
 
-    Attributes
-    ----------
-    resolution
-        Width and height of the hogel image in pixels.
-    reach
-        Distances up to which surfaces are imaged, toward the viewer and behind the plate, in scene units.
-    fov
-        Full angles in x and y in radians, of a centered frustum; None where there is a screen.
-    screen
-        The fixed projection screen of a recentered frustum; None where there is a fov.
-    """
-
-    resolution: tuple[int, int]
-    reach: tuple[float, float]
-    fov: tuple[float, float] | None = None
+    resolution: tuple[int, int]  # width and height of the hogel image in pixels
+    reach: tuple[float, float]  # up to which surfaces are imaged, toward the viewer and behind the plate
+    fov: tuple[float, float] | None = None  # full angles in x and y, radians
     screen: Screen | None = None
 
     def __post_init__(self) -> None:

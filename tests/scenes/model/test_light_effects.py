@@ -18,7 +18,7 @@ from xfrustum.reports.explain import _time, cost, explain, summary, table
 from xfrustum.scenes import Camera, DepthFormat, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed, slab_contents
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, chosen, decide, needed, slab_contents
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -52,7 +52,7 @@ def scene(
 
 
 def because(asked: Scene, effect: Effect, camera: Camera = Camera.BOTH) -> str:
-    [decision] = [d for d in decide(asked, camera) if d.effect is effect]
+    [decision] = [d for d in decide(asked, Question(camera=camera)) if d.effect is effect]
     return decision.reason
 
 
@@ -122,7 +122,7 @@ def test_reasons_count_in_words_that_fit() -> None:
         == "2 objects have a material with a diffuse coefficient"
     )
     assert because(scene(), Effect.C, Camera.C_STAR) == "camera c-star alone is asked for"
-    assert needed(scene(), Camera.C_STAR) == BASE - {Effect.C}
+    assert needed(scene(), Question(camera=Camera.C_STAR)) == BASE - {Effect.C}
 
 
 def test_an_empty_scene_calls_for_nothing() -> None:
