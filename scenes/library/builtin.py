@@ -55,24 +55,10 @@ _GRAY = _made_by("appearance.appearance", "Appearance")
 
 @dataclass(frozen=True, kw_only=True)
 class Builtin:
-    """One entry of the catalogue.
+    """One entry of the catalogue; functions make its objects and its look, in scene coordinates."""
 
-    Attributes
-    ----------
-    purpose
-        Purpose of the scene, in one line.
-    triangles
-        Number of triangles of all objects, stated so that the scenes can be listed without being built.
-    objects
-        Function that makes the meshes, in scene coordinates.
-    plate, frustum, sampling
-        Plate, frustum and sampling, as in a scene file.
-    appearance
-        Function that makes materials, lights and environment.
-    """
-
-    purpose: str
-    triangles: int
+    purpose: str  # in one line
+    triangles: int  # of all objects, stated so that the scenes can be listed without being built
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE
     frustum: Frustum = _CENTERED
@@ -96,10 +82,6 @@ def _transferred_car() -> tuple[SceneObject, ...]:
 
     behind = placement(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, _TRANSFER_HEIGHT - _CAR_MIDDLE))
     return tuple(place(part, behind) for part in car())
-
-
-def _nothing() -> tuple[SceneObject, ...]:
-    return ()
 
 
 SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
@@ -163,11 +145,7 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
         "grating": Builtin(
             purpose="bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
             triangles=464,
-            objects=_made_by(
-                "library.targets",
-                "gratings",
-                (_PLATE.size[0] / _PLATE.hogels[0], _PLATE.size[1] / _PLATE.hogels[1]),
-            ),
+            objects=_made_by("library.targets", "gratings", (80 / 81, 60 / 61)),
             frustum=_SMALL,
             appearance=_made_by("library.targets", "plain"),
             sampling=Sampling(aperture=16),
@@ -175,7 +153,7 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
         "empty": Builtin(
             purpose="nothing at all: the true image of nothing is nothing",
             triangles=0,
-            objects=_nothing,
+            objects=lambda: (),
         ),
     }
 )
@@ -188,20 +166,12 @@ def names() -> list[str]:
 
 def listing() -> list[Listing]:
     """Return name, purpose and number of triangles of every built-in scene."""
-    return [
-        Listing(name=name, purpose=entry.purpose, triangles=entry.triangles) for name, entry in SCENES.items()
-    ]
+    return [Listing(name=n, purpose=one.purpose, triangles=one.triangles) for n, one in SCENES.items()]
 
 
 @cache
 def build(name: str) -> Scene:
-    """Return a built-in scene; the same name gives the same scene on every machine.
-
-    Raises
-    ------
-    InputError
-        There is no such scene.
-    """
+    """Return a built-in scene, the same on every machine; InputError where there is none of that name."""
     if name not in SCENES:
         raise InputError(f"no built-in scene is called {name!r}; there are {', '.join(SCENES)}")
     from xfrustum.scenes.model.scene import Scene  # noqa: PLC0415 - loads NumPy

@@ -90,13 +90,7 @@ def _superellipse(exponent: float, points: int) -> Floats:
     """Return (points, 2) on the unit superellipse, evenly along its length, from (1, 0) to the left."""
     turn = np.linspace(0, 2 * np.pi, 4001)
     cosine, sine = np.cos(turn), np.sin(turn)
-    dense = np.stack(
-        [
-            np.sign(cosine) * np.abs(cosine) ** (2 / exponent),
-            np.sign(sine) * np.abs(sine) ** (2 / exponent),
-        ],
-        axis=1,
-    )
+    dense = np.stack([np.sign(x) * np.abs(x) ** (2 / exponent) for x in (cosine, sine)], axis=1)
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
     even = np.linspace(0, length[-1], points, endpoint=False)
     return np.stack([np.interp(even, length, dense[:, axis]) for axis in (0, 1)], axis=1)
@@ -155,7 +149,10 @@ def _cabin() -> tuple[Mesh, Mesh]:
     half_width = _curve(_CABIN_HALF_WIDTH, level)
     # Facets face outward for rings running upward if the outline runs from +z to +x.
     across, along = outline[:, 1], outline[:, 0]
-    pane = _panes(across, along) & ((level > _GLASS_BASE) & (level < _GLASS_TOP) & (scale == 1))[:, None]
+    # Windows: front, rear, two on each side.
+    screens = (np.abs(along) > 0.9) & (np.abs(across) < 0.84)
+    panes = (np.abs(across) > 0.9) & (np.abs(along) < 0.82) & (np.abs(along + 0.08) > 0.035)
+    pane = (screens | panes) & ((level > _GLASS_BASE) & (level < _GLASS_TOP) & (scale == 1))[:, None]
     set_in = np.where(pane, 0.35, 0.0)
     x = (half_width * scale)[:, None] * across - set_in * np.sign(across) * (np.abs(across) > 0.9)
     z = middle[:, None] + (half_length * scale)[:, None] * along
@@ -163,20 +160,13 @@ def _cabin() -> tuple[Mesh, Mesh]:
     points = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1)
     vertices, faces = wrapped_grid(points)
     is_glass = pane.reshape(-1)[faces].all(axis=1)
-    return _used(vertices, faces[~is_glass]), _used(vertices, faces[is_glass])
 
+    def used(some: Indices) -> Mesh:
+        """Leave out vertices that no face uses."""
+        numbers, compact = np.unique(some, return_inverse=True)
+        return vertices[numbers], compact.reshape(some.shape).astype(np.int64)
 
-def _panes(across: Floats, along: Floats) -> Mask:
-    """Return which points of the outline belong to a window: front, rear, two on each side."""
-    screens = (np.abs(along) > 0.9) & (np.abs(across) < 0.84)
-    sides = (np.abs(across) > 0.9) & (np.abs(along) < 0.82) & (np.abs(along + 0.08) > 0.035)
-    return np.asarray(screens | sides)
-
-
-def _used(vertices: Floats, faces: Indices) -> Mesh:
-    """Leave out vertices that no face uses."""
-    used, compact = np.unique(faces, return_inverse=True)
-    return vertices[used], compact.reshape(faces.shape).astype(np.int64)
+    return used(faces[~is_glass]), used(faces[is_glass])
 
 
 def _wheel(side: int, axle: float) -> Mesh:
@@ -219,12 +209,6 @@ def _pebble(center: tuple[float, float, float], half: tuple[float, float, float]
     height = np.sign(rise) * np.abs(np.sin(rise)) ** power
     spread = np.abs(np.cos(rise)) ** power
     spread[[0, -1]] = 0
-    unit = np.stack(
-        [
-            spread[:, None] * section[:, 1],
-            np.broadcast_to(height[:, None], (11, 24)),
-            spread[:, None] * section[:, 0],
-        ],
-        axis=-1,
-    )
+    level = np.broadcast_to(height[:, None], (11, 24))
+    unit = np.stack([spread[:, None] * section[:, 1], level, spread[:, None] * section[:, 0]], axis=-1)
     return wrapped_grid(unit * half + center)

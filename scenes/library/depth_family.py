@@ -11,7 +11,7 @@ recentered frustum, or a surface that runs through the plate.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,9 +34,6 @@ FARTHEST = 0.999 * REACH
 CAR_RATIO = 1.5
 """Ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower."""
 
-CARS = 4
-"""Number of cars, one in each quarter of the film, so that none hides another at any depth."""
-
 SHIFT_PER_REACH = 0.05
 """Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that come nearer
 than about this lie beside the film of the middle aperture."""
@@ -49,7 +46,8 @@ _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 
 _QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1))
-"""Places of the cars: the middles of the film's quarters, in halves of its half-extent."""
+"""Places of the cars: the middles of the film's quarters, in halves of its half-extent, so that none hides
+another at any depth."""
 _BETWEEN_QUARTERS = ((-1, 0), (1, 0))
 """Places of the cars before the plate where there are cars on both sides, in the same unit."""
 
@@ -58,49 +56,27 @@ _CAR_REACH, _CAR_FOV, _CAR_ROW = 150.0, math.radians(60), -10.0
 plate in which its body crosses the plate."""
 
 
-def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
-    """Return cars at geometric distances, of a given depth, before or behind the plate.
-
-    Each car fills a quarter of the film and is scaled about the aperture, which changes its distance
-    and not its picture: scenes of any two ratios show C the same triangles.
-
-    Parameters
-    ----------
-    ratio
-        Ratio of the farthest to the nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest surface
-        lies at `FARTHEST`.
-    camera
-        `C` for cars behind the plate, `C_STAR` for cars before it.
-    resolution
-        W, H of the film.
-
-    Raises
-    ------
-    InputError
-        The ratio is smaller than that of one car.
-    """
-    return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
-
-
-def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
-    """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
-    if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
-        raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
-    parts = _car_behind_plate()
-    scales = np.geomspace(1.0, CAR_RATIO / ratio, len(places))
-    objects = []
-    for aside, scale in zip(_shifts_to(places, parts), scales.tolist(), strict=True):
-        moved = [replace(part, vertices=scale * (part.vertices + aside)) for part in parts]
-        objects += [_on_side_of(camera, part) for part in moved]
-    return objects
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeenScene:
     """A scene, and the aperture that it is seen from."""
 
     scene: Scene
     aperture: Aperture
+
+
+def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
+    """Return cars at geometric distances, of a given depth, before (`C_STAR`) or behind the plate (`C`).
+
+    Each car fills a quarter of the film, W, H pixels, and is scaled about the aperture, which changes its
+    distance and not its picture: scenes of any two ratios show C the same triangles. The farthest surface
+    lies at `FARTHEST`, the nearest at the ratio's part of that.
+
+    Raises
+    ------
+    InputError
+        The ratio is smaller than that of one car, `CAR_RATIO`.
+    """
+    return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
 
 
 def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
@@ -122,10 +98,7 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
     shift = SHIFT_PER_REACH * REACH
     # The aperture at the top right is one cell, the whole shift, from the middle one.
     plate = Plate(size=(3 * shift, 3 * shift), hogels=(3, 3))
-    moved = [
-        replace(part, vertices=part.vertices + np.array([shift, shift, 0.0]))
-        for part in _cars(ratio, Camera.C, _QUARTERS)
-    ]
+    moved = _moved(_cars(ratio, Camera.C, _QUARTERS), lambda points: points + np.array([shift, shift, 0.0]))
     scene = replace(_scene(f"cars of depth {ratio:g}, shifted", resolution, moved), plate=plate)
     return SeenScene(scene=scene, aperture=plate.middle if in_middle else plate.aperture(2, 0))
 
@@ -143,26 +116,16 @@ def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
     aperture = plate.aperture(2, 0)
     # The line of a pixel goes sideways by the shear for each unit of distance behind the plate.
     shear = -SHEAR_PER_SLOPE * slope
-    moved = [
-        replace(
-            part,
-            vertices=np.column_stack(
-                [
-                    part.vertices[:, 0] + aperture.x - shear * part.vertices[:, 2],
-                    part.vertices[:, 1] + aperture.y - shear * part.vertices[:, 2],
-                    part.vertices[:, 2],
-                ]
-            ),
-        )
-        for part in _cars(ratio, Camera.C, _QUARTERS)
-    ]
+
+    def sheared(points: Floats) -> Floats:
+        x, y, z = points.T
+        return np.column_stack([x + aperture.x - shear * z, y + aperture.y - shear * z, z])
+
+    moved = _moved(_cars(ratio, Camera.C, _QUARTERS), sheared)
     screen = Screen(height=-height, center=(0.0, 0.0), size=(2 * half_size, 2 * half_size))
-    scene = Scene(
-        name=f"cars of depth {ratio:g}, recentered",
-        plate=plate,
-        frustum=Frustum(resolution=resolution, reach=(REACH, REACH), screen=screen),
-        objects=tuple(moved),
-    )
+    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), screen=screen)
+    name = f"cars of depth {ratio:g}, recentered"
+    scene = Scene(name=name, plate=plate, frustum=frustum, objects=tuple(moved))
     return SeenScene(scene=scene, aperture=aperture)
 
 
@@ -178,35 +141,25 @@ def balanced_height(ratio: float) -> float:
 def car_through_plate(distance: float, resolution: tuple[int, int]) -> SeenScene:
     """Return the built-in car, which runs through the plate, seen from an aperture beside its body.
 
-    Parameters
-    ----------
-    distance
-        Distance along x of the aperture from where the body crosses the plate, as a share of the reach.
-    resolution
-        W, H of the film.
+    `distance` is that along x of the aperture from where the body crosses the plate, as a share of the reach.
     """
     size = REACH / _CAR_REACH
-    parts = [replace(part, vertices=size * part.vertices) for part in car()]
-    row = _CAR_ROW * size
-    aperture = Aperture(column=0, row=0, x=_outermost_crossing(parts, row) + distance * REACH, y=row)
-    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_CAR_FOV, _CAR_FOV))
-    scene = Scene(name="car through the plate", plate=_PLATE, frustum=frustum, objects=tuple(parts))
-    return SeenScene(scene=scene, aperture=aperture)
-
-
-def _outermost_crossing(parts: Sequence[SceneObject], y: float) -> float:
-    """Return the largest x at which a surface crosses the plate, z = 0, in a row of the plate."""
+    parts, y = _moved(car(), lambda points: size * points), _CAR_ROW * size
+    # The edges of triangles that cross the plate, z = 0, and where they do.
     triangles = np.concatenate([part.vertices[part.faces] for part in parts])
     starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
     crosses = (starts[:, 2] < 0) != (ends[:, 2] < 0)
     share = np.divide(starts[:, 2], starts[:, 2] - ends[:, 2], out=np.zeros(len(starts)), where=crosses)
     points = starts[:, :2] + share[:, None] * (ends - starts)[:, :2]
-    # A triangle that crosses the plate does so along a segment between two of its edges.
-    pairs = points[crosses].reshape(-1, 2, 2)
-    low, high = pairs[:, 0], pairs[:, 1]
+    # A triangle crosses the plate along a segment between two of its edges: the outermost x in that row.
+    low, high = points[crosses].reshape(-1, 2, 2).transpose(1, 0, 2)
     across = (low[:, 1] < y) != (high[:, 1] < y)
-    low, high = low[across], high[across]
-    return float((low[:, 0] + (high - low)[:, 0] * ((y - low[:, 1]) / (high - low)[:, 1])).max())
+    low, step = low[across], (high - low)[across]
+    x = float((low[:, 0] + step[:, 0] * ((y - low[:, 1]) / step[:, 1])).max())
+    aperture = Aperture(column=0, row=0, x=x + distance * REACH, y=y)
+    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_CAR_FOV, _CAR_FOV))
+    scene = Scene(name="car through the plate", plate=_PLATE, frustum=frustum, objects=tuple(parts))
+    return SeenScene(scene=scene, aperture=aperture)
 
 
 def empty_scene(resolution: tuple[int, int]) -> Scene:
@@ -219,38 +172,37 @@ def _scene(name: str, resolution: tuple[int, int], objects: list[SceneObject]) -
     return Scene(name=name, plate=_PLATE, frustum=frustum, objects=tuple(objects))
 
 
-def _car_behind_plate() -> list[SceneObject]:
-    """Return the parts of a car, seen from above a corner, on the axis of the film at full distance."""
+def _moved(parts: Sequence[SceneObject], move: Callable[[Floats], Floats]) -> list[SceneObject]:
+    return [replace(part, vertices=move(part.vertices)) for part in parts]
+
+
+def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
+    """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
+    if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
+        raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
+    # A car on the axis, seen from above a corner: its nearest point is put at |z| = x such that the farthest
+    # lies at CAR_RATIO x; then all is scaled.
     turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
     corners = np.concatenate([part.vertices for part in turned])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    # The nearest point is put at |z| = x such that the farthest lies at CAR_RATIO x; then all is scaled.
     nearest = (high[2] - low[2]) / (CAR_RATIO - 1)
     size = FARTHEST / (CAR_RATIO * nearest)
-    middle = (low + high) / 2
-    to_place = np.array([middle[0], middle[1], high[2] + nearest])
-    return [replace(part, vertices=size * (part.vertices - to_place)) for part in turned]
-
-
-def _shifts_to(places: Sequence[tuple[float, float]], parts: list[SceneObject]) -> list[Floats]:
-    """Return the shifts (3,) along x and y that bring a car's picture to the middle of each place."""
+    to_place = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2] + nearest])
+    parts = _moved(turned, lambda points: size * (points - to_place))
     corners = np.concatenate([part.vertices for part in parts])
-    depth = -corners[:, 2:]
-    shifts = []
-    for turn in np.array(places):
-        middle = turn * math.tan(_FOV / 2) / 2
-        shift = np.zeros(2)
-        # Depths differ by half at most, so that each step leaves less than half of the distance.
+    objects = []
+    for at, scale in zip(places, np.geomspace(1.0, CAR_RATIO / ratio, len(places)).tolist(), strict=True):
+        # The shift that brings the picture to the middle of its place. Depths differ by half at most, so that
+        # each step leaves less than half of the distance.
+        shift, middle = np.zeros(3), np.array(at) * math.tan(_FOV / 2) / 2
         for _ in range(60):
-            seen = (corners[:, :2] + shift) / depth
-            shift += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * depth.min()
-        shifts.append(np.append(shift, 0.0))
-    return shifts
-
-
-def _on_side_of(camera: Camera, part: SceneObject) -> SceneObject:
-    """Return a part as it is for C, reflected through the aperture for C*."""
-    if camera is Camera.C:
-        return part
-    # A point reflection reverses the winding as it is seen; reversing the corners restores it.
-    return replace(part, vertices=-part.vertices, faces=part.faces[:, ::-1])
+            seen = (corners[:, :2] + shift[:2]) / -corners[:, 2:]
+            shift[:2] += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * -corners[:, 2].max()
+        for part in parts:
+            vertices = scale * (part.vertices + shift)
+            if camera is Camera.C:
+                objects.append(replace(part, vertices=vertices))
+            else:
+                # Reflection through the aperture reverses the winding as it is seen; so are the corners.
+                objects.append(replace(part, vertices=-vertices, faces=part.faces[:, ::-1]))
+    return objects

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.scene import Scene, SceneObject
@@ -28,54 +27,35 @@ GLOBES = (
 MAX_FACTOR_RATIO = 2.5
 """Largest ratio of sectors to rings: a number whose factors differ more is refused."""
 
-_PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
-_FOV = math.radians(60)
-
 
 def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
     """Return closed globes before, across and behind the plate, seen through an aperture at the origin.
 
-    Vertices lie on the same ellipsoids whatever their number. With m sectors or bands a silhouette is
-    off by at most 1 - cos(pi / m) of a semi-axis.
-
-    Parameters
-    ----------
-    triangles
-        Number of triangles of all globes together, exactly: each globe has 2 sectors (bands - 1).
-    resolution
-        W, H of the film.
+    All together have exactly that number of triangles: each globe has 2 sectors (bands - 1). Vertices lie on
+    the same ellipsoids whatever their number: with m sectors or bands a silhouette is off by at most
+    1 - cos(pi / m) of a semi-axis.
 
     Raises
     ------
     InputError
         No globe has that many triangles.
     """
-    sectors, rings = _factors(triangles)
-    polar = np.linspace(0.0, np.pi, rings + 2)
-    vertices, faces = lathe(0.5 * np.sin(polar), -0.5 * np.cos(polar), sectors=sectors)
-    objects = tuple(_globe(vertices, faces, center, semi_axes) for center, semi_axes in GLOBES)
-    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_FOV, _FOV))
-    return Scene(name=f"globes of {triangles} triangles", plate=_PLATE, frustum=frustum, objects=objects)
-
-
-def _factors(triangles: int) -> tuple[int, int]:
-    """Return sectors, and rings of vertices between the poles, of each globe."""
+    # A product of sectors, and of rings of vertices between the poles, as even as it can be.
     product, rest = divmod(triangles, 2 * len(GLOBES))
-    if not rest:
-        rings = max((n for n in range(2, math.isqrt(max(product, 0)) + 1) if product % n == 0), default=0)
-        if rings and product <= MAX_FACTOR_RATIO * rings**2:
-            return product // rings, rings
-    raise InputError(
-        f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
-        "32000 or 100000"
+    factors = range(2, math.isqrt(max(product, 0)) + 1) if not rest else range(0)
+    rings = max((n for n in factors if product % n == 0), default=0)
+    if not rings or product > MAX_FACTOR_RATIO * rings**2:
+        raise InputError(
+            f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
+            "32000 or 100000"
+        )
+    polar = np.linspace(0.0, np.pi, rings + 2)
+    unit, faces = lathe(0.5 * np.sin(polar), -0.5 * np.cos(polar), sectors=product // rings)
+    objects = tuple(
+        SceneObject(name="globe", vertices=2.0 * np.array(semi_axes) * unit + np.array(center), faces=faces)
+        for center, semi_axes in GLOBES
     )
-
-
-def _globe(
-    vertices: Floats,
-    faces: Indices,
-    center: tuple[float, float, float],
-    semi_axes: tuple[float, float, float],
-) -> SceneObject:
-    placed = 2.0 * np.array(semi_axes) * vertices + np.array(center)
-    return SceneObject(name="globe", vertices=placed, faces=faces)
+    fov = math.radians(60)
+    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(fov, fov))
+    plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
+    return Scene(name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects)

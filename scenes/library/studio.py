@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import refine, smoothed
 from xfrustum.scenes.library import builtin
@@ -89,18 +89,15 @@ def surroundings(height: int = 256) -> Environment:
     ground = (0.16 + 0.05 * aside)[..., None] * [1.0, 0.85, 0.7]
     horizon = _smooth_step(latitude, 0.0, width=6.0)[..., None]
     radiance = horizon * sky + (1 - horizon) * ground
-    for longitudes, latitudes, color in (
+    for (left, right), (low, high), color in (
         ((-170.0, -95.0), (28.0, 46.0), (5.0, 5.0, 4.6)),
         ((105.0, 165.0), (12.0, 18.0), (2.4, 2.0, 1.5)),
         ((-60.0, 20.0), (60.0, 72.0), (2.0, 2.3, 2.8)),
     ):
-        box = _between(longitude, longitudes) * _between(latitude, latitudes)
-        radiance = radiance + box[..., None] * color
+        across = _smooth_step(longitude, left, width=4.0) * (1 - _smooth_step(longitude, right, width=4.0))
+        up = _smooth_step(latitude, low, width=4.0) * (1 - _smooth_step(latitude, high, width=4.0))
+        radiance = radiance + (across * up)[..., None] * color
     return Environment(radiance=radiance.astype(np.float32), name="studio")
-
-
-def _between(angle: Floats, limits: tuple[float, float]) -> Floats:
-    return _smooth_step(angle, limits[0], width=4.0) * (1 - _smooth_step(angle, limits[1], width=4.0))
 
 
 def _smooth_step(angle: Floats, edge: float, *, width: float) -> Floats:
@@ -111,38 +108,22 @@ def _smooth_step(angle: Floats, edge: float, *, width: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TessellatedCar:
-    """The car, and which of its triangles reflect.
-
-    Attributes
-    ----------
-    scene
-        The built-in car's, in other triangles.
-    reflective
-        (F,) the first triangles, beginning with the body's.
-    """
+    """The built-in car in other triangles, and which of them reflect: the first, from the body on."""
 
     scene: Scene
-    reflective: Mask
+    reflective: Mask  # (F,)
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
-    """Return the car in a number of triangles, a share of which is reflective.
+    """Return the car in a number of triangles, a share of which is reflective: the paper's table 1 needs two.
 
-    The surface is the built-in car's: triangles are split in four while that leaves too few, and then
-    the longest edges at their middles, each in the two triangles that it bounds.
-
-    Parameters
-    ----------
-    polygons
-        Number of triangles, at least that of the built-in car. Splitting an edge may add two: then the car
-        can have one triangle fewer.
-    reflective_share
-        Share of the triangles that reflect, 0 to 1; their number is rounded.
+    The surface is the built-in car's: triangles are split in four while that leaves too few, and then the
+    largest in three at their centroids, which adds two each: the car may have one triangle fewer.
 
     Raises
     ------
     InputError
-        There are too few polygons, or the share is none.
+        There are fewer polygons than the built-in car has, or the share does not lie between 0 and 1.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
@@ -152,10 +133,28 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
         )
     while 4 * len(scene.faces) <= polygons:
         scene = refine(scene, 1)
-    while split := _with_edges_split(scene, polygons - len(scene.faces)):
-        scene = split
+    while (splits := (polygons - len(scene.faces)) // 2) > 0:
+        a, b, c = np.moveaxis(scene.triangles, 1, 0)
+        size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        split = np.zeros(len(size), dtype=np.bool_)
+        split[np.argsort(-size, kind="stable")[:splits]] = True
+        ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
+        objects = map(_in_three, scene.objects, np.split(split, ends))
+        scene = replace(scene, objects=tuple(objects))
     reflective = np.arange(len(scene.faces)) < round(reflective_share * len(scene.faces))
     return TessellatedCar(scene=scene, reflective=read_only(reflective))
+
+
+def _in_three(part: SceneObject, split: Mask) -> SceneObject:
+    """Split some faces (F,) at their centroids; the parts stay neighbors in the order of drawing."""
+    (a, b, c), numbers = part.faces[split].T, np.flatnonzero(split)
+    middle = len(part.vertices) + np.arange(len(numbers))
+    faces = part.faces.copy()
+    faces[split, 2] = middle
+    others = np.stack([b, c, middle, c, a, middle], axis=1).reshape(-1, 3)
+    faces = np.insert(faces, np.repeat(numbers + 1, 2), others, axis=0)
+    centroids = part.vertices[part.faces[split]].mean(axis=1)
+    return replace(part, vertices=np.concatenate([part.vertices, centroids]), faces=faces)
 
 
 def mirrored(car: TessellatedCar) -> Scene:
@@ -173,60 +172,3 @@ def mirrored(car: TessellatedCar) -> Scene:
                 objects.append(replace(part, faces=part.faces[chosen], material=material))
     materials = MappingProxyType({"paint": paint, "dull": dull})
     return replace(car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials))
-
-
-def _with_edges_split(scene: Scene, more: int) -> Scene | None:
-    """Return the scene with up to this many more triangles; None where no split fits any more.
-
-    No triangle is split twice. Objects are split in proportion; the largest comes last and gets the rest.
-    """
-    order = sorted(range(len(scene.objects)), key=lambda number: len(scene.objects[number].faces))
-    objects, left, faces = list(scene.objects), more, len(scene.faces)
-    for number in order:
-        count = len(objects[number].faces)
-        wanted = left if number == order[-1] else more * count // faces
-        objects[number] = _split_longest(objects[number], wanted)
-        left -= len(objects[number].faces) - count
-    return None if left == more else replace(scene, objects=tuple(objects))
-
-
-def _split_longest(part: SceneObject, more: int) -> SceneObject:
-    """Split the longest edges at their middles, for at most this many more triangles."""
-    sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    edges, edge_of_side, uses = np.unique(
-        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    length = np.linalg.norm(part.vertices[edges[:, 0]] - part.vertices[edges[:, 1]], axis=1)
-    sides_of_edge = np.split(np.argsort(edge_of_side, kind="stable"), np.cumsum(uses)[:-1])
-    # For each triangle, the corner at which the edge that is split begins; -1 where none is.
-    corner_of_face = np.full(len(part.faces), -1)
-    for edge in np.argsort(-length, kind="stable"):
-        faces, corners = np.divmod(sides_of_edge[edge], 3)
-        if len(faces) <= more and (corner_of_face[faces] < 0).all():
-            corner_of_face[faces] = corners
-            more -= len(faces)
-        if more <= 0:
-            break
-    return _split(part, corner_of_face, edges, edge_of_side.reshape(-1, 3))
-
-
-def _split(
-    part: SceneObject,
-    corner_of_face: Indices,
-    edges: Indices,
-    edge_of_face: Indices,
-) -> SceneObject:
-    """Split each face in two at the middle of its edge from a corner to the next; -1 leaves it whole."""
-    (split,) = np.nonzero(corner_of_face >= 0)
-    if not len(split):
-        return part
-    start = corner_of_face[split]
-    used, middle = np.unique(edge_of_face[split, start], return_inverse=True)
-    middle = middle + len(part.vertices)
-    a, b, c = (part.faces[split, (start + step) % 3] for step in range(3))
-    first = part.faces.copy()
-    first[split] = np.stack([a, middle, c], axis=1)
-    # Halves stay neighbors in the order of drawing.
-    faces = np.insert(first, split + 1, np.stack([middle, b, c], axis=1), axis=0)
-    middles = part.vertices[edges[used]].mean(axis=1)
-    return replace(part, vertices=np.concatenate([part.vertices, middles]), faces=faces)

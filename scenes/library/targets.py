@@ -1,10 +1,13 @@
-"""Objects made to show one thing each: orientation, order in depth, the cut at the plate, clipping.
+"""Objects made to show one thing each: orientation, depth order, the cut at the plate, clipping, reflection.
 
-Lengths are millimeters; the plate is 80 x 60, the reach 150 on both sides.
+The shading of mirror spheres, and of gratings near the aperture's limit, is known in closed form.
+
+Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -47,7 +50,7 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
         ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
         ((0.0, 0.3, -0.5), (2.0, 1.0, 2.0)),
-    ]
+    ]  # middle and extent of each
     corners, faces = box()
     vertices, all_faces = join(*((corners * extent + middle, faces) for middle, extent in strokes))
     letter = SceneObject(name="letter", vertices=vertices, faces=all_faces)
@@ -86,11 +89,8 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
                 cell = (first_column + column, row)
                 upper.append(_sheet(max(near, far), cell, (0.0, 0.7)))
                 lower.append(_sheet(min(near, far), cell, (0.3, 1.0)))
-    named = (("upper sheets", upper), ("lower sheets", lower))
-    return tuple(
-        SceneObject(name=name, vertices=mesh[0], faces=mesh[1])
-        for name, mesh in ((name, join(*meshes)) for name, meshes in named)
-    )
+    joined = {"upper sheets": join(*upper), "lower sheets": join(*lower)}
+    return tuple(SceneObject(name=name, vertices=v, faces=f) for name, (v, f) in joined.items())
 
 
 _SHEET_SLOPES = (-0.55, 0.55)
@@ -152,19 +152,18 @@ def large_triangles() -> tuple[SceneObject, ...]:
     Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its
     length or less: the rest is for clipping to remove.
     """
+    large = {
+        "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
+        "floor": ((-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
+        "slope": ((-7000.0, -9000.0, 3253.0), (6000.0, -7000.0, -25231.0), (500.0, 9000.0, 12344.0)),
+    }
+    faces = np.array([[0, 1, 2]])
     return (
-        _triangle("wall", (26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
-        _triangle("floor", (-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
-        _triangle("slope", (-7000.0, -9000.0, 3253.0), (6000.0, -7000.0, -25231.0), (500.0, 9000.0, 12344.0)),
+        *(SceneObject(name=name, vertices=np.array(one), faces=faces) for name, one in large.items()),
         _shape("sphere", 14.0, (0.0, 0.0, 0.0), (7.0, 6.0, 42.0)),
         _shape("box", 18.0, (30.0, 20.0, 10.0), (24.0, -12.0, -66.0)),
         _shape("cone", 20.0, (15.0, 0.0, 40.0), (-20.0, 14.0, 80.0)),
     )
-
-
-def _triangle(name: str, *corners: Vector) -> SceneObject:
-    vertices: Floats = np.array(corners)
-    return SceneObject(name=name, vertices=vertices, faces=np.array([[0, 1, 2]]))
 
 
 MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (((-11.0, 7.0, -72.0), 24.0), ((-20.0, 17.0, 60.0), 10.0))
@@ -183,15 +182,8 @@ def mirror_spheres() -> tuple[SceneObject, ...]:
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
         outward, faces = lathe(radius * np.sin(polar), -radius * np.cos(polar), sectors=192)
-        spheres.append(
-            SceneObject(
-                name=f"mirror sphere {number}",
-                vertices=outward + center,
-                faces=faces,
-                material="mirror",
-                vertex_normals=outward,
-            )
-        )
+        sphere = SceneObject(name=f"mirror sphere {number}", vertices=outward + center, faces=faces)
+        spheres.append(replace(sphere, material="mirror", vertex_normals=outward))
     return tuple(spheres)
 
 
@@ -215,12 +207,8 @@ def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     """Return a sheet of almost upright bars before the plate, and one of almost level bars behind it.
 
     Brightness rises and falls linearly from 0 to 1, one period after the other: to the left of the middle
-    (above it, behind the plate) `FINE`, to the right (below) `COARSE`. At the middle both are black.
-
-    Parameters
-    ----------
-    pitch
-        Distances of neighboring hogels along x and y, in millimeters.
+    (above it, behind the plate) `FINE`, to the right (below) `COARSE`. At the middle both are black. `pitch`
+    are the distances of neighboring hogels along x and y.
     """
     return (
         _bars("upright bars", -_periods(pitch[0], 21.0)[::-1], GRATING_HEIGHT, (-12.0, 7.0), upright=True),
@@ -243,14 +231,8 @@ def _bars(name: str, turns: Floats, z: float, span: tuple[float, float], *, upri
     x, y = (along, across) if upright else (across[:, ::-1], along[:, ::-1])
     vertices, faces = open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
     brightness = np.abs(np.arange(len(turns)) - int(np.argmin(np.abs(turns)))) % 2
-    colors = np.repeat(brightness.astype(np.float64), len(span))
-    return SceneObject(
-        name=name,
-        vertices=vertices,
-        faces=faces,
-        material="plain",
-        vertex_colors=np.repeat(colors[:, None], 3, axis=1),
-    )
+    colors = np.repeat(np.repeat(brightness.astype(np.float64), len(span))[:, None], 3, axis=1)
+    return SceneObject(name=name, vertices=vertices, faces=faces, material="plain", vertex_colors=colors)
 
 
 def plain() -> Appearance:
