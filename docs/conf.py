@@ -54,9 +54,9 @@ myst_links_external_new_tab = False
 autosummary_generate = True
 autosummary_ignore_module_all = False
 python_maximum_signature_line_length = 88
-numpydoc_show_class_members = True
-numpydoc_show_inherited_class_members = False
-numpydoc_class_members_toctree = False
+# Fields are explained by comments beside them, which autodoc shows with the methods.
+numpydoc_show_class_members = False
+autodoc_default_options = {"member-order": "bysource"}
 
 sphinx_gallery_conf = {
     "examples_dirs": ["docs/examples"],
