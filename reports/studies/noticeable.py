@@ -96,57 +96,36 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What a replay shows to two eyes; None where a cell was not replayed.
+    """What a replay shows to two eyes; None where a cell was not replayed."""
 
-    Change of disparity, number of points that both eyes were shown, share of pixels with wrong surfaces and
-    with such as exact depth shows rightly, and the number of pixels that these are shares of.
-    """
-
-    replayed_stereo_arcsec: float | None = None
-    replayed_points: int | None = None
-    replayed_wrong: float | None = None
-    replayed_depth_wrong: float | None = None
-    replayed_pixels: int | None = None
+    replayed_stereo_arcsec: float | None = None  # change of disparity
+    replayed_points: int | None = None  # that both eyes were shown
+    replayed_wrong: float | None = None  # share of pixels with wrong surfaces
+    replayed_depth_wrong: float | None = None  # and with such as exact depth shows rightly
+    replayed_pixels: int | None = None  # that these are shares of
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Replay, Cell):
-    """A cell with its answers; lengths in millimeters.
+    """A cell with its answers; lengths in millimeters."""
 
-    Attributes
-    ----------
-    stereo_arcsec
-        Largest change of disparity between two things that the viewer sees.
-    crack_arcmin, crack_hidden_arcmin, crack_hidden_by
-        Width of the crack in a surface that runs through the plate, None where there is none; width of one
-        that is not noticed, and what hides it.
-    ordered_separation, asked_separation
-        Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side; and
-        what `plan` asks for without a viewer.
-    resolved_separation, resolved_by
-        Smallest separation that the viewer, or the display, tells apart there, and what decides that.
-    pixels_median, pixels_worst, pixels_beyond
-        99th percentile of displacement in pixels of the median and the worst aperture, None where surfaces
-        pass through them; share of the apertures that are displaced by more than `TOLERANCE_PX`.
-    nearest_distance
-        Distance from the eyes of the nearest surface before the plate; the plate's own where there is none.
-    sheared
-        Whether what is replayed is sheared: the frustum is recentered, and the pivot is `aperture`.
-    """
-
-    stereo_arcsec: float
-    crack_arcmin: float | None
-    crack_hidden_arcmin: float
+    stereo_arcsec: float  # largest change of disparity between two things that the viewer sees
+    crack_arcmin: float | None  # width of the crack in a surface that runs through the plate, if there is one
+    crack_hidden_arcmin: float  # width of one that is not noticed, and what hides it
     crack_hidden_by: str
     ordered_separation: float
+    """Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side."""
     resolved_separation: float
+    """Smallest separation that the viewer, or the display, tells apart there, and what decides that."""
     resolved_by: str
     pixels_median: float | None
+    """99th percentile of displacement in pixels of the median and the worst aperture, None where surfaces
+    pass through them; and share of the apertures that are displaced by more than `TOLERANCE_PX`."""
     pixels_worst: float | None
     pixels_beyond: float
-    asked_separation: float
-    nearest_distance: float
-    sheared: bool
+    asked_separation: float  # what `plan` asks for without a viewer
+    nearest_distance: float  # from the eyes to the nearest surface before the plate, or to the plate
+    sheared: bool  # the frustum is recentered, and the pivot is `aperture`
 
     @property
     def offset_seen(self) -> bool:
@@ -189,18 +168,10 @@ class Study:
     def cells(self) -> Iterator[Cell]:
         """Yield every cell, those of one scene together."""
         for name, pivots in self.scenes:
-            for pivot, pitch, distance, near, (depth, mapping) in product(
-                pivots, self.pitches, self.distances, self.nears, self.buffers
-            ):
-                yield Cell(
-                    scene=name,
-                    pitch=pitch,
-                    distance=distance,
-                    near=near,
-                    depth=depth,
-                    mapping=mapping,
-                    pivot=pivot,
-                )
+            asked = product(pivots, self.pitches, self.distances, self.nears, self.buffers)
+            for pivot, pitch, distance, near, (depth, mapping) in asked:
+                seat: dict[str, Any] = {"scene": name, "pitch": pitch, "distance": distance}
+                yield Cell(**seat, near=near, depth=depth, mapping=mapping, pivot=pivot)
 
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
         """Return the indices of the cells that are replayed.
@@ -319,12 +290,10 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
 def film_columns(size: tuple[float, float], pixels: int) -> int:
     """Return the columns of an eye's film before a plate of some size: as few as give two eyes the pixels."""
     width, height = size
-    fewest = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
-    return next(
-        columns
-        for columns in itertools.count(fewest)
-        if 2 * columns * max(1, round(columns * height / width)) >= pixels
-    )
+    columns = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
+    while 2 * columns * max(1, round(columns * height / width)) < pixels:
+        columns += 1
+    return columns
 
 
 def make_study(
@@ -335,12 +304,6 @@ def make_study(
     This process evaluates the closed forms; the engine says where cells are replayed. Every block of replays
     is kept in the folder as soon as it is there; what is there already, from the same libraries and device,
     is not replayed again. Returns None where other parts of a job array are not replayed yet.
-
-    Raises
-    ------
-    InputError
-        An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers replay with
-        something else.
     """
     sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
     check_folder(out, "noticeable")
@@ -353,9 +316,8 @@ def make_study(
     chosen = sorted(
         study.replayed(cells, rows), key=lambda i: (cells[i].seat, cells[i].pivot, -cells[i].near)
     )
-    blocks = [
-        tuple(cells[i] for i in group) for _, group in groupby(chosen, key=lambda index: cells[index].seat)
-    ]
+    seats = groupby((cells[index] for index in chosen), key=lambda cell: cell.seat)
+    blocks = [tuple(group) for _, group in seats]
     with open_workers(engine, len(blocks)) as workers:
         replays = sweep.rows(blocks, workers, engine.part, progress=progress)
     if replays is None:
@@ -373,19 +335,16 @@ def record(files: StudyFiles) -> dict[str, Any]:
     rows = files.rows
     own = [row for row in rows if row.replayed_stereo_arcsec is not None]
     ratios = [r.replayed_stereo_arcsec / r.stereo_arcsec for r in own if r.stereo_arcsec >= SEEN_ARCSEC]
-    return dict(
-        json_ready(
-            {
-                **files.record,
-                "sentence": sentence(rows),
-                "thresholds": thresholds(rows),
-                "quarters": quarters(rows),
-                "replays": len(own),
-                "replayed_over_predicted": (min(ratios, default=math.nan), max(ratios, default=math.nan)),
-                "disagreement": disagreement(rows),
-            }
-        )
-    )
+    said = {
+        **files.record,
+        "sentence": sentence(rows),
+        "thresholds": thresholds(rows),
+        "quarters": quarters(rows),
+        "replays": len(own),
+        "replayed_over_predicted": (min(ratios, default=math.nan), max(ratios, default=math.nan)),
+        "disagreement": disagreement(rows),
+    }
+    return dict(json_ready(said))
 
 
 def sentence(rows: Sequence[Row]) -> str:
@@ -430,19 +389,14 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
     found = []
     for scene, pivot in dict.fromkeys((row.scene, row.pivot) for row in rows):
         own = [row for row in rows if (row.scene, row.pivot) == (scene, pivot)]
-        by_distance = {d: [row for row in own if row.distance == d] for d in {row.distance: 0 for row in own}}
-        found.append(
-            {
-                "scene": scene,
-                "pivot": pivot,
-                "stereo": {
-                    f"{distance:g}": largest_near(some, lambda row: row.stereo_arcsec, STEREO_ACUITY_ARCSEC)
-                    for distance, some in by_distance.items()
-                },
-                "pixels_worst": largest_near(own, lambda row: row.pixels_worst, TOLERANCE_PX),
-                "pixels_median": largest_near(own, lambda row: row.pixels_median, TOLERANCE_PX),
-            }
-        )
+        stereo = {}
+        for distance in dict.fromkeys(row.distance for row in own):
+            some = [row for row in own if row.distance == distance]
+            stereo[f"{distance:g}"] = largest_near(some, lambda row: row.stereo_arcsec, STEREO_ACUITY_ARCSEC)
+        worst = largest_near(own, lambda row: row.pixels_worst, TOLERANCE_PX)
+        median = largest_near(own, lambda row: row.pixels_median, TOLERANCE_PX)
+        entry = {"scene": scene, "pivot": pivot, "stereo": stereo}
+        found.append(entry | {"pixels_worst": worst, "pixels_median": median})
     return found
 
 
@@ -454,21 +408,11 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     """
     found = []
     for distance in sorted({row.distance for row in rows}):
-        kept = {
-            (row.scene, row.pivot, row.pitch, row.near): row.offset_seen
-            for row in rows
-            if row.distance == distance and row.near <= row.pitch / 4
-        }
-        near = rule_near(distance)
-        found.append(
-            {
-                "distance": distance,
-                "near": near,
-                "pitch": 4 * near,
-                "kept": len(kept),
-                "failed": sum(kept.values()),
-            }
-        )
+        own = [row for row in rows if row.distance == distance and row.near <= row.pitch / 4]
+        kept = {(row.scene, row.pivot, row.pitch, row.near): row.offset_seen for row in own}
+        near, failed = rule_near(distance), sum(kept.values())
+        counts = {"kept": len(kept), "failed": failed}
+        found.append({"distance": distance, "near": near, "pitch": 4 * near, **counts})
     return found
 
 
@@ -476,13 +420,9 @@ def disagreement(rows: Sequence[Row]) -> dict[str, int]:
     """Return where hogels' pixels and eyes disagree about near, in closed form."""
     own = {(r.scene, r.pivot, r.pitch, r.distance, r.near): r for r in rows}.values()
     seen = [(row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX, row.offset_seen) for row in own]
-    names = {
-        "pixels_only": (True, False),
-        "eyes_only": (False, True),
-        "both": (True, True),
-        "neither": (False, False),
-    }
-    return {name: seen.count(kind) for name, kind in names.items()}
+    kinds = {"pixels_only": (True, False), "eyes_only": (False, True)}
+    kinds |= {"both": (True, True), "neither": (False, False)}
+    return {name: seen.count(kind) for name, kind in kinds.items()}
 
 
 def document(rows: Sequence[Row], origin: Origin) -> str:
@@ -496,6 +436,5 @@ def document(rows: Sequence[Row], origin: Origin) -> str:
         "replays": sum(row.replayed_pixels is not None for row in rows),
         "devices": origin.devices,
     }
-    return plain_text(
-        "noticeable.md.j2", {"length": lambda near: "-" if near is None else digits(near)}, values
-    )
+    length = {"length": lambda near: "-" if near is None else digits(near)}
+    return plain_text("noticeable.md.j2", length, values)

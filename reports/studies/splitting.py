@@ -10,11 +10,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,15 +39,17 @@ from xfrustum.reports.studies.splitting_cells import (
     Row,
     Study,
     Suitability,
+    document,
+    maps,
     outcomes,
     straight_nears,
     suitability,
+    svg,
 )
-from xfrustum.reports.studies.splitting_facts import document, maps, svg
 from xfrustum.reports.studies.sweep import HERE, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes.library import depth_family
 from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SeenScene
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "splitting"
@@ -101,11 +102,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
     scene, aperture, reference = seen.scene, seen.aperture, Reference(seen.scene)
     truth = reference.trace(aperture)
     heights = np.abs(truth.height[truth.covered].astype(np.float64)) / REACH
-    ends: dict[str, Any] = {
-        "nearest": float(np.percentile(heights, NEAREST_PERCENTILE)),
-        "farthest": float(heights.max()),
-    }
-    sheets = _sheets(cells)
+    sheets = _misordered(cells)
     with Rasterizer(scene) as rasterizer:
         exact: DoubleFrustum | None = None
         for cell in cells:
@@ -121,9 +118,16 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             assert wrong is not None and judged.surface is not None
             by_depth = wrong & ~control_wrong
             moved = lengths(judged.maps.displacement)[drawn.off_plate]
+            own = _sheets_of(cell)
+            # Of the sheets of several cameras the worst count.
+            misordered = [max(shares) for shares in zip(*(sheets[one] for one in own), strict=True)]
+            ordered = itertools.takewhile(
+                lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, zip(SEPARATIONS, misordered, strict=True)
+            )
             yield Row(
                 **vars(cell),
-                **ends,
+                nearest=float(np.percentile(heights, NEAREST_PERCENTILE)),
+                farthest=float(heights.max()),
                 judged=judged.judged,
                 covered=judged.covered,
                 surface_wrong=int(wrong.sum()),
@@ -136,56 +140,42 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 displaced=int((moved > TOLERANCE_PX).sum()),
                 predicted_rms=predicted.rms if predicted else None,
                 predicted_p99=predicted.p99 if predicted else None,
-                **_ordered([sheets[one] for one in _sheets_of(cell)]),
-                predicted_separation=max(map(predicted_separation, _sheets_of(cell))),
+                misordered=misordered[SEPARATIONS.index(ASKED_SEPARATION)],
+                ordered_separation=min((separation for separation, _ in ordered), default=None),
+                predicted_separation=max(map(predicted_separation, own)),
             )
 
 
 # Pairs of sheets at the far end
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sheets:
-    """Pairs of sheets as one camera sees them; the distance from it depends on neither shear nor fit."""
-
-    side: Camera
-    near: float
-    slabs: tuple[float, ...]
-    offset: Offset
-    depth: DepthFormat
-    mapping: DepthMapping
-
-    @property
-    def stands_back(self) -> float:
-        """How far the camera that draws the far end stands back, as a share of the reach."""
-        return 0.0 if self.slabs or self.offset is Offset.NONE else self.near
-
-    @property
-    def settings(self) -> DoubleFrustum:
-        """Settings of the rasterizer, in scene units."""
-        own = {one.name: getattr(self, one.name) for one in fields(self)}
-        return Cell(**own, family=Family.ONE_SIDE, ratio=1.0, resolution=1).settings
+def _sheets_of(cell: Cell) -> tuple[Cell, ...]:
+    """Return cells that stand for the sheets of each camera, which depend on neither shear nor fit."""
+    plain = {"family": Family.ONE_SIDE, "ratio": 1.0, "resolution": 1, "pivot": Pivot.APERTURE, "fit": None}
+    own = {one.name: getattr(cell, one.name) for one in fields(Cell)} | plain
+    return tuple(
+        Cell(**{**own, "side": side}) for side in (SIDES if cell.side is Camera.BOTH else (cell.side,))
+    )
 
 
-def _sheets_of(cell: Cell) -> tuple[Sheets, ...]:
-    """Return the sheets that belong to a cell: those of each of its cameras."""
-    own = {one.name: getattr(cell, one.name) for one in fields(Sheets) if one.name != "side"}
-    return tuple(Sheets(side=side, **own) for side in (SIDES if cell.side is Camera.BOTH else (cell.side,)))
+def _stands_back(sheets: Cell) -> float:
+    """Return how far the camera that draws the far end stands back, as a share of the reach."""
+    return 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
 @cache
-def _measured_sheets() -> dict[Sheets, tuple[float, ...]]:
+def _measured_sheets() -> dict[Cell, tuple[float, ...]]:
     """Return what this process has measured of sheets: cells of many pictures share them."""
     return {}
 
 
-def _sheets(cells: Iterable[Cell]) -> dict[Sheets, tuple[float, ...]]:
+def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
     """Return the share of pixels that do not show the right sheet, for each of `SEPARATIONS`."""
     known = _measured_sheets()
     missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - set(known)
 
-    def camera(sheets: Sheets) -> tuple[Camera, float]:
-        return sheets.side, sheets.stands_back
+    def camera(sheets: Cell) -> tuple[Camera, float]:
+        return sheets.side, _stands_back(sheets)
 
     for _, group in groupby(sorted(missing, key=camera), key=camera):
         own = list(group)
@@ -198,7 +188,7 @@ def _sheets(cells: Iterable[Cell]) -> dict[Sheets, tuple[float, ...]]:
     return known
 
 
-def _film(sheets: Sheets, separation: float) -> SheetFilm:
+def _film(sheets: Cell, separation: float) -> SheetFilm:
     """Return one pair of sheets at the far end of a side, which covers the film.
 
     The sheet that must not show comes first, so that equal depths show it.
@@ -214,28 +204,11 @@ def _film(sheets: Sheets, separation: float) -> SheetFilm:
     return SheetFilm.of(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
 
 
-def predicted_separation(sheets: Sheets) -> float:
+def predicted_separation(sheets: Cell) -> float:
     """Return the smallest separation ordered at the farthest surface, by the closed form."""
     near = (sheets.slabs[-1] if sheets.slabs else sheets.near) * REACH
-    offset = sheets.stands_back * REACH
-    ordered = smallest_separation(
-        np.array(FARTHEST + offset), near, offset + REACH, sheets.depth, sheets.mapping
-    )
-    return float(ordered) / REACH
-
-
-def _ordered(found: Sequence[tuple[float, ...]]) -> dict[str, Any]:
-    """Return what a row says of sheets; of those of several cameras the worst count."""
-    misordered = [max(shares) for shares in zip(*found, strict=True)]
-    ordered = list(
-        itertools.takewhile(
-            lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, zip(SEPARATIONS, misordered, strict=True)
-        )
-    )
-    return {
-        "misordered": misordered[SEPARATIONS.index(ASKED_SEPARATION)],
-        "ordered_separation": ordered[-1][0] if ordered else None,
-    }
+    offset, buffer = _stands_back(sheets) * REACH, sheets.buffer
+    return float(smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, *buffer)) / REACH
 
 
 # The whole study
@@ -249,12 +222,6 @@ def make_study(
     The engine says where cells are measured. Every block is kept in the folder as soon as it is measured;
     what is there already, from the same libraries and device, is not measured again. Returns None where other
     parts of a job array are not measured yet.
-
-    Raises
-    ------
-    InputError
-        An unwritable folder, a file in the way, no OpenGL; no scheduler answers, or workers measure with
-        something else.
     """
     check_folder(out, "when-to-split")
     sweep = Sweep.of("splitting", out, Row, measure)

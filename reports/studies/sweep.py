@@ -58,13 +58,7 @@ class Origin:
 
 @cache
 def measured_by() -> Origin:
-    """Return the versions and the device that would measure here and now.
-
-    Raises
-    ------
-    InputError
-        No usable OpenGL context.
-    """
+    """Return the versions and the device that would measure here and now; InputError without OpenGL."""
     scene = cars(CAR_RATIO, Camera.C, (1, 1))
     with Rasterizer(scene) as rasterizer:
         opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
@@ -86,13 +80,13 @@ def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
     names = {one.name for one in fields(kind)}  # type: ignore[arg-type]  # a dataclass; no type says so
     reader = TypeAdapter(kind)
     rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
-    return rows, Origin(versions=_named(found[0], VERSION_COLUMN), devices=_named(found[0], DEVICE_COLUMN))
 
+    def named(pattern: str) -> dict[str, str]:
+        prefix = pattern.format("")
+        columns = found[0].items()
+        return {name.removeprefix(prefix): str(v) for name, v in columns if name.startswith(prefix)}
 
-def _named(columns: Mapping[str, object], pattern: str) -> dict[str, str]:
-    """Return the values of the columns of one pattern by what stands in its place."""
-    prefix = pattern.format("")
-    return {name.removeprefix(prefix): str(v) for name, v in columns.items() if name.startswith(prefix)}
+    return rows, Origin(versions=named(VERSION_COLUMN), devices=named(DEVICE_COLUMN))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,10 +118,9 @@ class Sweep(Job):
 
     def file(self, cells: Sequence[Any]) -> Path:
         """Return the file of a block."""
-        asked = json.dumps(
-            [self.study, self.origin.decisive, *(asdict(cell) for cell in cells)], sort_keys=True
-        )
-        return self.folder / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.parquet"
+        asked = [self.study, self.origin.decisive, *map(asdict, cells)]
+        digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+        return self.folder / f"{digest[:32]}.parquet"
 
     def finished(self, cells: Sequence[Any]) -> bool:
         """Return whether a block is measured."""
@@ -143,13 +136,7 @@ class Sweep(Job):
 
     @contextmanager
     def open(self) -> Iterator[Sweep]:
-        """Provide what measures blocks, which is the job itself.
-
-        Raises
-        ------
-        InputError
-            This process would measure with other libraries or another device; or it has no usable OpenGL.
-        """
+        """Provide the job itself, which measures; InputError where its libraries or device are others."""
         here = measured_by()
         if here.decisive != self.origin.decisive:
             raise InputError(
@@ -160,8 +147,7 @@ class Sweep(Job):
 
     def make(self, cells: Sequence[Any]) -> None:
         """Measure a block; its file is there whole or not at all."""
-        rows = list(self.measure(cells))
-        file = self.file(cells)
+        rows, file = list(self.measure(cells)), self.file(cells)
         with Staging(self.folder, (file.name,)) as staging:
             write_rows(self.row, rows, self.origin, staging.folder / file.name)
             staging.commit()

@@ -34,18 +34,16 @@ from xfrustum.reports.studies.splitting_cells import (
     Grid,
     Row,
     Suitability,
-    outcomes,
-    straight_nears,
-    suitability,
-)
-from xfrustum.reports.studies.splitting_facts import (
     agreement,
     document,
     helps,
     least_near,
     maps,
     of_family,
+    outcomes,
     sentence,
+    straight_nears,
+    suitability,
     unbroken,
 )
 from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
@@ -335,12 +333,12 @@ def test_the_command_prints_one_object_that_names_every_case(
 
 def test_the_map_shows_the_verdicts_of_its_cells(tiny: StudyFiles) -> None:
     drawn = maps(tiny.rows)["when-to-split-c"]
-    colors = dict(zip(Suitability, (color for color, _ in drawn.legend), strict=True))
+    colors = dict(zip(Suitability, (color for color, _ in drawn["legend"]), strict=True))
     rows = [row for row in single(tiny.rows) if row.side is Camera.C]
     expected = [
         [colors[suitability(row)] for row in rows if row.buffer == buffer] for buffer in TINY[1][0].buffers
     ]
-    assert [list(line) for line in drawn.panels[0][0].lines] == expected
+    assert [list(line) for line in drawn["panels"][0][0]["lines"]] == expected
 
 
 # What is published.

@@ -47,8 +47,7 @@ def splitting(asked: _Splitting) -> None:
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
     from xfrustum.reports.studies.splitting import DEFAULT_FOLDER, make_study
-    from xfrustum.reports.studies.splitting_cells import FULL, QUICK
-    from xfrustum.reports.studies.splitting_facts import record, sentence
+    from xfrustum.reports.studies.splitting_cells import FULL, QUICK, record, sentence
     from xfrustum.reports.studies.sweep import HERE
 
     cells = QUICK if asked.quick else FULL
