@@ -26,6 +26,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import numpy as np
+
 from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import Scene
@@ -64,14 +66,10 @@ Two points are worse than one."""
 class BandLimit:
     """What band limiting does to the content of one bin of depth.
 
-    Attributes
-    ----------
-    blur_px
-        Largest and smallest blur of the content, pixels, the larger of both axes; the largest is infinite
-        where content touches the plate.
-    sub_apertures
-        Least power of two of points that keep the error under a level, 1 where none but the middle is
-        needed; None where more than `sampling.MAX_SAMPLES` would be.
+    `blur_px` are the largest and the smallest blur of the content, pixels, the larger of both axes; the
+    largest is infinite where content touches the plate. `sub_apertures` is the least power of two of points
+    that keep the error under a level, 1 where none but the middle is needed; None where more than
+    `sampling.MAX_SAMPLES` would be.
     """
 
     blur_px: tuple[float, float]
@@ -79,13 +77,7 @@ class BandLimit:
 
 
 def blur_px(scene: Scene, z: float) -> tuple[float, float]:
-    """Return columns and rows over which the area of a hogel blurs what lies at a height z.
-
-    Parameters
-    ----------
-    z
-        Signed height, scene units; 0 gives infinity.
-    """
+    """Return columns and rows over which a hogel's area blurs what lies at a signed height z; 0: infinity."""
     frustum, plate = scene.frustum, scene.plate
     near = math.inf if z == 0 else 1 / z
     screen = frustum.screen
@@ -105,14 +97,8 @@ def blur_px(scene: Scene, z: float) -> tuple[float, float]:
 def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float:
     """Return the largest error of a mean over points of a hogel's area, as radiance.
 
-    Parameters
-    ----------
-    count
-        Number of points: a key of `DISCREPANCY`.
-    blur
-        Columns and rows of the blur.
-    contrast
-        Change of radiance across the blur.
+    `count` is a key of `DISCREPANCY`; `blur` has columns and rows, and `contrast` is the change of radiance
+    across it.
     """
     error = contrast * min(1.0, sum(blur)) * DISCREPANCY[count]
     return min(error, contrast * sum(blur) / 8) if count == 1 else error
@@ -125,11 +111,9 @@ def sub_apertures_for(blur: tuple[float, float], contrast: float) -> int | None:
 
 def band_limit(scene: Scene, content: DepthBin, contrast: float) -> BandLimit:
     """Return what band limiting does to the content of a bin."""
-    sign = -1.0 if content.behind else 1.0
-    ends = _blurs_at_ends(scene, content)
-    widest = widest_blur(scene, content)
+    ends, widest = _blurs_at_ends(scene, content), widest_blur(scene, content)
     least = min(max(one) for one in ends)
-    screen = scene.frustum.screen
+    sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
     if screen is not None and content.nearest <= sign * screen.height <= content.farthest:
         least = 0.0
     return BandLimit(blur_px=(max(widest), least), sub_apertures=sub_apertures_for(widest, contrast))
@@ -137,8 +121,8 @@ def band_limit(scene: Scene, content: DepthBin, contrast: float) -> BandLimit:
 
 def widest_blur(scene: Scene, content: DepthBin) -> tuple[float, float]:
     """Return the largest blur of the content of a bin, columns and rows; infinite in the plate."""
-    ends = _blurs_at_ends(scene, content)
-    return max(one[0] for one in ends), max(one[1] for one in ends)
+    across, down = zip(*_blurs_at_ends(scene, content), strict=True)
+    return max(across), max(down)
 
 
 def _blurs_at_ends(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -149,38 +133,24 @@ def _blurs_at_ends(scene: Scene, content: DepthBin) -> tuple[tuple[float, float]
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
     """Return a bound of the change of radiance at an edge, from 0 to 1.
 
-    It is the largest radiance that the materials of objects in sight allow, against black, and at most one,
+    It is the largest radiance that the materials of visible objects allow, against black, and at most one,
     where pictures of 8 bits are clipped. Where a picture is brighter than that, its error may be larger by
-    the same factor.
-
-    Parameters
-    ----------
-    apertures
-        Apertures that are looked through; None for all of the plate.
+    the same factor. Apertures that are looked through are None for all of the plate.
     """
-    region = Region.true(scene, apertures)
-    lights = [sum(light.color[c] for light in scene.appearance.lights) for c in range(3)]
-    environment = scene.appearance.environment
-    sky = [0.0] * 3
+    region, environment = Region.true(scene, apertures), scene.appearance.environment
+    lights = sum((np.array(light.color) for light in scene.appearance.lights), np.zeros(3))
+    sky = np.zeros(3)
     if environment is not None and environment.strength > 0:
-        sky = [environment.strength * float(environment.radiance[..., c].max()) for c in range(3)]
+        sky = environment.strength * environment.radiance.max(axis=(0, 1)).astype(np.float64)
     brightest = 0.0
     for part, material in zip(scene.objects, scene.materials, strict=True):
-        if not region.shows(part):
-            continue
-        # Textures are at most one.
-        colors = part.vertex_colors
-        albedo = [1.0] * 3 if colors is None else [float(colors[:, c].max()) for c in range(3)]
-        brightest = max(
-            brightest,
-            *(
-                (material.ambient[c] + lights[c] * material.diffuse[c]) * albedo[c]
-                + lights[c] * material.specular[c]
-                + material.reflectivity[c] * sky[c]
-                for c in range(3)
-            ),
-        )
-    return min(1.0, brightest)
+        if region.shows(part):
+            # Textures are at most one.
+            colors = part.vertex_colors
+            albedo = np.ones(3) if colors is None else colors.max(axis=0)[:3].astype(np.float64)
+            body = (np.array(material.ambient) + lights * material.diffuse) * albedo
+            brightest = max(brightest, *(body + lights * material.specular + sky * material.reflectivity))
+    return min(1.0, float(brightest))
 
 
 def needed_sub_apertures(scene: Scene, apertures: Iterable[Aperture] | None = None) -> int:

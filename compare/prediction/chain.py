@@ -32,14 +32,9 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 class Chain(Brief):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
-    Attributes
-    ----------
-    images
-        T0 the true crossed frustum; T1 with the near offset; T2 with pivot; T3 with fit; T4 with
-        slabs; T5, where faces are culled, without these; all traced and certified; R0 rasterized with
-        linear depth; R1 with the depth buffer asked for.
-    subpixel_bits
-        Subpixel bits of the device that drew R0 and R1.
+    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5, where faces are
+    culled, lacks these; all traced and certified. R0 is rasterized with linear depth, R1 with the depth
+    buffer asked for. `subpixel_bits` are those of the device that drew both.
     """
 
     images: tuple[HogelImage, ...]
@@ -47,15 +42,10 @@ class Chain(Brief):
     subpixel_bits: int
 
 
-def with_named_fit(settings: DoubleFrustum, frustum: Frustum) -> DoubleFrustum:
-    """Return settings whose fit by default is replaced by the one that it stands for."""
-    return replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
-
-
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
-    # Links that change nothing are equal.
-    settings = with_named_fit(settings, frustum)
+    # The fit by default is replaced by the one that it stands for: links that change nothing are equal.
+    settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
     drawn = replace(settings, cull=Cull.NONE)
     whole = replace(drawn, slabs=())
     sheared = replace(whole, fit=Fit.ANGLE)
@@ -85,14 +75,8 @@ def traced_models(
 ) -> tuple[HogelImage, ...]:
     """Return T1 to T4 of an aperture, and T5 where faces are culled.
 
-    A link that changes no setting changes no image, and is not traced.
-
-    Parameters
-    ----------
-    traced
-        Models of this aperture that are traced already, by their settings; new ones are added.
-    shaded
-        Whether the models have normals and color.
+    A link that changes no setting changes no image, and is not traced. `traced` has models of this aperture
+    that are traced already, by their settings; new ones are added. `shaded` models have normals and color.
     """
     traced = {} if traced is None else traced
     links = [with_exact_depth(link) for link in traced_settings(settings, reference.scene.frustum)]

@@ -6,7 +6,6 @@ the contour there is averaged over the steps around it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -26,12 +25,12 @@ either side, and the normal is exact. On stairs that lean less the normal is too
 most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
 mix contours that are as near to each other."""
 
-MIN_OCCLUSION_FOOTPRINTS = 2
-"""Distance, in footprints of a pixel, by which neighboring points must lie off each other's tangent planes
-to count as an occlusion. Two points of one surface lie at most one footprint off, with one crease between
-them, measured from the face that the line meets less steeply; two footprints on a surface that bends twice.
-An occlusion that is closer is not found. This makes no difference: both surfaces are displaced alike, but
-for 4 t / W of their displacement."""
+MIN_OCCLUSION_SPACINGS = 2
+"""Distance, in spacings of neighboring lines, by which neighboring points must lie off each other's tangent
+planes to count as an occlusion. Two points of one surface lie at most one spacing off, with one crease
+between them, measured from the face that the line meets less steeply; two spacings on a surface that bends
+twice. An occlusion that is closer is not found. This makes no difference: both surfaces are displaced alike,
+but for 4 t / W of their displacement."""
 
 
 class Kind(IntEnum):
@@ -49,28 +48,16 @@ class Kind(IntEnum):
 class Contours:
     """All contours of an image, as N steps between neighboring pixels.
 
-    Attributes
-    ----------
-    front, back
-        (N,) pixels on both sides, as indices of the flattened image: the surface nearer to the
-        viewer, and what lies behind it. At a seam the two are interchangeable.
-    normal
-        (N, 2) unit vectors from front to back, columns to the right and rows down.
-    length
-        (N,) length of the contour that the step stands for, px. Steps along both axes, weighted by their
-        normals, add up to the contour's length, however it leans.
-    kind
-        (N,) kind of the contour at each step, `Kind`.
-    resolution
-        W, H in pixels.
+    Steps along both axes, weighted by their normals, add up to the contour's length, however it leans. At a
+    seam front and back are interchangeable.
     """
 
-    front: Indices
-    back: Indices
-    normal: Floats
-    length: Floats
-    kind: NDArray[np.int8]
-    resolution: tuple[int, int]
+    front: Indices  # (N,) pixels of the flattened image: the surface nearer to the viewer
+    back: Indices  # (N,) and what lies behind it
+    normal: Floats  # (N, 2) unit vectors from front to back, columns to the right and rows down
+    length: Floats  # (N,) length of the contour that the step stands for, px
+    kind: NDArray[np.int8]  # (N,) `Kind`
+    resolution: tuple[int, int]  # W, H in pixels
 
     @cached_property
     def places(self) -> Floats:
@@ -79,30 +66,20 @@ class Contours:
         return np.stack((columns.mean(axis=0), rows.mean(axis=0)), axis=-1)
 
 
-Pairs = Callable[[NDArray[Any]], tuple[NDArray[Any], NDArray[Any]]]
-"""Function that returns the first and the second of all neighbors along an axis of an image."""
-
 _NO_CONTOUR = -1
 """Kind of a pair of neighbors that no contour runs between."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Steps:
-    """Steps along one axis.
+    """N steps along one axis.
 
-    Attributes
-    ----------
-    before, after
-        (N,) pixels before and after each step, as indices of the flattened image.
-    kind
-        (N,) kind of the contour at each step, `Kind`.
-    oriented
-        (N,) +1 where the normal points on along the axis, -1 where it points back. The rule must stay the
-        same all along a contour. "From the front to the back" would not: where two objects meet, their
-        heights are equal, and rounding decides which is in front.
+    `oriented` is +1 where the normal points on along the axis, -1 where it points back. The rule must stay
+    the same all along a contour. "From the front to the back" would not: where two objects meet, their
+    heights are equal, and rounding decides which is in front.
     """
 
-    before: Indices
+    before: Indices  # pixels of the flattened image
     after: Indices
     kind: NDArray[np.int8]
     oriented: Floats
@@ -111,14 +88,9 @@ class _Steps:
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     """Find the contours of a true image.
 
-    Parameters
-    ----------
-    truth
-        The true image; its objects, positions and normals count. How finely the objects are tessellated
-        makes no difference.
-    slab
-        (H, W) pixels whose surface is drawn by other cameras than the other pixels'; the border of this
-        region on a surface is a seam.
+    Its objects, positions and normals count; how finely the objects are tessellated makes no difference.
+    `slab` (H, W) has the pixels whose surface is drawn by other cameras than the other pixels'; the border of
+    this region on a surface is a seam.
     """
     shape = truth.triangle.shape
     steps = _steps(truth, slab, 1), _steps(truth, slab, 0)
@@ -126,7 +98,15 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     height, covered = truth.height.reshape(-1), truth.covered.reshape(-1)
     parts = []
     for axis, step in enumerate(steps):
-        normal = _normals(gradients[axis], step, axis)
+        # Unit normals, oriented as the steps are.
+        normal = gradients[axis]
+        length = np.hypot(normal[:, 0], normal[:, 1])
+        normal /= np.where(length > 0, length, 1.0)[:, None]
+        # On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points
+        # against the step itself, the step's normal is the axis.
+        against = normal[:, axis] * step.oriented <= 0
+        normal[against] = 0.0
+        normal[against, axis] = step.oriented[against]
         before, after = (np.where(covered[end], height[end], -np.inf) for end in (step.before, step.after))
         ahead = before >= after
         turned = np.where(ahead, 1.0, -1.0) * step.oriented
@@ -138,19 +118,20 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     )
 
 
+def _neighbors(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the first and the second of all neighbors along an axis of an image (H, W)."""
+    return (image[:, :-1], image[:, 1:]) if axis else (image[:-1], image[1:])
+
+
 def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
     """Return the pairs of neighbors along an axis of an image (H, W) that a contour runs between."""
-
-    def pairs(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        return (image[:, :-1], image[:, 1:]) if axis else (image[:-1], image[1:])
-
-    before, after = pairs(truth.object)
+    before, after = _neighbors(truth.object, axis)
     kind = np.where(before != after, np.int8(Kind.OBJECTS), np.int8(_NO_CONTOUR))
-    occludes = _occludes(truth, pairs, axis)
+    occludes = _occludes(truth, axis)
     kind[occludes & (kind == _NO_CONTOUR)] = Kind.OCCLUSION
     if slab is not None:
-        here, there = pairs(slab)
-        kind[(here != there) & pairs(truth.covered)[0] & (kind == _NO_CONTOUR)] = Kind.SEAM
+        here, there = _neighbors(slab, axis)
+        kind[(here != there) & _neighbors(truth.covered, axis)[0] & (kind == _NO_CONTOUR)] = Kind.SEAM
     row, column = np.divmod(np.flatnonzero(kind != _NO_CONTOUR), kind.shape[1])
     kind = kind[row, column]
     places = row, column
@@ -165,29 +146,29 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
     return _Steps(before=first, after=second, kind=kind, oriented=np.where(forward, 1.0, -1.0))
 
 
-def _occludes(truth: HogelImage, pairs: Pairs, axis: int) -> Mask:
+def _occludes(truth: HogelImage, axis: int) -> Mask:
     """Return the pairs of neighbors along an axis whose points lie in neither tangent plane of the other."""
     height = np.ascontiguousarray(truth.height)
-    near, far = pairs(height)
+    near, far = _neighbors(height, axis)
     found = np.zeros(near.shape, dtype=np.bool_)
     if truth.normal is None:
         return found
     k, t = np.asarray(truth.camera.shear), np.asarray(truth.camera.half_extent)
-    # Neighboring lines are a footprint apart: two points of equal height are no farther off any plane.
+    # Two points of equal height on neighboring lines are no farther off any plane than the lines are apart.
     longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
     per_height = 2 * np.max(t / truth.camera.resolution)
-    footprint = per_height * np.maximum(*pairs(np.abs(height)))
-    deep = np.abs(far - near) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
+    spacing = per_height * np.maximum(*_neighbors(np.abs(height), axis))
+    deep = np.abs(far - near) * longest > (MIN_OCCLUSION_SPACINGS - 1) * spacing
     some = np.flatnonzero(deep)
-    footprint = footprint.ravel()[some]
+    spacing = spacing.ravel()[some]
     positions, normals = (one.reshape(-1, 3) for one in (truth.position, truth.normal))
     first, step = (some + some // near.shape[1], 1) if axis else (some, near.shape[1])
     chord = positions[first + step] - positions[first]
     # Few points lie off the first plane: only these are asked how far they lie off the second.
     for beyond in (0, step):
         off = np.abs(np.einsum("ij,ij->i", chord, normals[first + beyond]))
-        kept = off > MIN_OCCLUSION_FOOTPRINTS * footprint
-        some, first, chord, footprint = (one[kept] for one in (some, first, chord, footprint))
+        kept = off > MIN_OCCLUSION_SPACINGS * spacing
+        some, first, chord, spacing = (one[kept] for one in (some, first, chord, spacing))
     found.reshape(-1)[some] = True
     return found
 
@@ -212,18 +193,3 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
                 mine = asked.kind == kind
                 found[mine, axis] = smooth[asked.before[mine]] + smooth[asked.after[mine]]
     return across, down
-
-
-def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
-    """Return the unit normals of steps along an axis, oriented as the steps are.
-
-    On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points against
-    the step itself, the step's normal is the axis.
-    """
-    normal = gradients.copy()
-    length = np.hypot(normal[:, 0], normal[:, 1])
-    normal /= np.where(length > 0, length, 1.0)[:, None]
-    against = normal[:, axis] * step.oriented <= 0
-    normal[against] = 0.0
-    normal[against, axis] = step.oriented[against]
-    return normal

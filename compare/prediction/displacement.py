@@ -18,32 +18,12 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, 
 from xfrustum.scenes.plate.frustum import Frustum
 
 
-def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return the true minus the drawn position of the surface point that each truth pixel shows.
-
-    Returns
-    -------
-    (H, W, 2) columns to the right and rows down, in pixels, with the sign of `displacement`; NaN
-    where the truth shows no surface, where the surface lies in the plate, and where no camera draws it: on
-    the other side of the plate when only one camera draws, and closer than n without an offset.
-    """
-    return displacements(TruePoints.of(truth), frustum, settings)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TruePoints:
-    """Surface points at the places on the film where the truth shows them.
+    """Surface points at the places on the film where the truth shows them."""
 
-    Attributes
-    ----------
-    height
-        (...) signed heights z in scene units; NaN where there is no surface off the plate.
-    from_middle
-        (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v.
-    """
-
-    height: Floats
-    from_middle: Floats
+    height: Floats  # (...) signed z, scene units; NaN where there is no surface off the plate
+    from_middle: Floats  # (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v
     camera: HogelCamera
 
     @classmethod
@@ -65,36 +45,21 @@ class TruePoints:
         """Distances (...) from the middle of the film, pixels."""
         return lengths(self.from_middle)
 
-    def at(self, pixels: Mask | Indices) -> TruePoints:
-        """Return the points at some pixels, given as a mask or as indices of the flattened image."""
-        chosen = np.flatnonzero(pixels) if pixels.dtype == np.bool_ else pixels
-        return TruePoints(
-            height=self.height.reshape(-1)[chosen],
-            from_middle=self.from_middle.reshape(-1, 2)[chosen],
-            camera=self.camera,
-        )
+    def at(self, pixels: Indices) -> TruePoints:
+        """Return the points at some pixels, given as indices of the flattened image."""
+        height, from_middle = self.height.reshape(-1)[pixels], self.from_middle.reshape(-1, 2)[pixels]
+        return TruePoints(height=height, from_middle=from_middle, camera=self.camera)
 
     def shown(self) -> TruePoints:
         """Return the points that are on a surface and off the plate."""
-        return self.at(np.isfinite(self.height))
-
-
-def pierced(truth: HogelImage) -> Mask:
-    """Return (H, W) pixels that end in the aperture itself, on a surface which passes through the plate.
-
-    Every true line meets such a surface in the aperture, where it hides everything behind it. All of the
-    picture that it fills is one point of it, and drawn are others, closer than n. A surface that lies in the
-    plate is another matter: both cameras draw it where it is, and show the wrong surface only through
-    apertures that are closer to its border than n t.
-    """
-    found: Mask = truth.covered & (truth.height == 0)
-    if truth.normal is not None and found.any():
-        found &= (truth.normal[..., 0] != 0) | (truth.normal[..., 1] != 0)
-    return found
+        return self.at(np.flatnonzero(np.isfinite(self.height)))
 
 
 def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return the displacement of some points, (..., 2) in pixels; see `displacement_field`.
+    """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
+
+    NaN where there is no surface off the plate, and where no camera draws it: on the other side of the plate
+    when only one camera draws, and closer than n without an offset.
 
     Notes
     -----

@@ -77,26 +77,18 @@ def radiance_along(
 ) -> Floats:
     """Return linear RGB (N, 3), by the reference's shading, of surface points seen along any lines.
 
-    Parameters
-    ----------
-    triangle, position
-        (N,) numbers of the triangles that the points are on, and (N, 3) the points.
-    lines
-        (N, 3) direction d of a line through each point, from the viewer to the back.
+    `triangle` (N,) are the triangles that the points `position` (N, 3) are on, and `lines` (N, 3) the
+    direction d of a line through each point, from the viewer to the back.
     """
     return np.broadcast_to(shader.radiance(triangle, position, lines), position.shape)
 
 
 def shading_normals(scene: Scene, triangle: Numbers, position: Floats, lines: Floats) -> Floats:
-    """Return the unit normals that surface points are shaded with, turned to the viewer, (N, 3).
-
-    Parameters as in `radiance_along`.
-    """
+    """Return the unit normals that surface points are shaded with, turned to the viewer, (N, 3)."""
     flat = scene.normals[triangle]
     back = np.einsum("ij,ij->i", flat, lines) > 0
-    normal = flat
-    if scene.surface.vertex_normals is not None:
-        normal = smooth_normals(scene, triangle, position)
+    smooth = scene.surface.vertex_normals is not None
+    normal = smooth_normals(scene, triangle, position) if smooth else flat
     return np.where(back[:, None], -normal, normal)
 
 
@@ -107,13 +99,7 @@ def _through(position: NDArray[np.floating], center: tuple[float, float, float])
 
 
 def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
-    """Return E and dE, (N, 3) each.
-
-    Parameters
-    ----------
-    line, bend
-        (N, 3) direction d of the true line, of any length, and the drawn minus the true direction.
-    """
+    """Return E and dE, (N, 3) each, of true lines d of any length and their bend, drawn minus true."""
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     eye = -line / length
     return eye, -(bend - _dot(bend, eye) * eye) / length
@@ -122,12 +108,7 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
 def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
     """Return how much brighter highlights are drawn than they are, (N, 3) linear RGB.
 
-    Parameters
-    ----------
-    triangle
-        (N,) numbers of the triangles that the points are on.
-    normal
-        (N, 3) unit normals used for shading, turned to the viewer.
+    The unit normals (N, 3) of the points on triangles (N,) are turned to the viewer; `eye` is E and dE.
     """
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
@@ -145,10 +126,7 @@ def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[
 
 
 def mirror_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
-    """Return how much brighter reflections are drawn than they are, (N, 3) linear RGB.
-
-    The parameters are those of `specular_change`.
-    """
+    """Return how much brighter reflections are drawn than they are, (N, 3); see `specular_change`."""
     environment = scene.appearance.environment
     if environment is None:
         return np.zeros_like(normal)
@@ -169,10 +147,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
     """Return, in closed form to first order, how much brighter the points of an image are drawn, (N, 3).
 
-    Parameters
-    ----------
-    near
-        Near offset of both cameras, scene units (pivot aperture, fit angle, no slabs).
+    Both cameras step back by `near`, scene units (pivot aperture, fit angle, no slabs).
     """
     where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
@@ -185,11 +160,8 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
 def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Floats:
     """Return how much brighter a device drew the points of its image than they truly are, (N, 3).
 
-    Parameters
-    ----------
-    drawn
-        Drawn image with color, sampled once per pixel. The difference between its float32 and the shader's
-        double precision is part of the result.
+    The image has color, sampled once per pixel. The difference between its float32 and the shader's double
+    precision is part of the result.
     """
     assert drawn.color is not None
     where = drawn.off_plate

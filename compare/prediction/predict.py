@@ -15,7 +15,6 @@ from xfrustum.compare.metrics.surface import turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
-from xfrustum.compare.prediction.outside import Border
 from xfrustum.compare.prediction.share import Stacks, depth_wrong_share, slabs
 from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.scenes.arrays import Floats
@@ -28,10 +27,7 @@ from xfrustum.scenes.plate.frustum import Frustum
 class Separations:
     """The smallest separation that each camera's depth buffer orders at its farthest visible surface.
 
-    Attributes
-    ----------
-    c, c_star
-        Separation for C and for C*, scene units; None where the camera shows no surface.
+    In scene units; None where the camera shows no surface.
     """
 
     c: float | None
@@ -40,29 +36,15 @@ class Separations:
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """The errors that one choice of settings is expected to have.
+    """The errors that one choice of settings is expected to have; shares are of the judged pixels."""
 
-    Attributes
-    ----------
-    displacement_px
-        Spread of the displacement, px; None where no surface off the plate is drawn.
-    silhouettes, snapped, depth, outside
-        Shares of the judged pixels that show a wrong surface: along silhouettes because of
-        displacement, along silhouettes because edges snap to subpixels, because of the depth buffer, and
-        because they show what belongs outside the film.
-    separation
-        The smallest separations that the depth buffers still order.
-    culled
-        Share of the judged pixels whose true surface culling leaves out; 0 without culling.
-    """
-
-    displacement_px: Spread | None
-    silhouettes: float
-    snapped: float
-    depth: float
-    outside: float
+    displacement_px: Spread | None  # None where no surface off the plate is drawn
+    silhouettes: float  # wrong surface along silhouettes because of displacement
+    snapped: float  # wrong surface along silhouettes because edges snap to subpixels
+    depth: float  # wrong surface because of the depth buffer
+    outside: float  # shown is what belongs outside the film
     separation: Separations
-    culled: float = 0.0
+    culled: float = 0.0  # culling leaves the true surface out
 
     @property
     def surface_fraction(self) -> float:
@@ -73,42 +55,27 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPrediction:
-    """The errors that one link of the chain is expected to add; None where no closed form is known.
-
-    Attributes
-    ----------
-    surface_pixels
-        Number of judged pixels with a wrong surface that are charged to the link.
-    """
+    """The errors that one link of the chain is expected to add; None where no closed form is known."""
 
     displacement_rms_px: float | None
-    surface_pixels: float | None
+    surface_pixels: float | None  # judged pixels with a wrong surface that are charged to the link
 
 
 class Predictor:
     """All closed forms for the true image of one aperture.
 
-    Parameters
-    ----------
-    gaps
-        (H, W) distances to the next surfaces, see `Reference.gaps`.
-    subpixel_bits
-        Subpixel bits of the device that draws.
+    `gaps` (H, W) are distances to the next surfaces, see `Reference.gaps`; `subpixel_bits` are those of the
+    device that draws.
     """
 
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
         self._truth, self._frustum = truth, frustum
         self._subpixel_bits = subpixel_bits
-        points = TruePoints.of(truth)
-        self._points = points.shown()
+        self._all_points = TruePoints.of(truth)
+        self._points = self._all_points.shown()
         self._stacks = Stacks.of(truth, gaps)
-        self._silhouettes = Silhouettes(truth, frustum, points)
-        self._border = Border(truth, frustum, points)
+        self._silhouettes = Silhouettes(truth, frustum, self._all_points)
         self._without_depth: dict[DoubleFrustum, tuple[Prediction, tuple[LinkPrediction, ...]]] = {}
-
-    def predict(self, settings: DoubleFrustum) -> Prediction:
-        """Return the errors to be expected with some settings."""
-        return self.predict_links(settings)[0]
 
     def predict_links(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
         """Return the errors to be expected, and those of each link of the chain, in the order of `links_of`.
@@ -118,19 +85,22 @@ class Predictor:
         prediction, links = self.without_depth(settings)
         share = depth_wrong_share(self._stacks, self._frustum, settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
-        return replace(prediction, depth=share, separation=self.separations(settings)), (*links, depth)
+        return replace(prediction, depth=share, separation=self._separations(settings)), (*links, depth)
 
     def without_depth(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return what the depth buffers of the same cameras share, found once for all of them."""
+        """Return the prediction without errors of depth, and those of all links but depth.
+
+        The depth buffers of the same cameras share it: it is found once for all of them.
+        """
         exact = with_exact_depth(settings)
         if exact not in self._without_depth:
             self._without_depth[exact] = self._predicted(exact)
         return self._without_depth[exact]
 
     def _predicted(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return the prediction without errors of depth, and those of all links but depth."""
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
-        swept, outside = self._silhouettes.charged_pixels(chain), self._border.charged_fractions(chain)
+        swept = self._silhouettes.charged_pixels(chain)
+        outside = outside_shares(self._all_points, self._frustum, chain)
         snapped = self._silhouettes.snapped_pixels(settings, self._subpixel_bits)
         moved = self._moved_by(chain)
         wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
@@ -141,7 +111,7 @@ class Predictor:
             moved[-1] = None
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
         prediction = Prediction(
-            displacement_px=_spread(displacement_lengths(self._points, self._frustum, settings)),
+            displacement_px=_spread(self._points, self._frustum, settings),
             silhouettes=sum(swept) / judged,
             snapped=snapped / judged,
             depth=0.0,
@@ -156,16 +126,21 @@ class Predictor:
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
         """Return the root mean square of the displacement that each link of a chain adds."""
+
+        def rms(moved: Floats) -> float | None:
+            known = lengths(moved)
+            known = known[np.isfinite(known)]
+            return root_mean_square(known) if known.size else None
+
         fields = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
-        found = [_rms_of_known(lengths(fields[chain[0]]))]
+        found = [rms(fields[chain[0]])]
         for before, after in pairwise(chain):
             # Where nothing moves, what is drawn at all is the same for all links.
             still = None if found[0] is None else 0.0
-            found.append(still if before == after else _rms_of_known(lengths(fields[after] - fields[before])))
+            found.append(still if before == after else rms(fields[after] - fields[before]))
         return found
 
-    def separations(self, settings: DoubleFrustum) -> Separations:
-        """Return the smallest separation that is ordered at the farthest visible surface of each side."""
+    def _separations(self, settings: DoubleFrustum) -> Separations:
         height = self._points.height
         farthest = {Camera.C: -float(height.min(initial=0)), Camera.C_STAR: float(height.max(initial=0))}
         found: dict[Camera, float] = {}
@@ -180,15 +155,44 @@ class Predictor:
 
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
-    return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
+    return _spread(TruePoints.of(truth).shown(), frustum, settings)
 
 
-def _rms_of_known(moved: Floats) -> float | None:
-    """Return the root mean square of those lengths (N,) that are known; None where none is."""
-    known = moved[np.isfinite(moved)]
-    return root_mean_square(known) if known.size else None
-
-
-def _spread(moved: Floats) -> Spread | None:
-    """Return the spread of those lengths (N,) that are known; None where none is."""
+def _spread(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
+    moved = displacement_lengths(points, frustum, settings)
     return Spread.of(moved[np.isfinite(moved)])
+
+
+def outside_shares(points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
+    """Return the share of all pixels from outside the film that each link of a chain is charged with.
+
+    Pixels are charged to the link from which on they show points from outside; links that change no setting
+    are charged with nothing. `points` are those of all pixels (H, W).
+
+    Notes
+    -----
+    A point on the border of the film that is drawn further in by d pixels leaves the d pixels between to
+    points from beyond the border. A pixel counts from its center on: of d pixels, those are floor(d + 1/2).
+    """
+    height, width = points.height.shape
+    columns, rows = np.arange(width), np.arange(height) * width
+    # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
+    sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
+    borders = [(points.at(pixels), axis, sign) for pixels, axis, sign in sides]
+
+    def shown(settings: DoubleFrustum) -> list[Floats]:
+        """Return how many pixels in from the border show what lies beyond it, for each side's points."""
+        moved = (sign * displacements(some, frustum, settings)[:, axis] for some, axis, sign in borders)
+        # What is not known, as no camera draws it, shows nothing.
+        return [np.floor(np.fmax(one, 0.0) + 0.5) for one in moved]
+
+    by_settings = {one: shown(one) for one in dict.fromkeys(chain)}
+    together, to_the_end = [], by_settings[chain[-1]]
+    for settings in reversed(chain):
+        pairs = zip(to_the_end, by_settings[settings], strict=True)
+        left, right, top, bottom = to_the_end = [np.minimum(one, other) for one, other in pairs]
+        across = np.minimum(left + right, width).sum() / (height * width)
+        down = np.minimum(top + bottom, height).sum() / (height * width)
+        # Both at once only in corners: taken as independent.
+        together.append(1 - (1 - across) * (1 - down))
+    return tuple(np.diff(together[::-1], prepend=0.0).tolist())

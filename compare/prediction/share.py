@@ -48,22 +48,11 @@ beside the error, and the difference quotient of `_misordered` would lose it in 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stacks:
-    """Distances and gaps of the surfaces in the true image of an aperture.
+    """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
 
-    Attributes
-    ----------
-    judged
-        Number of pixels whose truth is no tie.
-    distance
-        For each camera, (N,) |z| of the surfaces that it shows in judged pixels, scene units.
-    gap
-        For each camera, (N,) distance from each of these surfaces to the next one on the same line, scene
-        units; see `Reference.gaps`.
-    """
-
-    judged: int
-    distance: Mapping[Camera, Floats]
-    gap: Mapping[Camera, Floats]
+    judged: int  # pixels whose truth is no tie
+    distance: Mapping[Camera, Floats]  # (N,) |z| of the surfaces that it shows in judged pixels
+    gap: Mapping[Camera, Floats]  # (N,) distance to the next one on the same line, see `Reference.gaps`
 
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
@@ -80,23 +69,13 @@ class Stacks:
 
 @dataclass(frozen=True, kw_only=True)
 class Slab:
-    """One camera's slab and its depth buffer (docs/method.md, "Splitting").
-
-    Attributes
-    ----------
-    low, high
-        Distances |z| from the plate between which the camera draws, scene units.
-    step
-        Distance by which the camera stands back from the aperture, scene units.
-    near, far
-        Distances of the near and far plane from the camera, scene units.
-    """
+    """One camera's slab and its depth buffer (docs/method.md, "Splitting"); lengths in scene units."""
 
     camera: Camera
-    low: float
+    low: float  # |z| between which the camera draws
     high: float
-    step: float
-    near: float
+    step: float  # by which the camera stands back from the aperture
+    near: float  # distances of the planes from the camera
     far: float
 
 
@@ -121,19 +100,11 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
 def depth_wrong_share(
     stacks: Stacks, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
 ) -> float:
-    """Return the expected share of judged pixels that the depth buffer alone shows wrongly.
+    """Return the expected share of judged pixels that the depth buffer alone shows wrongly, from 0 to 1.
 
-    These pixels are wrong with the given settings, and right with linear D32F depth (docs/method.md).
-
-    Parameters
-    ----------
-    unlucky
-        Whether all equal depths count, as if the wrong surface were always drawn first. Otherwise they
-        count half, because the draw order is unknown.
-
-    Returns
-    -------
-    Share between 0 and 1; 0 where no pixel is judged.
+    These pixels are wrong with the given settings, and right with linear D32F depth (docs/method.md). With
+    `unlucky` all equal depths count, as if the wrong surface were always drawn first. Otherwise they count
+    half, because the draw order is unknown.
 
     Notes
     -----
@@ -152,16 +123,15 @@ def depth_wrong_share(
     Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels: their surfaces
     come too close to the far plane, or to each other, for any format.
     """
-    # Step 1: linear D32F depth stands for a depth buffer that adds no error of its own.
+    # Linear D32F depth stands for a depth buffer that adds no error of its own.
     control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = 0.0
     for camera in stacks.distance:
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
         distance, gap = stacks.distance[camera], stacks.gap[camera]
-        # Step 2: the chance of each pixel under the settings themselves.
         wrong = chances(own, distance, gap, settings, order)
-        # Step 3: subtract the chance under linear depth, which few pixels need.
+        # The chance under linear depth, which few pixels need, is subtracted.
         at = np.flatnonzero(wrong)
         anyway = chances(own, distance[at], gap[at], control, order)
         expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
@@ -169,21 +139,12 @@ def depth_wrong_share(
 
 
 def chances(
-    own: Sequence[Slab],
-    distance: Floats,
-    gap: Floats,
-    settings: DoubleFrustum,
-    order: float,
+    own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
 ) -> Floats:
     """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
 
-    Parameters
-    ----------
-    distance, gap
-        (N,) |z| of the surfaces, and the distance from each to the next one that the camera sees behind it,
-        scene units.
-    order
-        Ratio of the misordered share to that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
+    `distance` and `gap` are as in `Stacks`. `order` is the ratio of the misordered share to that of an
+    unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
     least = np.full(len(distance), np.inf)
     for slab in own:
@@ -194,29 +155,19 @@ def chances(
     return np.where(np.isfinite(least), least, 0.0)
 
 
-def _from_clear(w: Floats, slab: Slab, mapping: DepthMapping) -> Floats:
-    """Return how far the depth of surfaces is from the buffer's clear value, in stored units, (N,).
-
-    The buffer of C is cleared to its far value, that of C* to its near value.
-    """
-    clear = slab.far if slab.camera is Camera.C else slab.near
-    return _difference(w, np.abs(clear - w), clear, slab, mapping)
-
-
 def _chance(
     slab: Slab, distance: Floats, gap: Floats, known: _Table, mapping: DepthMapping, order: float
 ) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly, given what its buffer knows."""
-    # Step 1: distances from the camera.
-    w = distance + slab.step
-    # Step 2, lost: the surface is lost where its depth, with the error of one surface, comes within half a
-    # step of the clear value.
-    apart = _from_clear(w, slab, mapping)
+    # Lost: the depth, with the error of one surface, comes within half a step of the clear value. The buffer
+    # of C is cleared to its far value, that of C* to its near value.
+    w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
+    apart = _difference(w, np.abs(clear - w), clear, slab, mapping)
     wrong = np.zeros_like(w)
     at, row = known.in_doubt(w, apart)
     wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
-    # Step 3, order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
-    # surface, and the next one lies closer to the camera. Pairs in different slabs are not compared.
+    # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest surface, and
+    # the next one lies closer to the camera. Pairs in different slabs are not compared.
     paired = np.flatnonzero(np.isfinite(gap))
     own, other = w[paired], w[paired] + (gap[paired] if slab.camera is Camera.C else -gap[paired])
     seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
@@ -224,7 +175,7 @@ def _chance(
     apart = _difference(own[seen], gap[paired], other[seen], slab, mapping)
     close, row = known.in_doubt(own[seen], apart)
     at = paired[close]
-    # Step 4: only a surface that is not lost can be misordered; the two chances are taken as independent.
+    # Only a surface that is not lost can be misordered; the two chances are taken as independent.
     misordered = order * _misordered(apart[close], known.step[row], known.error[row])
     wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
     return wrong
@@ -260,42 +211,23 @@ def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Table:
-    """The depth resolution of a slab's buffer for each bin of w; a bin is a float32's leading bits.
+    """The depth resolution of a slab's buffer for each bin of w, in stored units.
 
-    Attributes
-    ----------
-    first
-        Number of the bin that holds the least w of a surface.
-    step
-        Distance of neighboring stored values in each bin, stored units.
-    error
-        Standard deviation of the difference of two surfaces' depths in each bin, stored units.
-    doubtful
-        Differences below which two depths may be ordered wrongly, stored units.
+    A bin is a float32's leading bits; the first row is the bin that holds the least w of a surface.
     """
 
     first: int
-    step: Floats
-    error: Floats
-    doubtful: Floats
+    step: Floats  # distance of neighboring stored values
+    error: Floats  # standard deviation of the difference of two surfaces' depths
+    doubtful: Floats  # differences below which two depths may be ordered wrongly
 
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
-        """Return the places at which two depths may be ordered wrongly, and their rows of the table, (K,).
-
-        Parameters
-        ----------
-        w, apart
-            (N,) distances from the camera, and differences of depth there in stored units.
-        """
+        """Return where two depths, so far apart at w, may be ordered wrongly, and their rows."""
         # Most differences are larger than all that are in doubt anywhere.
         near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
-        row = self.rows(w[near])
+        row = np.clip(_bins(w[near]) - self.first, 0, len(self.step) - 1)
         doubted = apart[near] < self.doubtful[row]
         return near[doubted], row[doubted]
-
-    def rows(self, w: Floats) -> Indices:
-        """Return the row of the table for each w."""
-        return np.clip(_bins(w) - self.first, 0, len(self.step) - 1)
 
 
 @lru_cache(maxsize=16)

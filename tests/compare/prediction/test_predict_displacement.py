@@ -12,7 +12,6 @@ from tests.support.views import view
 from xfrustum.compare.metrics.displacement import lengths, pixel_centers
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
-    displacement_field,
     displacement_lengths,
     displacements,
 )
@@ -69,7 +68,7 @@ def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str, opt
     truth = Reference(scene).trace(aperture)
     for near in NEARS:
         settings = DoubleFrustum(near=near, **options)
-        predicted = displacement_field(truth, scene.frustum, settings)
+        predicted = displacements(TruePoints.of(truth), scene.frustum, settings)
         model = drawn_by_the_model(truth, scene.frustum, aperture, settings)
         np.testing.assert_array_equal(np.isfinite(predicted), np.isfinite(model))
         np.testing.assert_allclose(predicted, model, rtol=1e-12, atol=ROUNDING_PX)
@@ -80,7 +79,7 @@ def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_the_error_changes
     truth = Reference(scene).trace(scene.plate.middle)
     height = np.abs(truth.height)
     fitted = float(np.nanmedian(height))
-    columns = displacement_field(truth, scene.frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
+    columns = displacements(TruePoints.of(truth), scene.frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
     right = np.arange(96) > 48
     shown = truth.off_plate & right
     np.testing.assert_array_equal(columns[shown] > 0, height[shown] < fitted)
@@ -89,7 +88,9 @@ def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_the_error_changes
 def test_outside_the_first_slab_nothing_is_displaced() -> None:
     scene = view("asymmetric", (96, 72))
     truth = Reference(scene).trace(scene.plate.middle)
-    moved = displacement_field(truth, scene.frustum, DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE))
+    moved = displacements(
+        TruePoints.of(truth), scene.frustum, DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
+    )
     height = np.abs(truth.height)
     assert (height > 40).any() and (height < 40).any()
     np.testing.assert_array_equal(moved[height > 40], 0.0)
@@ -101,7 +102,7 @@ def test_a_small_near_loses_no_digits() -> None:
     scene = view("asymmetric", (96, 72))
     truth = Reference(scene).trace(scene.plate.middle)
     small, smaller = (
-        displacement_field(truth, scene.frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
+        displacements(TruePoints.of(truth), scene.frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
     )
     shown = truth.off_plate
     # To first order in n over the smallest height.
@@ -134,7 +135,7 @@ def test_links_do_not_depend_on_what_was_predicted_before(options: dict[str, Any
     reference = Reference(scene)
     truth, gaps = reference.trace(aperture), reference.gaps(aperture)
     alone, after = (Predictor(truth, gaps, scene.frustum, 8) for _ in range(2))
-    after.predict(settings)
+    after.predict_links(settings)
     links = alone.predict_links(settings)[1]
     assert after.predict_links(settings)[1] == links
 

@@ -23,7 +23,7 @@ from xfrustum.compare.prediction.contours import (
     Kind,
     contours,
 )
-from xfrustum.compare.prediction.displacement import displacement_field
+from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -104,6 +104,10 @@ def traced(scene: Scene) -> HogelImage:
     return Reference(scene).trace(AXIS)
 
 
+def wrong_pixels(silhouettes: Silhouettes, settings: DoubleFrustum, scene: Scene) -> float:
+    return sum(silhouettes.charged_pixels(traced_settings(settings, scene.frustum)))
+
+
 def length(found: Contours) -> float:
     return float(found.length.sum())
 
@@ -142,7 +146,7 @@ def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
     smaller = abs(height) / (abs(height) + near)
     r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
     exact = only_one_of_two_circles(r, r * smaller, distance)
-    predicted = Silhouettes(traced(scene), scene.frustum).wrong_pixels(DoubleFrustum(near=near))
+    predicted = wrong_pixels(Silhouettes(traced(scene), scene.frustum), DoubleFrustum(near=near), scene)
     # The contour itself shrinks while it is swept: n / |z| of the area.
     assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
 
@@ -196,7 +200,7 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     assert set(contours(truth).kind) == {Kind.OCCLUSION if one else Kind.OBJECTS}
     measured = wrong_inside(truth, reference.trace_model(AXIS, settings), reference)
     assert measured is not None
-    predicted = Silhouettes(truth, scene.frustum).wrong_pixels(settings)
+    predicted = wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
     # A strip of pixels is counted to a pixel at each end, and its area to the square root of its length.
     assert abs(predicted - measured) <= (STAIRS + 1 / 30) * measured + math.sqrt(256)
 
@@ -207,7 +211,7 @@ def test_inside_one_object_only_what_is_uncovered_is_wrong() -> None:
 
     def wrong(edge: float, *, one: bool) -> float:
         scene = two_sheets(-30, -60, 20, one=one, edge=edge)
-        return Silhouettes(traced(scene), scene.frustum).wrong_pixels(settings)
+        return wrong_pixels(Silhouettes(traced(scene), scene.frustum), settings, scene)
 
     assert wrong(0.31, one=True) == 0
     assert wrong(-0.31, one=True) > 100
@@ -226,10 +230,10 @@ def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     apart = DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
     measured = wrong_inside(truth, reference.trace_model(AXIS, apart), reference)
     assert measured > 300
-    assert silhouettes.wrong_pixels(apart) == pytest.approx(measured, rel=STAIRS + 1 / 30)
+    assert wrong_pixels(silhouettes, apart, scene) == pytest.approx(measured, rel=STAIRS + 1 / 30)
     fitted = DoubleFrustum(near=1.0, slabs=(40.0,))
-    assert silhouettes.wrong_pixels(fitted) < 1
-    assert silhouettes.wrong_pixels(DoubleFrustum(near=1.0)) == 0
+    assert wrong_pixels(silhouettes, fitted, scene) < 1
+    assert wrong_pixels(silhouettes, DoubleFrustum(near=1.0), scene) == 0
 
 
 def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
@@ -246,7 +250,7 @@ def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
         drawn = reference.trace_model(scene.plate.middle, settings)
         measured = wrong_inside(truth, drawn, reference)
         assert measured > 10
-        assert silhouettes.wrong_pixels(settings) == pytest.approx(measured, abs=1e-2 * measured)
+        assert wrong_pixels(silhouettes, settings, scene) == pytest.approx(measured, abs=1e-2 * measured)
 
 
 @pytest.mark.parametrize("near", [1e-1, 1e-4])
@@ -259,7 +263,9 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
     drawn = reference.trace_model(scene.plate.middle, settings)
     # What is drawn instead comes from everywhere, also from outside the film.
     measured = compare_images(truth, drawn, reference).surface_wrong
-    assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) == pytest.approx(measured, rel=STAIRS)
+    assert wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) == pytest.approx(
+        measured, rel=STAIRS
+    )
 
 
 ALONG_THE_GRID = {"grating"}
@@ -279,14 +285,14 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
     ratios = []
     for near in np.geomspace(3e-2, 3e-5, 7) * scene.frustum.longest_reach:
         settings = DoubleFrustum(near=float(near))
-        field = displacement_field(truth, scene.frustum, settings)
+        field = displacements(TruePoints.of(truth), scene.frustum, settings)
         moved = np.hypot(field[..., 0], field[..., 1])
         moved = moved[np.isfinite(moved)]
         if not (moved.size and DISPLACED_PX[0] <= np.percentile(moved, 99) <= DISPLACED_PX[1]):
             continue
         measured = wrong_inside(truth, reference.trace_model(aperture, settings), reference)
         assert measured is not None
-        predicted = silhouettes.wrong_pixels(settings)
+        predicted = wrong_pixels(silhouettes, settings, scene)
         if max(predicted, measured) < ENOUGH_PIXELS:
             assert abs(predicted - measured) <= ENOUGH_PIXELS / 2
             continue
@@ -306,9 +312,11 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
     measured = wrong_inside(truth, drawn, reference)
     assert measured > 5000
     assert (
-        measured / FACTOR <= Silhouettes(truth, scene.frustum).wrong_pixels(settings) <= truth.triangle.size
+        measured / FACTOR
+        <= wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene)
+        <= truth.triangle.size
     )
-    assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) <= measured * FACTOR
+    assert wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) <= measured * FACTOR
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
@@ -339,7 +347,7 @@ def test_a_finer_mesh_has_the_same_contours() -> None:
     aperture = scene.plate.middle
     coarse, fine = (Reference(one).trace(aperture) for one in (scene, refine(scene, 2)))
     settings = DoubleFrustum(near=1.0)
-    a, b = (Silhouettes(truth, scene.frustum).wrong_pixels(settings) for truth in (coarse, fine))
+    a, b = (wrong_pixels(Silhouettes(truth, scene.frustum), settings, scene) for truth in (coarse, fine))
     assert a == pytest.approx(b, rel=1e-9)
 
 
@@ -368,7 +376,7 @@ def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(nam
 def test_where_nothing_shows_nothing_is_wrong() -> None:
     scene = view("empty", (16, 16))
     silhouettes = Silhouettes(Reference(scene).trace(scene.plate.middle), scene.frustum)
-    assert silhouettes.wrong_pixels(DoubleFrustum(near=1.0, slabs=(2.0,))) == 0
+    assert wrong_pixels(silhouettes, DoubleFrustum(near=1.0, slabs=(2.0,)), scene) == 0
     assert silhouettes.snapped_pixels(DoubleFrustum(near=1.0), 8) == 0
 
 

@@ -18,7 +18,7 @@ from hypothesis import assume, given, settings
 from tests.support.strategies import apertures, frusta, triangles
 from tests.support.views import soup, view
 from xfrustum.compare.metrics.displacement import displacement
-from xfrustum.compare.prediction.displacement import displacement_field
+from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -195,7 +195,7 @@ def test_the_prediction_from_the_truth_has_the_same_shift(name: str) -> None:
     aperture = scene.plate.corners[1]
     truth = Reference(scene).trace(aperture)
     near = 0.01 * scene.frustum.longest_reach
-    camera, paper = (displacement_field(truth, scene.frustum, one) for one in both_pivots(near))
+    camera, paper = (displacements(TruePoints.of(truth), scene.frustum, one) for one in both_pivots(near))
     shown = truth.off_plate
     assert shown.any()
     # Displacement is true minus drawn: the drawn point moves the other way.
