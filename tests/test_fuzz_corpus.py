@@ -27,6 +27,7 @@ def replayed() -> dict[str, list[str]]:
     return dict(json.loads(done.stdout))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [path.name for path in entries()])
 def test_no_input_of_the_corpus_finds_anything_again(name: str, replayed: dict[str, list[str]]) -> None:
     assert replayed[name] == []

@@ -109,6 +109,7 @@ def test_the_wheel_of_the_source_distribution_holds_every_file_once(wheel: Path)
     assert {".vert", ".frag", ".j2", ".typed"} <= suffixes
 
 
+@pytest.mark.slow
 def test_pip_wheel_makes_the_same_wheel_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
     offline = ["--no-deps", "--no-build-isolation", "--no-index"]
     made: list[str | Path] = [sys.executable, "-m", "pip", "wheel", *offline, "-w", tmp_path, CHECKOUT]
