@@ -21,24 +21,12 @@ point."""
 
 @dataclass(frozen=True, kw_only=True)
 class Tile:
-    """A part of the film that is drawn at once, several points a pixel.
+    """A part of the film that is drawn at once, several points a pixel."""
 
-    Attributes
-    ----------
-    film
-        W, H of the whole film in pixels.
-    corner
-        Column and row of the tile's first pixel, from the top left of the film.
-    extent
-        Columns and rows of pixels; they may run past the film's end.
-    supersample
-        Points along each side of a pixel.
-    """
-
-    film: tuple[int, int]
-    corner: tuple[int, int]
-    extent: tuple[int, int]
-    supersample: int
+    film: tuple[int, int]  #: W, H of the whole film in pixels
+    corner: tuple[int, int]  #: Column and row of the tile's first pixel, from the top left of the film
+    extent: tuple[int, int]  #: Columns and rows of pixels; they may run past the film's end
+    supersample: int  #: Points along each side of a pixel
 
     @property
     def size(self) -> tuple[int, int]:

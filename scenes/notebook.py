@@ -138,9 +138,9 @@ class Labelled:
     """One array of an image, (H, W) or (H, W, 3), row 0 at the top, or one value; None for none."""
 
     values: NDArray[Any] | float | None
-    meaning: str  # in words
-    units: str | None = None  # None of numbers and classes
-    last: str = "rgb"  # name of the third dimension
+    meaning: str  #: in words
+    units: str | None = None  #: None of numbers and classes
+    last: str = "rgb"  #: name of the third dimension
 
     @property
     def variable(self) -> tuple[tuple[str, ...], NDArray[Any], dict[str, str]]:
@@ -200,7 +200,7 @@ class Table:
 
     rows: Sequence[Sequence[str]]
     head: Sequence[str] = ()
-    numbers: bool = False  # whether all columns but the first hold numbers
+    numbers: bool = False  #: whether all columns but the first hold numbers
 
     def html(self) -> str:
         """Return the table as HTML."""

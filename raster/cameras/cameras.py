@@ -20,17 +20,11 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class FilmWindow:
-    """The rectangle that an aperture's film spans at unit distance from the plate.
+    """The rectangle that an aperture's film spans at unit distance from the plate."""
 
-    Attributes
-    ----------
-    axis
-        dx/dz and dy/dz of the frustum's axis: how far the shear moves a plane per unit of height.
-    half_width, half_height
-        Half the film's extent per unit of distance.
-    """
-
+    #: dx/dz and dy/dz of the frustum's axis: how far the shear moves a plane per unit of height
     axis: tuple[float, float]
+    #: half_width, half_height: Half the film's extent per unit of distance
     half_width: float
     half_height: float
 
@@ -53,28 +47,16 @@ class FilmWindow:
 
 @dataclass(frozen=True, kw_only=True)
 class SlabCamera:
-    """One camera: where it stands, and what it keeps.
+    """One camera: where it stands, and what it keeps."""
 
-    Attributes
-    ----------
-    orthoscopic
-        True for C, which looks away from the viewer; False for C*, which looks back.
-    step
-        Distance by which the camera has stepped back from the plate, against its direction of view.
-    near, far
-        Distances of the near and the far plane from the camera.
-    heights
-        |z| of the two planes.
-    scale
-        Factor of the film window: below one where a plane other than infinity is drawn exactly.
-    """
-
-    orthoscopic: bool
+    orthoscopic: bool  #: True for C, which looks away from the viewer; False for C*, which looks back
+    #: Distance by which the camera has stepped back from the plate, against its direction of view
     step: float
+    #: near, far: Distances of the near and the far plane from the camera
     near: float
     far: float
-    heights: tuple[float, float]
-    scale: float
+    heights: tuple[float, float]  #: |z| of the two planes
+    scale: float  #: Factor of the film window: below one where a plane other than infinity is drawn exactly
 
 
 def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool) -> list[SlabCamera]:

@@ -31,23 +31,13 @@ class ClipEnds:
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping:
-    """A depth mapping in the terms of OpenGL.
+    """A depth mapping in the terms of OpenGL."""
 
-    Attributes
-    ----------
-    ends
-        Clip depth over w at both planes.
-    clip_control
-        The range of clip depth that OpenGL keeps.
-    fragment_depth
-        Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth.
-    stored_near, stored_far
-        Values that the buffer holds at the near and at the far plane.
-    """
-
-    ends: ClipEnds
-    clip_control: int = GL.GL_ZERO_TO_ONE
+    ends: ClipEnds  #: Clip depth over w at both planes
+    clip_control: int = GL.GL_ZERO_TO_ONE  #: The range of clip depth that OpenGL keeps
+    #: Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth
     fragment_depth: str = ""
+    #: stored_near, stored_far: Values that the buffer holds at the near and at the far plane
     stored_near: float = 0.0
     stored_far: float = 1.0
 

@@ -17,34 +17,17 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One camera's share of an image.
+    """One camera's share of an image."""
 
-    Attributes
-    ----------
-    clip_from_scene
-        The camera's matrix, in double precision.
-    planes
-        Distances of its near and far plane.
-    heights
-        Lowest and highest z between these planes.
-    test
-        The depth test, which decides between two surfaces.
-    front_face
-        The window winding of faces that are turned to the camera.
-    culled_face
-        The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
-        toward it; None where all are drawn.
-    orthoscopic
-        True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3).
-    """
-
-    clip_from_scene: Floats
-    planes: tuple[float, float]
-    heights: tuple[float, float]
-    test: DepthTest
-    front_face: str
+    clip_from_scene: Floats  #: The camera's matrix, in double precision
+    planes: tuple[float, float]  #: Distances of its near and far plane
+    heights: tuple[float, float]  #: Lowest and highest z between these planes
+    test: DepthTest  #: The depth test, which decides between two surfaces
+    front_face: str  #: The window winding of faces that are turned to the camera
+    #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
+    #: toward it; None where all are drawn
     culled_face: str | None
-    orthoscopic: bool
+    orthoscopic: bool  #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
 
     @property
     def line_of_pixel(self) -> Floats:

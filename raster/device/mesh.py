@@ -23,18 +23,12 @@ class NumberedMesh:
     A shader that asks for `gl_PrimitiveID` gets a number that starts again with every draw, and costs
     Mesa's software pipeline three vertices a triangle. The last corner of a triangle is the one that a
     flat varying comes from: with a vertex of its own there, the vertex's number is the triangle's.
-
-    Attributes
-    ----------
-    source
-        (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The
-        first F are the triangles' last corners.
-    faces
-        (F, 3) uint32 into `source`.
     """
 
+    #: (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The first F
+    #: are the triangles' last corners.
     source: Indices
-    faces: NDArray[np.uint32]
+    faces: NDArray[np.uint32]  #: (F, 3) uint32 into `source`
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
         """Return values of triangles (F, ..) as values of the vertices that end them (N, ..), others zero."""

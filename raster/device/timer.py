@@ -16,19 +16,13 @@ NANOSECOND = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class StageTime:
-    """The time of one stage.
+    """The time of one stage."""
 
-    Attributes
-    ----------
-    gpu_s
-        Seconds between two timestamps in the device's own queue: the time that the device needed,
-        whenever that was.
-    wall_s
-        Seconds that the processor spent on giving the orders. A software renderer transforms vertices in
-        this time; a GPU works in parallel.
-    """
-
+    #: Seconds between two timestamps in the device's own queue: the time that the device needed, whenever
+    #: that was
     gpu_s: float
+    #: Seconds that the processor spent on giving the orders. A software renderer transforms vertices in this
+    #: time; a GPU works in parallel.
     wall_s: float
 
 

@@ -42,14 +42,9 @@ _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxes:
-    """Axis-parallel boxes, laid out for `reached`.
+    """Axis-parallel boxes, laid out for `reached`."""
 
-    Attributes
-    ----------
-    columns
-        (11, N) rows 0 to 3: center and 1; 4 to 6: half extent; 7 to 10: largest absolute coordinates and 1.
-    """
-
+    #: (11, N) rows 0 to 3: center and 1; 4 to 6: half extent; 7 to 10: largest absolute coordinates and 1
     columns: Floats
 
     @classmethod

@@ -41,19 +41,12 @@ DRAW_COMMAND = np.dtype(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassGeometry:
-    """The triangles that one camera can see from anywhere on the plate.
+    """The triangles that one camera can see from anywhere on the plate."""
 
-    Attributes
-    ----------
-    first, count
-        Place of the triangles' first index in the index buffer, and the number of triangles.
-    boxes
-        Boxes of the clusters of triangles.
-    """
-
+    #: first, count: Place of the triangles' first index in the index buffer, and the number of triangles
     first: int
     count: int
-    boxes: Boxes
+    boxes: Boxes  #: Boxes of the clusters of triangles
 
 
 class PlateGeometry:

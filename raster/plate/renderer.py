@@ -51,18 +51,12 @@ Parts = Mapping[tuple[int, int], FilmPart]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wanted:
-    """What is wanted of the hogels of one submission.
+    """What is wanted of the hogels of one submission."""
 
-    Attributes
-    ----------
-    windows
-        (L, 4) least and largest u and v of each part, with its pixels' borders; see `clusters.clip_planes`.
-    box
-        First column, first row from the bottom, width and height in pixels of what holds all parts; None for
-        whole films.
-    """
-
+    #: (L, 4) least and largest u and v of each part, with its pixels' borders; see `clusters.clip_planes`
     windows: Floats
+    #: First column, first row from the bottom, width and height in pixels of what holds all parts; None for
+    #: whole films
     box: tuple[int, int, int, int] | None
 
     @classmethod

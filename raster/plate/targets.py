@@ -33,20 +33,11 @@ _DEPTH_BYTES: dict[DepthFormat, int] = {DepthFormat.D16: 2, DepthFormat.D24: 4, 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFormat:
-    """The buffers that a hogel's pixels have while it is drawn.
+    """The buffers that a hogel's pixels have while it is drawn."""
 
-    Attributes
-    ----------
-    depth
-        Format of the depth buffer.
-    content
-        The images that are read back.
-    identified
-        Whether a later pass looks up the triangle numbers that were drawn; reading them back implies it.
-    """
-
-    depth: DepthFormat
-    content: PlateContent
+    depth: DepthFormat  #: Format of the depth buffer
+    content: PlateContent  #: The images that are read back
+    #: Whether a later pass looks up the triangle numbers that were drawn; reading them back implies it
     identified: bool = False
 
     @property
@@ -64,18 +55,10 @@ class TargetFormat:
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """The identities of one layer of a target, as a picture of its own.
+    """The identities of one layer of a target, as a picture of its own."""
 
-    Attributes
-    ----------
-    size
-        W, H in pixels.
-    view
-        OpenGL's number of the texture that shows this layer alone.
-    """
-
-    size: tuple[int, int]
-    view: int
+    size: tuple[int, int]  #: W, H in pixels
+    view: int  #: OpenGL's number of the texture that shows this layer alone
 
     def bind_identity(self, unit: int) -> None:
         """Make the identities a texture for a shader."""

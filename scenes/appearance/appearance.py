@@ -104,8 +104,8 @@ class Environment:
     """
 
     radiance: Singles
-    strength: float = 1.0  # factor of the radiance, at least 0
-    name: str = "environment"  # file or maker, for messages
+    strength: float = 1.0  #: factor of the radiance, at least 0
+    name: str = "environment"  #: file or maker, for messages
 
     def __post_init__(self) -> None:
         import numpy as np  # noqa: PLC0415 - scene files are checked, and scenes listed, without it

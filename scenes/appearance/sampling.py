@@ -23,9 +23,9 @@ class Sampling:
     Raises InputError where a count is below one or beyond `MAX_SAMPLES`.
     """
 
-    supersample: int = 1  # points along each side of a pixel, on a regular grid (box filter)
-    multisample: int = 1  # coverage samples of the rasterizer; the reference averages over the same box
-    aperture: int = 1  # sub-apertures over which the image is averaged (paper, section 6: band limiting)
+    supersample: int = 1  #: points along each side of a pixel, on a regular grid (box filter)
+    multisample: int = 1  #: coverage samples of the rasterizer; the reference averages over the same box
+    aperture: int = 1  #: sub-apertures over which the image is averaged (paper, section 6: band limiting)
 
     def __post_init__(self) -> None:
         for name in ("supersample", "multisample", "aperture"):
@@ -44,9 +44,9 @@ class Transport:
     Raises InputError where a switch is not True or False, or the count is below two or beyond `MAX_SAMPLES`.
     """
 
-    shadows: bool = False  # whether surfaces hide lights from each other
-    interreflection: bool = False  # whether they light each other
-    samples: int = 64  # light paths per pixel
+    shadows: bool = False  #: whether surfaces hide lights from each other
+    interreflection: bool = False  #: whether they light each other
+    samples: int = 64  #: light paths per pixel
 
     def __post_init__(self) -> None:
         samples = whole(self.samples)

@@ -57,8 +57,8 @@ _GRAY = _made_by("appearance.appearance", "Appearance")
 class Builtin:
     """One entry of the catalogue; functions make its objects and its look, in scene coordinates."""
 
-    purpose: str  # in one line
-    triangles: int  # of all objects, stated so that the scenes can be listed without being built
+    purpose: str  #: in one line
+    triangles: int  #: of all objects, stated so that the scenes can be listed without being built
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE
     frustum: Frustum = _CENTERED

@@ -49,15 +49,15 @@ It has a screen and not an angle, because no angle in radians has the tangent 1/
 class HardCase:
     """One scene at which a renderer of crossed frusta may fail, and the true image that is expected."""
 
-    name: str  # on the command line: `hard/...`
-    why: str  # why the scene is hard, in one line
-    expected: str  # content of the true image, in one line
-    triangles: int  # of all objects, stated so that the cases can be listed without being built
+    name: str  #: on the command line: `hard/...`
+    why: str  #: why the scene is hard, in one line
+    expected: str  #: content of the true image, in one line
+    triangles: int  #: of all objects, stated so that the cases can be listed without being built
     objects: Callable[[], Objects]
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
-    apertures: tuple[tuple[int, int], ...] = ((2, 2),)  # column and row of those that matter
-    giant: bool = False  # whether the case takes minutes or gigabytes
+    apertures: tuple[tuple[int, int], ...] = ((2, 2),)  #: column and row of those that matter
+    giant: bool = False  #: whether the case takes minutes or gigabytes
 
     def build(self) -> Scene:
         """Return the scene; the same on every machine."""

@@ -111,7 +111,7 @@ class TessellatedCar:
     """The built-in car in other triangles, and which of them reflect: the first, from the body on."""
 
     scene: Scene
-    reflective: Mask  # (F,)
+    reflective: Mask  #: (F,)
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:

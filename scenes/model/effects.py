@@ -59,17 +59,17 @@ class Decision:
     effect: Effect
     used: bool
     reason: str
-    objects: tuple[int, ...] = ()  # numbers of those that call for the effect and may be shown
-    out_of_sight: tuple[int, ...] = ()  # of those that would, but lie beyond the reach or beside the frusta
+    objects: tuple[int, ...] = ()  #: numbers of those that call for the effect and may be shown
+    out_of_sight: tuple[int, ...] = ()  #: of those that would, but lie beyond the reach or beside the frusta
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
     """The images whose effects are decided on."""
 
-    camera: Camera = Camera.BOTH  # cameras that draw
-    apertures: tuple[Aperture, ...] | None = None  # None for all of the plate
-    settings: tuple[DoubleFrustum, ...] = ()  # none are needed unless a near is tiny, see `Region.of`
+    camera: Camera = Camera.BOTH  #: cameras that draw
+    apertures: tuple[Aperture, ...] | None = None  #: None for all of the plate
+    settings: tuple[DoubleFrustum, ...] = ()  #: none are needed unless a near is tiny, see `Region.of`
 
 
 def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ...]:
@@ -184,7 +184,7 @@ class SlabContent:
     """The content of one slab of C or C*: how many triangles reach into it; one without is not drawn."""
 
     camera: Camera
-    heights: tuple[float, float]  # |z| between which the slab lies
+    heights: tuple[float, float]  #: |z| between which the slab lies
     triangles: int
 
 

@@ -47,10 +47,10 @@ class Eye:
     behind the plate, a number is not finite, or there are too many pixels.
     """
 
-    position: tuple[float, float, float]  # center of the pupil, scene units; z, before the plate, is positive
-    resolution: tuple[int, int] = RESOLUTION  # W, H in pixels
-    pupil: float = 0.0  # its diameter, scene units; 0 for a pinhole
-    focus: float = 0.0  # height z, below the eye, of the plane in focus; without a pupil it has no effect
+    position: tuple[float, float, float]  #: center of the pupil, scene units; z, before the plate, is positive
+    resolution: tuple[int, int] = RESOLUTION  #: W, H in pixels
+    pupil: float = 0.0  #: its diameter, scene units; 0 for a pinhole
+    focus: float = 0.0  #: height z, below the eye, of the plane in focus; without a pupil it has no effect
     beam: Beam = Beam.BOX
 
     def __post_init__(self) -> None:
@@ -116,8 +116,8 @@ class HogelPixels(Brief):
 class Replay(Brief):
     """All pixels of hogels that an eye is shown."""
 
-    shown: HogelPixels  # those that say which surface: nearest to the rays through the pupil's center
-    colors: tuple[HogelPixels, ...]  # those whose weighted sum is what the eye sees
+    shown: HogelPixels  #: those that say which surface: nearest to the rays through the pupil's center
+    colors: tuple[HogelPixels, ...]  #: those whose weighted sum is what the eye sees
 
     @property
     def hogels(self) -> tuple[tuple[int, int], ...]:
@@ -135,11 +135,11 @@ class EyeImage(SurfaceImage):
     """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     eye: Eye
-    triangle: Numbers  # surface on the ray through the pupil's center, `NOTHING` where there is none
-    object: Numbers  # likewise
-    position: Floats  # surface point, scene units; NaN where there is none or it is not known
-    color: Singles | None = None  # linear RGB, averaged over the pupil and over beams; None if not known
-    certainty: Bytes | None = None  # uint8 `Certainty` per pixel; None where nothing was certified
+    triangle: Numbers  #: surface on the ray through the pupil's center, `NOTHING` where there is none
+    object: Numbers  #: likewise
+    position: Floats  #: surface point, scene units; NaN where there is none or it is not known
+    color: Singles | None = None  #: linear RGB, averaged over the pupil and over beams; None if not known
+    certainty: Bytes | None = None  #: uint8 `Certainty` per pixel; None where nothing was certified
 
     @property
     def covered(self) -> Mask:

@@ -65,15 +65,15 @@ class HogelCamera:
     """
 
     aperture: Aperture
-    resolution: tuple[int, int]  # W, H in pixels
-    shear: tuple[float, float]  # k, slopes per unit of depth
-    half_extent: tuple[float, float]  # t, likewise
-    reach: tuple[float, float]  # toward the viewer and behind the plate, scene units
-    scene: str  # name or path by which the scene can be opened again
-    scene_hash: str  # proves that it is the same
-    renderer: str  # with versions or devices, for people
-    settings: DoubleFrustum | None = None  # those that drew the image; None for other renderers
-    light_paths: int | None = None  # per pixel, over which color was averaged; None where none were traced
+    resolution: tuple[int, int]  #: W, H in pixels
+    shear: tuple[float, float]  #: k, slopes per unit of depth
+    half_extent: tuple[float, float]  #: t, likewise
+    reach: tuple[float, float]  #: toward the viewer and behind the plate, scene units
+    scene: str  #: name or path by which the scene can be opened again
+    scene_hash: str  #: proves that it is the same
+    renderer: str  #: with versions or devices, for people
+    settings: DoubleFrustum | None = None  #: those that drew the image; None for other renderers
+    light_paths: int | None = None  #: per pixel, over which color was averaged; None where none were traced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,20 +171,20 @@ class HogelImage(SurfaceImage):
     """The image of one aperture. Row 0 is at the top; arrays are (H, W) or (H, W, 3)."""
 
     camera: HogelCamera
-    triangle: Numbers  # int32, `NOTHING` where there is no surface
-    object: Numbers  # likewise
+    triangle: Numbers  #: int32, `NOTHING` where there is no surface
+    object: Numbers  #: likewise
     # Visible surface point in scene units, NaN where there is none: float64 from a reference, float32 from a
     # rasterizer. Those of our own rasterizers and models are structures of arrays in memory.
     position: NDArray[np.floating]
-    normal: NDArray[np.floating] | None = None  # unit, by the mesh's winding, NaN where there is no surface
-    color: Singles | None = None  # linear RGB
-    variance: Singles | None = None  # of the color where it is a mean over light paths; None without noise
-    certainty: Bytes | None = None  # uint8 `Certainty`; None in images that are not certified
+    normal: NDArray[np.floating] | None = None  #: unit, by the mesh's winding, NaN where there is no surface
+    color: Singles | None = None  #: linear RGB
+    variance: Singles | None = None  #: of the color where it is a mean over light paths; None without noise
+    certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
     companions: Indices | None = (
         None  # (N, 3) row, column, triangle of all surfaces that share a tie; likewise
     )
-    second_opinion: Callable[[], Mask] | None = None  # asks a float32 tracer for `overruled`; likewise
-    rendering: Rendering | None = None  # of the color; None where it is unknown or there is no color
+    second_opinion: Callable[[], Mask] | None = None  #: asks a float32 tracer for `overruled`; likewise
+    rendering: Rendering | None = None  #: of the color; None where it is unknown or there is no color
 
     @cached_property
     def overruled(self) -> Mask | None:

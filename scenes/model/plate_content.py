@@ -54,9 +54,9 @@ class PlateContent:
     Raises InputError where the type, the switch, a channel or an effect is none.
     """
 
-    color: ColorType = ColorType.FLOAT16  # type of linear RGB
-    ids: bool = False  # whether the stream has triangle numbers; asking for the channel is the same
-    channels: tuple[Channel, ...] = ()  # in the order of `Channel`; by default color, and `ids`
+    color: ColorType = ColorType.FLOAT16  #: type of linear RGB
+    ids: bool = False  #: whether the stream has triangle numbers; asking for the channel is the same
+    channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
     effects: frozenset[Effect] | None = (
         None  # None for those that the scene calls for, with the same pictures
     )
@@ -90,11 +90,11 @@ class PlateHogel(Brief):
     """
 
     aperture: Aperture
-    color: NDArray[Any]  # (H, W, 3) linear RGB in the type that was asked for
-    triangle: Numbers | None  # (H, W), -1 where there is no surface
-    height: Singles | None = None  # (H, W) above the plate, NaN where there is no surface
-    normal: Singles | None = None  # (H, W, 3) unit, by the mesh's winding, NaN likewise
-    certainty: Bytes | None = None  # (H, W) uint8 `Certainty`
+    color: NDArray[Any]  #: (H, W, 3) linear RGB in the type that was asked for
+    triangle: Numbers | None  #: (H, W), -1 where there is no surface
+    height: Singles | None = None  #: (H, W) above the plate, NaN where there is no surface
+    normal: Singles | None = None  #: (H, W, 3) unit, by the mesh's winding, NaN likewise
+    certainty: Bytes | None = None  #: (H, W) uint8 `Certainty`
 
     def image(self, channel: Channel) -> NDArray[Any]:
         """Return one of the images; it must have been asked for."""

@@ -46,8 +46,8 @@ class Region:
     apertures: tuple[
         tuple[float, float], ...
     ]  # lowest and highest x, and y, of the points that lines run through
-    step: float  # largest distance by which cameras step back, scene units; 0 for the true frusta
-    unbounded: bool = False  # whether near is so small that float32 knows no far plane
+    step: float  #: largest distance by which cameras step back, scene units; 0 for the true frusta
+    unbounded: bool = False  #: whether near is so small that float32 knows no far plane
 
     @classmethod
     def of(

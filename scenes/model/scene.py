@@ -67,17 +67,17 @@ class SceneObject(Shown):
     Raises InputError where there are no faces, vertices are not finite, or faces point past the vertices.
     """
 
-    name: str  # mesh file or built-in shape that the object came from
-    vertices: Floats  # (V, 3) scene units, finite
-    faces: Indices  # (F, 3) indices into `vertices`, at least one
-    material: str | None = None  # name of the material table; None for the default
-    uv: Floats | None = None  # (V, 2) texture coordinates, v up; NaN at vertices without
-    textures: tuple[Bytes, ...] = ()  # (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
-    texture_of_triangle: Numbers | None = None  # (F,) index into `textures`, `UNTEXTURED` where there is none
-    vertex_normals: Floats | None = None  # (V, 3), NaN at vertices without
-    vertex_colors: Floats | None = None  # (V, 3) linear RGB
-    normals_made: NormalsMade = NormalsMade.NONE  # from the faces, as `smooth = true` asks
-    warnings: tuple[str, ...] = ()  # faults found on reading that do not hinder drawing, one line each
+    name: str  #: mesh file or built-in shape that the object came from
+    vertices: Floats  #: (V, 3) scene units, finite
+    faces: Indices  #: (F, 3) indices into `vertices`, at least one
+    material: str | None = None  #: name of the material table; None for the default
+    uv: Floats | None = None  #: (V, 2) texture coordinates, v up; NaN at vertices without
+    textures: tuple[Bytes, ...] = ()  #: (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
+    texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, `UNTEXTURED` where there is none
+    vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
+    vertex_colors: Floats | None = None  #: (V, 3) linear RGB
+    normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, as `smooth = true` asks
+    warnings: tuple[str, ...] = ()  #: faults found on reading that do not hinder drawing, one line each
 
     def __post_init__(self) -> None:
         one_of(self.name, str, "an object's name")
@@ -191,11 +191,11 @@ class Scene(Shown):
     plate: Plate
     frustum: Frustum
     objects: tuple[SceneObject, ...]
-    units: str = "units"  # name of the scene's own length unit, for people
-    source: str = ""  # path or built-in name by which the command line opens this scene
-    appearance: Appearance = field(default_factory=Appearance)  # by default gray, under one directional light
-    sampling: Sampling = field(default_factory=Sampling)  # by default one sample
-    transport: Transport = field(default_factory=Transport)  # by default none
+    units: str = "units"  #: name of the scene's own length unit, for people
+    source: str = ""  #: path or built-in name by which the command line opens this scene
+    appearance: Appearance = field(default_factory=Appearance)  #: by default gray, under one directional light
+    sampling: Sampling = field(default_factory=Sampling)  #: by default one sample
+    transport: Transport = field(default_factory=Transport)  #: by default none
 
     def __post_init__(self) -> None:
         kinds = {"name": str, "units": str, "plate": Plate, "frustum": Frustum, "objects": Iterable}

@@ -25,9 +25,9 @@ of order one in double precision: with a smaller half-extent, they would be the 
 class Screen:
     """A projection screen fixed to the plate's frame (paper, section 5), in scene units."""
 
-    height: float  # signed, above the plate, not zero; positive on the viewer's side
-    center: tuple[float, float]  # x, y
-    size: tuple[float, float]  # width, height
+    height: float  #: signed, above the plate, not zero; positive on the viewer's side
+    center: tuple[float, float]  #: x, y
+    size: tuple[float, float]  #: width, height
 
     def __post_init__(self) -> None:
         height, center, size = real(self.height), reals(self.center, 2), reals(self.size, 2)
@@ -53,9 +53,9 @@ class Screen:
 class Frustum:
     """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`), one of the two."""
 
-    resolution: tuple[int, int]  # width and height of the hogel image in pixels
-    reach: tuple[float, float]  # up to which surfaces are imaged, toward the viewer and behind the plate
-    fov: tuple[float, float] | None = None  # full angles in x and y, radians
+    resolution: tuple[int, int]  #: width and height of the hogel image in pixels
+    reach: tuple[float, float]  #: up to which surfaces are imaged, toward the viewer and behind the plate
+    fov: tuple[float, float] | None = None  #: full angles in x and y, radians
     screen: Screen | None = None
 
     def __post_init__(self) -> None:

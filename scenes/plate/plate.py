@@ -20,8 +20,8 @@ class Aperture:
     """
 
     column: int
-    row: int  # 0 is at the top
-    x: float  # center in scene units; its z is 0, the plate
+    row: int  #: 0 is at the top
+    x: float  #: center in scene units; its z is 0, the plate
     y: float
 
     def __post_init__(self) -> None:
@@ -44,8 +44,8 @@ class Aperture:
 class Plate:
     """The holographic plate: a rectangle in z = 0 about the origin, divided into apertures."""
 
-    size: tuple[float, float]  # width and height in scene units
-    hogels: tuple[int, int]  # columns and rows of apertures
+    size: tuple[float, float]  #: width and height in scene units
+    hogels: tuple[int, int]  #: columns and rows of apertures
 
     def __post_init__(self) -> None:
         size, hogels = reals(self.size, 2), wholes(self.hogels, 2)
