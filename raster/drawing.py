@@ -1,4 +1,4 @@
-"""A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)."""
+"""A scene on the GPU: materials, lights, textures, reflections, and its drawing (paper, sections 3 and 6)."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass
 from xfrustum.raster.device.mesh import Mesh
+from xfrustum.raster.device.positions import Identified
 from xfrustum.raster.device.programs import (
     assign,
     picture_defines,
@@ -20,10 +23,178 @@ from xfrustum.raster.device.programs import (
     set_facing,
 )
 from xfrustum.raster.device.targets import Target
-from xfrustum.raster.light import Environment, Shading
+from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance.display import decoded
+from xfrustum.scenes.arrays import Bytes, Singles
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
+
+TEXELS, PLACES, DECODED = 9, 10, 11
+"""Bindings of storage blocks, as in texture.glsl."""
+
+BYTES_PER_TEXEL = 4
+"""Bytes of a texel: red, green, blue and alpha, of 8 bits each."""
+
+
+class Textures:
+    """Textures on the GPU: all texels, where each texture begins, and the table that decodes them.
+
+    Each is (H, W, 4) uint8 sRGB, row 0 at the top. Raises InputError where all together are larger than the
+    device's largest block.
+    """
+
+    def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
+        largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
+        counts = [texture.shape[0] * texture.shape[1] for texture in textures]
+        needed = BYTES_PER_TEXEL * sum(counts)
+        if needed > largest:
+            raise InputError(
+                f"the scene's {len(textures)} textures need {needed >> 20} MiB in one block, "
+                f"{context.info['GL_RENDERER']} has {largest >> 20}; use smaller textures"
+            )
+        first = np.cumsum([0, *counts[:-1]])
+        places = [(at, t.shape[1], t.shape[0], 0) for at, t in zip(first, textures, strict=False)]
+        # A block cannot be empty: without textures there is one texel, which no triangle refers to.
+        texels = np.concatenate([t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)])
+        self._buffers = {
+            TEXELS: context.buffer(np.ascontiguousarray(texels).tobytes()),
+            PLACES: context.buffer(np.array(places or [(0, 1, 1, 0)], dtype=np.uint32).tobytes()),
+            DECODED: context.buffer(decoded(np.arange(256) / 255).astype(np.float32).tobytes()),
+        }
+
+    def bind(self) -> None:
+        """Bind the blocks for the shaders."""
+        for binding, buffer in self._buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+
+
+SURFACES, MATERIALS, LIGHTS = 6, 7, 8
+"""Bindings of storage blocks, as in surface.glsl and phong.glsl."""
+
+UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
+"""Bindings of uniform blocks, which hold materials and lights where they are large enough."""
+
+COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
+"""Names by which the shaders know the length of a uniform block."""
+
+IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
+"""Flags of a triangle beside the number of its material, as in surface.glsl."""
+
+
+class Shading:
+    """Materials, lights and textures as the shaders read them, uploaded once.
+
+    The scene has at least one triangle. Textures are uploaded only if they are among the effects. `surfaces`
+    has the material and texture of each triangle, see the function of that name; `defines` are the names that
+    the shaders need, see `programs`.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
+        lights = [light for light in scene.appearance.lights if max(light.color) > 0]
+        self._light_count = len(lights)
+        # A block cannot be empty: without lights there is a black one, which no shader reads.
+        shining = [[*light.direction, 0.0, *light.color, 0.0] for light in lights] or [[0.0] * 8]
+        environment = scene.appearance.environment
+        strength = 0.0 if environment is None else environment.strength
+        materials = list(dict.fromkeys(scene.materials))
+        blocks = {
+            MATERIALS: single([description(m, strength) for m in materials]),
+            LIGHTS: single(shining),
+        }
+        largest = int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
+        few = [binding for binding, block in blocks.items() if block.nbytes <= largest]
+        self.defines = {COUNT_NAMES[binding]: str(len(blocks[binding])) for binding in few}
+        self.surfaces = surfaces(scene, materials)
+        buffers = {binding: context.buffer(block.tobytes()) for binding, block in blocks.items()}
+        self._uniform = {UNIFORM_BINDINGS[binding]: buffers.pop(binding) for binding in few}
+        self._storage = {**buffers, SURFACES: context.buffer(self.surfaces.tobytes())}
+        self._textures = Textures(context, scene.surface.textures) if Effect.TEXTURES in effects else None
+
+    def bind(self, program: moderngl.Program) -> None:
+        """Bind the blocks for a program."""
+        for binding, buffer in self._storage.items():
+            buffer.bind_to_storage_buffer(binding)
+        for binding, buffer in self._uniform.items():
+            buffer.bind_to_uniform_block(binding)
+        if self._textures is not None:
+            self._textures.bind()
+        assign(program, light_count=self._light_count)
+
+
+def description(material: Material, strength: float) -> list[float]:
+    """Return a material as surface.glsl has it: four times four numbers."""
+    reflectance = [part * strength for part in material.reflectivity]
+    specular = [*material.specular, material.exponent]
+    return [*material.ambient, 0.0, *material.diffuse, 0.0, *specular, *reflectance, 0.0]
+
+
+def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
+    """Return the numbers of each triangle's material, with flags, and of its texture, plus 1: (F, 2).
+
+    `materials` are the scene's, each once; their order numbers them.
+    """
+    number = {material: index for index, material in enumerate(materials)}
+    of_object = np.array([number[material] for material in scene.materials], dtype=np.uint32)
+    found = np.zeros((len(scene.faces), 2), dtype=np.uint32)
+    found[:, 0] = of_object[scene.object_of_triangle]
+    surface = scene.surface
+    if surface.vertex_normals is not None:
+        has_normal = np.asarray(np.isfinite(surface.vertex_normals).all(axis=1))
+        found[has_normal[scene.faces].all(axis=1), 0] |= IS_SMOOTH
+    if surface.vertex_colors is not None:
+        has_color = np.asarray((surface.vertex_colors != 1).any(axis=1))
+        found[has_color[scene.faces].any(axis=1), 0] |= IS_COLORED
+    if surface.texture_of_triangle is not None:
+        found[:, 1] = surface.texture_of_triangle + 1
+    return found
+
+
+def single(values: list[list[float]]) -> Singles:
+    """Return values as float32, clipped to finite ones, because zero times infinity would not be zero."""
+    largest = float(np.finfo(np.float32).max)
+    return np.clip(values, -largest, largest).astype(np.float32)
+
+
+IDENTITIES, ENVIRONMENT = 0, 1
+"""Texture units, as in reflection.frag and environment.glsl."""
+
+
+class Environment:
+    """The environment map on the GPU, black where the scene has none, and the triangles that reflect it.
+
+    Raises InputError where the map is larger than the device's largest texture.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene) -> None:
+        environment = scene.appearance.environment
+        radiance = np.zeros((1, 1, 3), np.float32) if environment is None else environment.radiance
+        height, width = radiance.shape[:2]
+        limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
+        if max(width, height) > limit:
+            raise InputError(
+                f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x {limit}, "
+                f"not {width} x {height}; use a smaller one"
+            )
+        # The first row is the top one: the shader fetches texels by number and counts rows from the top.
+        self._map = context.texture((width, height), 3, radiance.tobytes(), dtype="f4", alignment=4)
+        self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.reflecting = reflecting(scene)
+
+    def bind(self, target: Identified) -> None:
+        """Bind the map and the target's identities for the shader."""
+        target.bind_identity(IDENTITIES)
+        self._map.use(ENVIRONMENT)
+
+
+def reflecting(scene: Scene) -> list[tuple[int, int]]:
+    """Return the first triangle and the length of each run of triangles whose material reflects."""
+    mirrors = np.array([max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_)
+    reflects = np.concatenate(([False], mirrors[scene.object_of_triangle], [False]))
+    (changes,) = np.nonzero(reflects[1:] != reflects[:-1])
+    return [(int(start), int(end - start)) for start, end in changes.reshape(-1, 2)]
+
 
 NUMBERS_ALONE = {"NUMBERED": "1"}
 """Names that hogel.vert and hogel.frag ask for where a picture has no color."""
@@ -38,12 +209,7 @@ ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
 class Drawing:
     """A scene's mesh and, once a picture in color is asked for, its materials and lights on the GPU.
 
-    Parameters
-    ----------
-    context
-        The context that is current now, and whenever something is drawn.
-    scene
-        Scene with at least one triangle.
+    The scene has at least one triangle; the context is current now, and whenever something is drawn.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -74,20 +240,10 @@ class Drawing:
         *,
         color: bool,
     ) -> None:
-        """Draw an image: every camera's picture, then every camera's reflections over it.
+        """Draw an image into a target that is cleared: all cameras' pictures, then their reflections over it.
 
-        Parameters
-        ----------
-        target
-            Target that is cleared and drawn into.
-        passes
-            The cameras, from the back.
-        mapping
-            Depth mapping.
-        effects
-            Effects that are simulated: the shaders contain these alone.
-        color
-            Whether to shade; triangle numbers are always drawn.
+        The cameras come from the back. Shaders contain the effects that are simulated alone. Without `color`
+        triangle numbers alone are drawn.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)

@@ -1,22 +1,22 @@
-"""The paper's double frustum: C, then C* over it (paper, sections 3 to 6)."""
+"""The paper's double frustum: C, then C* over it (paper, sections 3 to 6).
+
+Means of color over the pixel's box and over the aperture are drawn in tiles (band limiting).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras.cameras import FilmWindow
 from xfrustum.raster.cameras.passes import Pass, drawing_order
 from xfrustum.raster.device.capacity import POSITION_BYTES, check_room
-from xfrustum.raster.device.context import ContextOwner, describe, open_context
-from xfrustum.raster.device.positions import DrawnBy, Positions
-from xfrustum.raster.device.targets import Target
-from xfrustum.raster.device.timer import GpuTimer, StageTime
+from xfrustum.raster.device.context import ContextOwner, GpuTimer, StageTime, describe, open_context
+from xfrustum.raster.device.positions import Positions
+from xfrustum.raster.device.targets import Target, most_samples
 from xfrustum.raster.drawing import Drawing
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
@@ -28,6 +28,90 @@ from xfrustum.scenes.model.region import loses_far_plane
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+POINTS_AT_ONCE = 1 << 21
+"""Points that are drawn at once. This bounds a target's memory, 28 bytes for each coverage sample of a
+point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tile:
+    """A part of the film that is drawn at once, several points a pixel."""
+
+    film: tuple[int, int]  #: W, H of the whole film in pixels
+    corner: tuple[int, int]  #: Column and row of the tile's first pixel, from the top left of the film
+    extent: tuple[int, int]  #: Columns and rows of pixels; they may run past the film's end
+    supersample: int  #: Points along each side of a pixel
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows of points."""
+        return self.extent[0] * self.supersample, self.extent[1] * self.supersample
+
+    def seen_by(self, camera: Pass) -> Pass:
+        """Return the camera whose whole image is this part of its film."""
+        (width, height), (column, row), (columns, rows) = self.film, self.corner, self.extent
+        center = ((2 * column + columns) / width - 1, 1 - (2 * row + rows) / height)
+        matrix = np.eye(4)
+        for axis, part in enumerate((columns / width, rows / height)):
+            matrix[axis, axis] = 1 / part
+            matrix[axis, 3] = -center[axis] / part
+        return replace(camera, clip_from_scene=matrix @ camera.clip_from_scene)
+
+
+def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Tile]:
+    """Return tiles of one size that cover a film of W, H pixels, row by row.
+
+    `supersample` are the points along each side of a pixel, `largest` those that the device draws in a row.
+    """
+    width, height = film
+    columns = min(width, max(1, min(largest, POINTS_AT_ONCE // supersample) // supersample))
+    at_once = max(1, POINTS_AT_ONCE // (columns * supersample**2))
+    rows = min(height, at_once, largest // supersample)
+    for row in range(0, height, rows):
+        for column in range(0, width, columns):
+            yield Tile(film=film, corner=(column, row), extent=(columns, rows), supersample=supersample)
+
+
+class Mean:
+    """The mean color of images of W, H pixels that are drawn in tiles, summed in double precision."""
+
+    def __init__(self, film: tuple[int, int]) -> None:
+        self._sum = np.zeros((film[1], film[0], 3))
+
+    def add(self, tile: Tile, color: Singles) -> None:
+        """Add the points of one tile, (rows, columns, 3), row 0 at the top."""
+        (columns, rows), (column, row), n = tile.extent, tile.corner, tile.supersample
+        boxes = color.reshape(rows, n, columns, n, 3)
+        mean = boxes.mean(axis=(1, 3), dtype=np.float64)
+        there = self._sum[row : row + rows, column : column + columns]
+        there += mean[: there.shape[0], : there.shape[1]]
+
+    def over(self, count: int) -> Singles:
+        """Return the mean of a number of whole images, (H, W, 3)."""
+        return (self._sum / count).astype(np.float32)
+
+
+def check_sampling(sampling: Sampling, device: str) -> None:
+    """Raise InputError where the current context's device cannot sample so finely."""
+    coverage = most_samples()
+    if sampling.multisample > coverage:
+        raise InputError(
+            f"multisample {sampling.multisample} is too fine for {device}, which has at most {coverage} "
+            "coverage samples; choose fewer, or supersample"
+        )
+    largest = largest_image()
+    if sampling.supersample > largest:
+        raise InputError(
+            f"supersample {sampling.supersample} is too fine for {device}, which draws at most {largest} "
+            "points in a row; choose fewer"
+        )
+
+
+def largest_image() -> int:
+    """Return the largest width and height of an image on the current context's device."""
+    return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
+
 
 SINGLE_SAMPLE = Sampling()
 """The sampling with one point a pixel, seen through the middle of the aperture."""
@@ -45,23 +129,12 @@ class Drawn:
 
 
 class Rasterizer(ContextOwner):
-    """A scene on the GPU, ready to be drawn for any aperture and any settings.
+    """A scene on the GPU, uploaded once in float32, ready to be drawn for any aperture and any settings.
 
-    A context manager: leaving it frees the context and everything in it.
-
-    Parameters
-    ----------
-    scene
-        Scene that is uploaded, once, in float32.
-    effects
-        Effects that are simulated; None for those that the scene calls for. More effects do not
-        change the picture.
-
-    Attributes
-    ----------
-    effects
-        Effects that are simulated. Where the scene decided, settings whose near is so tiny that pictures show
-        surfaces beyond the reach have those of these surfaces too, see `effects_for`.
+    A context manager: leaving it frees the context and everything in it. `effects` are those that are
+    simulated, None for those that the scene calls for; more do not change the picture. Where the scene
+    decided, settings whose near is so tiny that pictures show surfaces beyond the reach have those of these
+    surfaces too, see `effects_for`.
 
     Raises
     ------
@@ -123,17 +196,9 @@ class Rasterizer(ContextOwner):
     ) -> HogelImage:
         """Return the hogel image of an aperture.
 
-        Parameters
-        ----------
-        aperture
-            Aperture in which the frusta cross.
-        settings
-            Near plane, depth buffer and cameras.
-        normals, color
-            Whether the image has these arrays; without them it is drawn faster.
-        sampling
-            Sampling of color; None for that of the scene. Triangles and positions are always those
-            at the pixel's center, seen through the middle of the aperture.
+        Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` is that of color,
+        None for that of the scene: triangles and positions are always those at the pixel's center, seen
+        through the middle of the aperture.
 
         Raises
         ------
@@ -152,9 +217,7 @@ class Rasterizer(ContextOwner):
         sampling: Sampling | None = None,
     ) -> Drawn:
         """Return the hogel image of an aperture and the time that it took; see `render`."""
-        one_of(aperture, Aperture, "aperture")
-        one_of(settings, DoubleFrustum, "settings")
-        settings.check_against(self.scene.frustum)
+        self._check(aperture, settings)
         sampling = self.scene.sampling if sampling is None else sampling
         # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.
         with self._context:
@@ -169,15 +232,19 @@ class Rasterizer(ContextOwner):
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             with timer.stage("read"):
-                identity = target.read_identity()
-                triangle = _triangle_of(identity)
-                position = self._read_position(target, passes)
+                # The identity is zero where nothing was drawn.
+                triangle = np.asarray(target.read_identity()[..., 0].view(np.int32) - 1)
+                if self._positions is None or not passes:
+                    position = np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
+                else:
+                    position = self._positions.read(target, passes)
                 seen = self._color(target, aperture, settings, sampling) if color else None
             times = timer.collect()
         image = HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
-            object=self._objects(triangle),
+            # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
+            object=np.asarray(self._object_of_number[triangle]),
             position=position,
             normal=normals_of(self.scene, triangle) if normals else None,
             color=seen,
@@ -205,9 +272,7 @@ class Rasterizer(ContextOwner):
         These are the colors of `render`, in less time: triangles and positions are neither read nor, where
         there are several samples, drawn.
         """
-        one_of(aperture, Aperture, "aperture")
-        one_of(settings, DoubleFrustum, "settings")
-        settings.check_against(self.scene.frustum)
+        self._check(aperture, settings)
         with self._context:
             check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
@@ -215,6 +280,11 @@ class Rasterizer(ContextOwner):
                 passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
                 self._draw(target, passes, settings, color=True)
             return self._color(target, aperture, settings, sampling)
+
+    def _check(self, aperture: Aperture, settings: DoubleFrustum) -> None:
+        one_of(aperture, Aperture, "aperture")
+        one_of(settings, DoubleFrustum, "settings")
+        settings.check_against(self.scene.frustum)
 
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
@@ -233,31 +303,11 @@ class Rasterizer(ContextOwner):
                 mean.add(tile, part.read_color())
         return mean.over(len(places))
 
-    def _draw(
-        self,
-        target: Target,
-        passes: Sequence[Pass],
-        settings: DoubleFrustum,
-        *,
-        color: bool,
-    ) -> None:
+    def _draw(self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool) -> None:
         if self._drawing is None:
             target.begin()
         else:
-            effects = self.effects_for(settings)
-            drawing, mapping = self._drawing, settings.mapping
-            drawing.draw(target, passes, mapping, effects, color=color)
-
-    def _objects(self, triangle: Numbers) -> Numbers:
-        """Return the numbers of triangles' objects (H, W)."""
-        # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
-        return np.asarray(self._object_of_number[triangle])
-
-    def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
-        """Return the surface points."""
-        if self._positions is None or not passes:
-            return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
-        return self._positions.read(target, _drawn_by(passes))
+            self._drawing.draw(target, passes, settings.mapping, self.effects_for(settings), color=color)
 
     def _target(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> Target:
         if (size, depth, samples) not in self._targets:
@@ -278,15 +328,6 @@ class Rasterizer(ContextOwner):
             renderer=f"raster, {self.device['renderer']}",
             settings=settings,
         )
-
-
-def _drawn_by(passes: Sequence[Pass]) -> tuple[DrawnBy, ...]:
-    return tuple(DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes)
-
-
-def _triangle_of(identity: NDArray[np.uint32]) -> Numbers:
-    """Return triangle numbers (H, W), -1 where nothing was drawn."""
-    return np.asarray(identity[..., 0].view(np.int32) - 1)
 
 
 def normals_of(scene: Scene, triangle: Numbers) -> Singles:

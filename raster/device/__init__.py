@@ -1,10 +1,9 @@
 """The OpenGL device: context, room, targets, programs, meshes, time.
 
 capacity   The largest images and meshes that a device has room for, asked before anything is uploaded
-context    The one place that makes an OpenGL context, and which devices there are
+context    The one place that makes an OpenGL context, which devices there are, and how long they take
 mesh       A scene's triangles on the GPU, in float32, with their numbers
 positions  The surface point that each pixel shows, found by a compute pass over the triangle numbers
 programs   Shaders of the folder `shaders`, put together, and what they are told of a camera
 targets    Framebuffers with the depth formats that moderngl does not offer
-timer      Timer queries of the GPU beside wall time, stage by stage
 """

@@ -31,16 +31,9 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError where a scene's images or its blocks of storage are too large for a device.
+    """Raise InputError where a scene's images or its blocks of storage are too large for the current context.
 
-    Parameters
-    ----------
-    scene
-        Scene that shall be drawn in the current context.
-    device
-        Name of the device, for the message.
-    vertex_bytes
-        Bytes that shaders read of each vertex from a block of storage.
+    `vertex_bytes` are those that shaders read of each vertex from a block of storage.
     """
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
@@ -106,14 +99,9 @@ def free_memory() -> int | None:
 
 
 def require_room(scene: Scene) -> None:
-    """Refuse a scene whose images or triangles `Rasterizer` would refuse, without uploading any.
+    """Raise InputError where `Rasterizer` would refuse a scene: for commands that work long before they draw.
 
-    For commands that work for long before they draw.
-
-    Raises
-    ------
-    InputError
-        There is no usable OpenGL, or the device or the memory has no room for the image or the mesh.
+    There is no usable OpenGL, or the device or the memory has no room for the image or the mesh.
     """
     context = open_context()
     try:

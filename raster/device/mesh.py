@@ -85,13 +85,7 @@ class Mesh:
 
     Texture coordinates are float32 like the rest: at coordinate U, a texture of W texels is looked up to
     within about U W 2^-24 of a texel.
-
-    Parameters
-    ----------
-    context
-        The current context.
-    scene
-        Scene with at least one triangle.
+    The scene has at least one triangle.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -119,13 +113,8 @@ class Mesh:
     def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
         """Return a mesh whose triangles have the numbers of their last vertices, with positions alone.
 
-        Parameters
-        ----------
-        program
-            Program that draws it.
-        side
-            Side of the plate, see `side_of`. Triangles that lie on the other one are left out; None where
-            these are all.
+        Triangles that lie on the other side of the plate, see `side_of`, are left out; None where these are
+        all.
         """
         if side not in self._sides:
             lowest, highest = self._scene.height_ranges
@@ -162,15 +151,7 @@ class Mesh:
 
 
 def attribute_of(scene: Scene, name: str) -> Singles:
-    """Return an attribute of all vertices; zero at vertices without it, which no triangle then reads.
-
-    Parameters
-    ----------
-    scene
-        Scene with the vertices.
-    name
-        A name out of `ATTRIBUTES`.
-    """
+    """Return one of `ATTRIBUTES` of all vertices; zero at vertices without it, which no triangle reads."""
     if name == "in_position":
         return scene.vertices.astype(np.float32)
     surface = scene.surface

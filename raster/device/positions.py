@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Protocol
 
 import moderngl
 import numpy as np
 from OpenGL import GL
 
+from xfrustum.raster.cameras.passes import Pass
 from xfrustum.raster.device.programs import shader
-from xfrustum.scenes.arrays import Floats, Singles
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene
 
 GROUP = 16
@@ -20,14 +19,6 @@ GROUP = 16
 
 BYTES_PER_POINT = 12
 """Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DrawnBy:
-    """A camera as the compute pass sees it: its matrix, and the lowest and highest z that it keeps."""
-
-    clip_from_scene: Floats
-    heights: tuple[float, float]
 
 
 class Identified(Protocol):
@@ -42,13 +33,7 @@ class Identified(Protocol):
 
 
 class Positions:
-    """A scene's triangles in double precision on the GPU, and the pass that finds points on them.
-
-    Parameters
-    ----------
-    context, scene
-        The current context, and a scene with at least one triangle.
-    """
+    """A scene's triangles, at least one, in double precision on the GPU, and the pass that finds points."""
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         self._context = context
@@ -59,55 +44,35 @@ class Positions:
         self._program = context.compute_shader(shader("position.comp"))
         self._program["nothing"] = float("nan")
 
-    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
+    def read(self, target: Identified, drawn: Sequence[Pass]) -> Singles:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
-        Parameters
-        ----------
-        target
-            Picture with the triangle and camera numbers that were drawn.
-        drawn
-            The cameras, in the order of their numbers.
+        `target` has the triangle and camera numbers that were drawn, `drawn` the cameras in their order.
         """
         width, height = target.size
-        rows = max(1, min(height, self._points_at_once(target) // width))
-        found = np.empty((height, width, 3), np.float32)
-        coordinates = np.moveaxis(found, -1, 0)
-        with self._bound(target, drawn) as points:
-            for start in range(0, height, rows):
-                band = coordinates[:, start : start + rows]
-                high = band.shape[1]
-                program = self._program
-                program["first_row"], program["last_row"] = start, start + high - 1
-                program["count"] = high * width
-                program.run(-(-width // GROUP), -(-high // GROUP), 1)
-                _read_into(band, points)
-        return found
-
-    def _points_at_once(self, target: Identified) -> int:
-        width, height = target.size
-        return max(width, min(width * height, self._largest_block // BYTES_PER_POINT))
-
-    @contextmanager
-    def _bound(self, target: Identified, drawn: Sequence[DrawnBy]) -> Iterator[moderngl.Buffer]:
-        """Bind what both programs read, and return the buffer that they write."""
+        rows = max(1, min(height, self._largest_block // BYTES_PER_POINT // width))
         if target.size not in self._points:
-            room = BYTES_PER_POINT * self._points_at_once(target)
-            self._points[target.size] = self._context.buffer(reserve=room)
+            self._points[target.size] = self._context.buffer(reserve=BYTES_PER_POINT * rows * width)
         points = self._points[target.size]
         matrices = np.stack([camera.clip_from_scene.T for camera in drawn])
         cameras = self._context.buffer(matrices.tobytes())
         cuts = self._context.buffer(np.array([camera.heights for camera in drawn]).tobytes())
         target.bind_identity(0)
-        buffers = (self._vertices, self._faces, points, cameras, cuts)
-        for binding, buffer in enumerate(buffers, start=1):
+        for binding, buffer in enumerate((self._vertices, self._faces, points, cameras, cuts), start=1):
             buffer.bind_to_storage_buffer(binding)
-        yield points
+        found = np.empty((height, width, 3), np.float32)
+        coordinates = np.moveaxis(found, -1, 0)
+        program = self._program
+        for start in range(0, height, rows):
+            band = coordinates[:, start : start + rows]
+            high = band.shape[1]
+            program["first_row"], program["last_row"] = start, start + high - 1
+            program["count"] = high * width
+            program.run(-(-width // GROUP), -(-high // GROUP), 1)
+            # The pass writes one coordinate of all points after the other.
+            GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
+            read = np.frombuffer(points.read(size=band.nbytes), dtype=np.float32)
+            band[:] = read.reshape(band.shape)
         cameras.release()
         cuts.release()
-
-
-def _read_into(found: Singles, points: moderngl.Buffer) -> None:
-    """Wait for the points of a program's run, and read them, coordinate by coordinate (3, ..)."""
-    GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
-    found[:] = np.frombuffer(points.read(size=found.nbytes), dtype=np.float32).reshape(found.shape)
+        return found

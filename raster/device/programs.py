@@ -74,16 +74,9 @@ def assign(program: moderngl.Program, **uniforms: object) -> None:
 
 
 def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
-    """Set a program's uniforms for a camera. Programs for many hogels read matrices from a block instead.
+    """Set a program's uniforms for a camera, given its number in drawing order, and an image of W, H pixels.
 
-    Parameters
-    ----------
-    program
-        Program that draws pictures or reflections.
-    number, camera
-        The camera and its number in drawing order.
-    size
-        W, H of the image in pixels.
+    Programs for many hogels read matrices from a block instead.
     """
     near, far = camera.planes
     assign(

@@ -39,18 +39,11 @@ def most_samples() -> int:
 
 
 class Target:
-    """One framebuffer of a size and depth format in the current context, reused from image to image.
+    """One framebuffer of W, H pixels and a depth format in the current context, reused from image to image.
 
-    Parameters
-    ----------
-    size
-        W, H in pixels.
-    depth
-        Format of the depth buffer.
-    samples
-        Coverage samples, 1 for none. Color is the mean over several samples; identities and positions
-        then cannot be read, for a pixel has several. A device may store more samples than are asked for:
-        the attribute `samples` is the number that it stores.
+    Color is the mean over several coverage samples; identities and positions then cannot be read, for a pixel
+    has several. A device may store more samples than are asked for: the attribute `samples` is the number
+    that it stores.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -130,13 +123,13 @@ class Target:
 
     def read_identity(self) -> NDArray[np.uint32]:
         """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 where nothing is."""
-        return self._read(IDENTITY, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(2), np.uint32))
+        return self._read(IDENTITY, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT, 2, np.uint32)
 
     def read_color(self) -> Singles:
         """Return linear RGB, (H, W, 3), row 0 at the top."""
         if self._resolved is not None:
             return self._resolved.resolved_from(self)
-        return self._read(COLOR, GL.GL_RGB, GL.GL_FLOAT, np.empty(self._shape(3), np.float32))
+        return self._read(COLOR, GL.GL_RGB, GL.GL_FLOAT, 3, np.float32)
 
     def resolved_from(self, other: Target) -> Singles:
         """Return the mean of another target's samples, taken by the driver."""
@@ -148,11 +141,8 @@ class Target:
         GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
         return self.read_color()
 
-    def _shape(self, channels: int) -> tuple[int, ...]:
-        width, height = self.size
-        return (height, width) if channels == 1 else (height, width, channels)
-
-    def _read(self, attachment: int, layout: int, kind: int, into: NDArray[Any]) -> NDArray[Any]:
+    def _read(self, attachment: int, layout: int, kind: int, channels: int, dtype: type) -> NDArray[Any]:
+        into: NDArray[Any] = np.empty((*self.size[::-1], channels), dtype)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + attachment)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)

@@ -7,13 +7,18 @@ its triangles away. The others are drawn in the scene's order, so that equal dep
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import moderngl
 import numpy as np
+from numpy.typing import NDArray
 from OpenGL import GL
 
+from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.mesh import ATTRIBUTES, NumberedMesh, attribute_of, number_triangles
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
-from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, read_only
+from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, read_only
 
 TRIANGLES_PER_CLUSTER = 16
 """Consecutive triangles that are drawn or left out together. Smaller clusters leave out more triangles,
@@ -62,25 +67,13 @@ WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM) -> tuple[Floats, Floats]:
-    """Return the clip planes of some matrices, and the magnitudes that bound rounding at them.
+    """Return the clip planes of clip-from-scene matrices (.., 4, 4), and what bounds rounding there.
 
-    Parameters
-    ----------
-    matrices
-        (.., 4, 4) clip-from-scene matrices, as the device has them.
-    clip_control
-        The range of clip depth that OpenGL keeps.
-    windows
-        (.., 4) least and largest u and v that the planes at the sides of each film keep.
-
-    Returns
-    -------
-    planes
-        (.., 6, 4): left, right, bottom, top, and the start and end of the range of depth. A vertex is
-        kept where plane . (x, y, z, 1) >= 0.
-    magnitudes
-        (.., 6, 4): the planes with the absolute value of every term: rounding errors of plane . (x, y, z, 1)
-        in float32 are at most `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y), abs(z), 1).
+    `clip_control` is the range of clip depth that OpenGL keeps, `windows` (.., 4) the least and largest u and
+    v that the planes at the sides of each film keep. Both results are (.., 6, 4): left, right, bottom, top,
+    and the start and end of the range of depth. A vertex is kept where plane . (x, y, z, 1) >= 0. Magnitudes
+    have the absolute value of every term: rounding errors of that product in float32 are at most
+    `TRANSFORM_ROUNDING` times magnitude . (abs(x), abs(y), abs(z), 1).
     """
     # A plane of clip coordinates becomes one of scene coordinates when multiplied by the matrix.
     combined = _PLANES + (_OPENGL_NEAR if clip_control == GL.GL_NEGATIVE_ONE_TO_ONE else 0)
@@ -92,19 +85,9 @@ def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FI
 
 
 def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
-    """Return which boxes may have a vertex that the device finds inside, for every plane.
+    """Return which of N boxes may have a vertex that the device finds inside, for every plane (.., P, 4).
 
-    Parameters
-    ----------
-    planes, magnitudes
-        (.., P, 4), see `clip_planes`.
-    boxes
-        N boxes.
-
-    Returns
-    -------
-    reached
-        (.., N) False only where all of a box lies outside one of the planes, roundings included.
+    The mask (.., N) is False only where all of a box lies outside one of the planes, roundings included.
     """
     # The bound is a sum of three terms, one for each group of rows in `Boxes.columns`:
     #  1. plane . (center, 1), the value at the middle of the box;
@@ -139,14 +122,9 @@ def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
 
 
 def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
-    """Return row, first column and end column of every run of visible clusters, row by row.
+    """Return row, first column and end column of every run in a mask of visible clusters (L, N), row by row.
 
     A single hidden cluster between two visible ones joins them: drawing it costs less than a second draw.
-
-    Parameters
-    ----------
-    visible
-        (L, N) hogels by clusters.
     """
     # A hidden column on either side, so that every run begins and ends inside the array.
     padded = np.pad(visible, ((0, 0), (1, 1)))
@@ -157,3 +135,109 @@ def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     row, first = np.nonzero(edges == 1)
     _, end = np.nonzero(edges == -1)
     return row, first, end
+
+
+FORMATS = {
+    **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
+    "in_flat_normal": "3f",
+    "in_flat_surface": "2u4",
+}
+"""moderngl's format of each vertex attribute of hogel.vert, but for the number of the hogel."""
+
+DRAW_COMMAND = np.dtype(
+    [("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base_vertex", "i4"), ("hogel", "u4")]
+)
+"""Layout of an indirect draw as OpenGL reads it; the base instance is the number of its hogel."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PassGeometry:
+    """The triangles that one camera can see from anywhere on the plate."""
+
+    #: first, count: Place of the triangles' first index in the index buffer, and the number of triangles
+    first: int
+    count: int
+    boxes: Boxes  #: Boxes of the clusters of triangles
+
+
+class PlateGeometry:
+    """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
+
+    The scene has at least one triangle. `passes` are the cameras as they are for any one aperture; only what
+    all apertures share is used. `of_triangles` has the materials of triangles (F, 2), see `drawing.surfaces`,
+    and whether each reflects (F,). `surfaces` and `reflections` are the triangles that each camera draws, and
+    the reflective ones among them.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        scene: Scene,
+        passes: Sequence[Pass],
+        clip_control: int,
+        of_triangles: tuple[NDArray[np.uint32], Mask],
+    ) -> None:
+        self._context, self._scene, self._clip_control = context, scene, clip_control
+        self._mesh = mesh = number_triangles(scene.faces)
+        vertices = attribute_of(scene, "in_position")
+        materials, reflective = of_triangles
+        # A buffer cannot be empty; nothing draws the first three indices.
+        indices = [np.zeros((1, 3), dtype=np.uint32)]
+
+        def seen_by_each(triangles: Indices) -> list[PassGeometry]:
+            """Sort triangles by the cameras that may see them from anywhere on the plate."""
+            found = []
+            for camera in passes:
+                matrix = camera.clip_from_scene.astype(np.float32)
+                planes, magnitudes = clip_planes(matrix, clip_control)
+                within = triangles_in_depth(
+                    vertices, scene.faces[triangles], planes[DEPTHS], magnitudes[DEPTHS]
+                )
+                seen = triangles[within]
+                boxes = boxes_of(vertices, scene.faces[seen], TRIANGLES_PER_CLUSTER)
+                first = 3 * sum(len(part) for part in indices)
+                found.append(PassGeometry(first=first, count=len(seen), boxes=boxes))
+                indices.append(mesh.faces[seen])
+            return found
+
+        self.surfaces = seen_by_each(np.arange(len(scene.faces)))
+        self.reflections = seen_by_each(np.flatnonzero(reflective))
+        self.indices = context.buffer(np.concatenate(indices).tobytes())
+        self._attributes = {
+            name: context.buffer(values.tobytes())
+            for name, values in flat_attributes(scene, mesh, materials).items()
+        }
+
+    def attribute(self, name: str) -> moderngl.Buffer:
+        """Return the buffer of a vertex attribute, see `mesh.attribute_of` and `flat_attributes`."""
+        if name not in self._attributes:
+            values = attribute_of(self._scene, name)[self._mesh.source]
+            self._attributes[name] = self._context.buffer(values.tobytes())
+        return self._attributes[name]
+
+    def commands(
+        self, geometry: PassGeometry, matrices: Singles, windows: Floats = WHOLE_FILM
+    ) -> NDArray[np.void]:
+        """Return the draws of one pass for some hogels: runs of clusters that their frusta may reach.
+
+        `matrices` (L, 4, 4) are those of `clip_planes`, as the device has them, and so are the `windows`.
+        """
+        planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
+        visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
+        hogel, begin, end = runs(visible)
+        begin, end = (np.minimum(TRIANGLES_PER_CLUSTER * edge, geometry.count) for edge in (begin, end))
+        commands = np.zeros(len(hogel), dtype=DRAW_COMMAND)
+        commands["count"], commands["instances"] = 3 * (end - begin), 1
+        commands["first"], commands["hogel"] = geometry.first + 3 * begin, hogel
+        return commands
+
+
+def flat_attributes(
+    scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
+) -> dict[str, Singles | NDArray[np.uint32]]:
+    """Return the normals and materials of triangles, carried by the vertices that end them.
+
+    surface.glsl says how the shaders read them.
+    """
+    normals = scene.normals.astype(np.float32)
+    return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

@@ -1,4 +1,4 @@
-"""Hogels drawn one after the other, and hogels averaged over sub-apertures (paper, section 6)."""
+"""Hogels drawn one after the other: with any sampling, averaged over sub-apertures, and as a plain loop."""
 
 from __future__ import annotations
 
@@ -7,13 +7,25 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
+from OpenGL import GL
 
-from xfrustum.raster.device.context import ContextOwner
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
+from xfrustum.raster.device.capacity import check_room
+from xfrustum.raster.device.context import ContextOwner, open_context
+from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of, number_triangles
+from xfrustum.raster.device.programs import picture_defines, program, set_camera, set_facing
+from xfrustum.raster.drawing import Shading
+from xfrustum.raster.plate.clusters import FORMATS, flat_attributes
+from xfrustum.raster.plate.picture import HOGEL, HOGELS_BINDING, hogel_block, many_defines
+from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import Rasterizer
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -47,9 +59,7 @@ def averaged(
     images = draw(drawn())
     for first in images:
         aperture, count = waiting.popleft()
-        total = np.zeros(first.color.shape)
-        if not surfaces:
-            total += first.color
+        total = np.zeros(first.color.shape) if surfaces else first.color.astype(np.float64)
         for _ in range(count - (not surfaces)):
             total += next(images).color
         mean = (total / count).astype(np.float32)
@@ -61,24 +71,29 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
     if kind is ColorType.UINT8:
         return np.asarray(np.rint(np.clip(color, 0.0, 1.0) * np.float32(255)), dtype=np.uint8)
     with np.errstate(over="ignore"):
-        rounded: NDArray[Any] = color.astype(kind.dtype)
-    return rounded
+        return np.asarray(color, dtype=kind.dtype)
+
+
+def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
+    """Return the images of a hogel in color that a plate stores, in the types in which it stores them."""
+    assert image.color is not None
+    wanted = content.channels
+    normal = image.normal if Channel.NORMAL in wanted else None
+    return PlateHogel(
+        aperture=image.camera.aperture,
+        color=stored(image.color, content.color),
+        triangle=image.triangle if Channel.TRIANGLE in wanted else None,
+        height=image.height.astype("f4") if Channel.HEIGHT in wanted else None,
+        normal=None if normal is None else normal.astype("f4"),
+        certainty=image.certainty if Channel.CERTAINTY in wanted else None,
+    )
 
 
 class OneByOne(ContextOwner):
     """The stream of `PlateRenderer` with the sampling of `Rasterizer`: any number of samples a pixel.
 
-    A context manager: leaving it frees the rasterizer.
-
-    Parameters
-    ----------
-    scene, settings, content
-        As for `PlateRenderer`.
-
-    Raises
-    ------
-    InputError
-        The settings do not fit the frustum, or see `Rasterizer`.
+    A context manager: leaving it frees the rasterizer. Raises InputError where the settings do not fit the
+    frustum, and where `Rasterizer` does.
     """
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
@@ -104,16 +119,87 @@ class OneByOne(ContextOwner):
             yield plate_hogel(self._rasterizer.render(aperture, self.settings, normals=normals), self.content)
 
 
-def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
-    """Return the images of a hogel in color that a plate stores, in the types in which it stores them."""
-    assert image.color is not None
-    wanted = content.channels
-    normal = image.normal if Channel.NORMAL in wanted else None
-    return PlateHogel(
-        aperture=image.camera.aperture,
-        color=stored(image.color, content.color),
-        triangle=image.triangle if Channel.TRIANGLE in wanted else None,
-        height=image.height.astype("f4") if Channel.HEIGHT in wanted else None,
-        normal=None if normal is None else normal.astype("f4"),
-        certainty=image.certainty if Channel.CERTAINTY in wanted else None,
-    )
+class PlainLoop(ContextOwner):
+    """The loop that anybody would write first, against which drawing many hogels at once is measured.
+
+    Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`, triangles
+    take their numbers from vertices, as in `PlateRenderer`, and not from `gl_PrimitiveID`: a bare loop that
+    asks for no numbers is as fast as one with them in vertices.
+    """
+
+    def __init__(
+        self, scene: Scene, settings: DoubleFrustum, content: PlateContent, *, numbered: bool = False
+    ) -> None:
+        self.scene, self.settings = scene, settings
+        effects = needed(scene, Question(settings=(settings,))) - {Effect.REFLECTION}
+        self._cameras = cameras_in_order(scene, settings)
+        self._mapping = MAPPINGS[settings.mapping]
+        self._context = context = open_context()
+        with context:
+            check_room(scene, str(context.info["GL_RENDERER"]))
+            form = TargetFormat(depth=settings.depth, content=content)
+            self._target = LayeredTarget(scene.frustum.resolution, 1, form)
+            self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
+            self._shading = Shading(context, scene, effects)
+            many = many_defines(context, 1) if numbered else {}
+            defines = {**many, **picture_defines(self._mapping, effects), **self._shading.defines}
+            self._program = program(context, "hogel.frag", defines)
+            faces = scene.faces.astype(np.uint32)
+            attributes: dict[str, NDArray[Any]] = {name: attribute_of(scene, name) for name in ATTRIBUTES}
+            self._hogel: moderngl.Buffer | None = None
+            of_vertices = []
+            if numbered:
+                mesh = number_triangles(scene.faces)
+                faces = mesh.faces
+                attributes = {name: values[mesh.source] for name, values in attributes.items()}
+                attributes |= flat_attributes(scene, mesh, self._shading.surfaces)
+                self._hogel = context.buffer(reserve=HOGEL.itemsize, dynamic=True)
+                of_vertices.append((context.buffer(np.zeros(1, np.uint32).tobytes()), "1u4/i", "in_hogel"))
+            of_vertices += [
+                (context.buffer(values.tobytes()), FORMATS[name], name)
+                for name, values in attributes.items()
+                if name in self._program
+            ]
+            indices = context.buffer(faces.tobytes())
+            self._mesh = context.vertex_array(self._program, of_vertices, index_buffer=indices)
+
+    def release(self) -> None:
+        """Free the context and everything in it."""
+        with self._context:
+            self._target.release()
+        self._context.release()
+
+    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
+        """Draw apertures, read each back, and yield their images."""
+        for aperture in apertures:
+            with self._context:
+                self._draw(aperture)
+                self._target.start_reading()
+                color, triangle = self._target.finish_color(), self._target.finish_triangle()
+            number = None if triangle is None else triangle[0]
+            yield PlateHogel(aperture=aperture, color=color[0], triangle=number)
+
+    def draw_only(self, apertures: Iterable[Aperture]) -> None:
+        """Draw apertures and read nothing back."""
+        with self._context:
+            for aperture in apertures:
+                self._draw(aperture)
+                GL.glFlush()
+            GL.glFinish()
+
+    def _draw(self, aperture: Aperture) -> None:
+        self._target.begin()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
+        self._normals.bind_to_storage_buffer(NORMALS)
+        for number, camera in enumerate(self._cameras):
+            drawn = pass_of(self.scene, aperture, self.settings, camera)
+            self._target.clear_depth(drawn.test.clear)
+            self._context.depth_func = drawn.test.function
+            set_facing(self._context, drawn)
+            set_camera(self._program, number, drawn, self._target.size)
+            self._shading.bind(self._program)
+            if self._hogel is not None:
+                self._hogel.write(hogel_block([drawn]).tobytes())
+                self._hogel.bind_to_uniform_block(HOGELS_BINDING)
+            self._mesh.render()

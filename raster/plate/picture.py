@@ -24,9 +24,8 @@ from xfrustum.raster.device.programs import (
     set_camera,
     set_facing,
 )
-from xfrustum.raster.light import Environment, Shading, reflecting
-from xfrustum.raster.plate.clusters import WHOLE_FILM
-from xfrustum.raster.plate.geometry import DRAW_COMMAND, FORMATS, PassGeometry, PlateGeometry
+from xfrustum.raster.drawing import Environment, Shading, reflecting
+from xfrustum.raster.plate.clusters import DRAW_COMMAND, FORMATS, WHOLE_FILM, PassGeometry, PlateGeometry
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.effects import Effect
@@ -178,16 +177,10 @@ class PlateDrawing:
 
 
 class PlatePicture:
-    """A scene on the GPU with its materials and lights, and the programs that draw it.
+    """A scene with triangles on the GPU, its materials and lights, and the programs that draw it.
 
-    Parameters
-    ----------
-    context, scene
-        The context that is current now and whenever something is drawn, and a scene with triangles.
-    passes
-        The cameras as they are for any one aperture; at least one.
-    look
-        Way in which the plate is drawn.
+    The context is current now and whenever something is drawn. `passes` are the cameras as they are for any
+    one aperture; at least one.
 
     Raises
     ------

@@ -18,9 +18,8 @@ from OpenGL import GL
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
-from xfrustum.raster.device.context import ContextOwner, describe, open_context
-from xfrustum.raster.device.positions import DrawnBy, Positions
-from xfrustum.raster.device.timer import GpuTimer, StageTime
+from xfrustum.raster.device.context import ContextOwner, GpuTimer, StageTime, describe, open_context
+from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.plate.clusters import WHOLE_FILM
 from xfrustum.raster.plate.one_by_one import averaged
 from xfrustum.raster.plate.picture import (
@@ -37,7 +36,7 @@ from xfrustum.raster.plate.picture import (
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
-from xfrustum.scenes.arrays import Floats, Numbers, Singles
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
 from xfrustum.scenes.model.plate_content import Channel, ColorType, FilmPart, PlateContent, PlateHogel
@@ -107,18 +106,10 @@ def _untimed(_name: str) -> AbstractContextManager[None]:
 
 
 class PlateRenderer(ContextOwner):
-    """A scene on the GPU, ready to be drawn from many apertures with the same settings.
+    """A scene on the GPU, uploaded once, ready to be drawn from many apertures with the same settings.
 
-    A context manager: leaving it frees the context and everything in it.
-
-    Parameters
-    ----------
-    scene
-        Scene that is uploaded, once, in float32.
-    settings
-        Near plane, depth buffer and cameras.
-    content
-        The images that are read back, and the effects that are simulated.
+    A context manager: leaving it frees the context and everything in it. `content` are the images that are
+    read back, and the effects that are simulated.
 
     Raises
     ------
@@ -128,12 +119,7 @@ class PlateRenderer(ContextOwner):
         triangles.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        settings: DoubleFrustum,
-        content: PlateContent | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
         settings.check_against(scene.frustum)
         if scene.sampling != Sampling(aperture=scene.sampling.aperture):
             raise InputError(
@@ -142,7 +128,7 @@ class PlateRenderer(ContextOwner):
             )
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
         asked = self.content.effects
-        self.effects = needed(scene, question=Question(settings=(settings,))) if asked is None else asked
+        self.effects = needed(scene, Question(settings=(settings,))) if asked is None else asked
         self._cameras = cameras_in_order(scene, settings, self.effects)
         self._context = open_context()
         try:
@@ -199,20 +185,18 @@ class PlateRenderer(ContextOwner):
         column and row of the hogel: their pixels are those of whole films, bit for bit, and take less time;
         those outside mean nothing.
         """
-        count = self.scene.sampling.aperture
+        plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:
             return self._stream(apertures, _untimed, parts)
-        return averaged(apertures, self._points, lambda points: self._stream(points, _untimed), self.content)
-
-    def _points(self, aperture: Aperture) -> tuple[Aperture, ...]:
-        """Return the points of an aperture's area that are drawn."""
-        return sub_apertures(self.scene.plate, aperture, self.scene.sampling.aperture)
+        return averaged(
+            apertures,
+            lambda aperture: sub_apertures(plate, aperture, count),
+            lambda points: self._stream(points, _untimed),
+            self.content,
+        )
 
     def _stream(
-        self,
-        apertures: Iterable[Aperture],
-        stage: Stage,
-        parts: Parts | None = None,
+        self, apertures: Iterable[Aperture], stage: Stage, parts: Parts | None = None
     ) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
         size = self.scene.frustum.resolution
@@ -257,10 +241,10 @@ class PlateRenderer(ContextOwner):
     def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
         """Count the triangles submitted for these apertures; the others lie outside their frusta."""
         total = 0
+        drawings = [] if self._picture is None else self._picture.drawings
         for aperture in apertures:
             for number, camera in enumerate(self._passes(aperture)):
                 matrices = camera.clip_from_scene.astype(np.float32)[None]
-                drawings = [] if self._picture is None else self._picture.drawings
                 draws = (drawing.commands(number, matrices)["count"] for drawing in drawings)
                 total += sum(int(count.sum()) // 3 for count in draws)
         return total
@@ -295,6 +279,7 @@ class PlateRenderer(ContextOwner):
                 picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
 
     def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]], stage: Stage) -> Iterator[PlateHogel]:
+        normals = Channel.NORMAL in self.content.channels
         for slot, apertures in waiting:
             with self._context, stage("read-back"):
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
@@ -306,7 +291,7 @@ class PlateRenderer(ContextOwner):
                     color=color[layer],
                     triangle=numbers if self.content.ids else None,
                     height=heights[layer],
-                    normal=self._normals(numbers),
+                    normal=None if numbers is None or not normals else normals_of(self.scene, numbers),
                 )
 
     def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:
@@ -318,12 +303,5 @@ class PlateRenderer(ContextOwner):
         passes = self._passes(aperture)
         if self._positions is None or not passes:
             return np.full(slot.target.size[::-1], np.nan, dtype=np.float32)
-        drawn = [DrawnBy(clip_from_scene=one.clip_from_scene, heights=one.heights) for one in passes]
         # A copy, so that the other two coordinates can go.
-        return self._positions.read(slot.target.layer(layer), drawn)[..., 2].copy()
-
-    def _normals(self, triangle: Numbers | None) -> Singles | None:
-        """Return the normals (H, W, 3) of the triangles that a hogel shows, where they are wanted."""
-        if triangle is None or Channel.NORMAL not in self.content.channels:
-            return None
-        return normals_of(self.scene, triangle)
+        return self._positions.read(slot.target.layer(layer), passes)[..., 2].copy()

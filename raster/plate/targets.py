@@ -67,18 +67,9 @@ class Layer:
 
 
 class LayeredTarget:
-    """One framebuffer with a layer for each hogel of a submission, and buffers to read it through.
+    """One framebuffer of W, H pixels with a layer for each hogel of a submission, read through buffers.
 
     moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current context.
-
-    Parameters
-    ----------
-    size
-        W, H in pixels.
-    layers
-        Number of layers, one for each hogel.
-    form
-        The buffers of each pixel.
     """
 
     def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
@@ -135,11 +126,8 @@ class LayeredTarget:
     def begin(self, box: tuple[int, int, int, int] | None = None) -> None:
         """Draw here from now on, on empty layers: number 0, black.
 
-        Parameters
-        ----------
-        box
-            First column, first row from the bottom, width and height of the part of the films that is drawn
-            and read, in pixels: what lies outside reads as black. None for whole films.
+        `box` is the part of the films that is drawn and read, None for all: first column, first row from the
+        bottom, width and height in pixels. What lies outside reads as black.
         """
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)

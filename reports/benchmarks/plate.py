@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 
-from xfrustum.raster.plate.plain_loop import PlainLoop
+from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reports.benchmarks import common
 from xfrustum.reports.common.progress import progress_bar

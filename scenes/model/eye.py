@@ -47,7 +47,7 @@ class Eye:
     behind the plate, a number is not finite, or there are too many pixels.
     """
 
-    position: tuple[float, float, float]  #: center of the pupil, scene units; z, before the plate, is positive
+    position: tuple[float, float, float]  #: center of the pupil, scene units; z > 0, before the plate
     resolution: tuple[int, int] = RESOLUTION  #: W, H in pixels
     pupil: float = 0.0  #: its diameter, scene units; 0 for a pinhole
     focus: float = 0.0  #: height z, below the eye, of the plane in focus; without a pupil it has no effect

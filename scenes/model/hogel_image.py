@@ -173,8 +173,8 @@ class HogelImage(SurfaceImage):
     camera: HogelCamera
     triangle: Numbers  #: int32, `NOTHING` where there is no surface
     object: Numbers  #: likewise
-    # Visible surface point in scene units, NaN where there is none: float64 from a reference, float32 from a
-    # rasterizer. Those of our own rasterizers and models are structures of arrays in memory.
+    #: Visible surface point in scene units, NaN where there is none: float64 from a reference, float32 from a
+    #: rasterizer. Those of our own rasterizers and models are structures of arrays in memory.
     position: NDArray[np.floating]
     normal: NDArray[np.floating] | None = None  #: unit, by the mesh's winding, NaN where there is no surface
     color: Singles | None = None  #: linear RGB

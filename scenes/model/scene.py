@@ -73,7 +73,7 @@ class SceneObject(Shown):
     material: str | None = None  #: name of the material table; None for the default
     uv: Floats | None = None  #: (V, 2) texture coordinates, v up; NaN at vertices without
     textures: tuple[Bytes, ...] = ()  #: (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top
-    texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, `UNTEXTURED` where there is none
+    texture_of_triangle: Numbers | None = None  #: (F,) index into `textures`, or `UNTEXTURED`
     vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
     normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, as `smooth = true` asks
@@ -193,7 +193,7 @@ class Scene(Shown):
     objects: tuple[SceneObject, ...]
     units: str = "units"  #: name of the scene's own length unit, for people
     source: str = ""  #: path or built-in name by which the command line opens this scene
-    appearance: Appearance = field(default_factory=Appearance)  #: by default gray, under one directional light
+    appearance: Appearance = field(default_factory=Appearance)  #: by default gray, under one light
     sampling: Sampling = field(default_factory=Sampling)  #: by default one sample
     transport: Transport = field(default_factory=Transport)  #: by default none
 

@@ -111,19 +111,19 @@ class DoubleFrustum:
     for a name that means nothing, or a length that is not positive and finite.
     """
 
-    # Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
-    # their near planes lie.
+    #: Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
+    #: their near planes lie.
     near: float
     depth: DepthFormat = DepthFormat.D24
     mapping: DepthMapping = DepthMapping.STANDARD
     camera: Camera = Camera.BOTH
     pivot: Pivot = Pivot.APERTURE
     offset: Offset = Offset.PLATE
-    # A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first slab
-    # where there are slabs, else for the angle.
+    #: A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first slab
+    #: where there are slabs, else for the angle.
     fit: Fit | float | None = None
-    # Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near plane of its
-    # own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
+    #: Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near plane of its
+    #: own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
     slabs: tuple[float, ...] = ()
     cull: Cull = Cull.NONE
 

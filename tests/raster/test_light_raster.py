@@ -23,7 +23,7 @@ from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, lines_by_definition, reversed_d32f, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import programs
-from xfrustum.raster.light import reflecting
+from xfrustum.raster.drawing import reflecting
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
     Camera,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.support.light import dressed_scene
 from tests.support.views import reversed_d32f, view
-from xfrustum.raster import Rasterizer, accumulate
+from xfrustum.raster import Rasterizer, rasterizer
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
@@ -60,8 +60,8 @@ def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> 
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
     with Rasterizer(scene) as raster:
         whole = color(raster, supersample=3)
-        monkeypatch.setattr(accumulate, "POINTS_AT_ONCE", 33 * 33)
-        assert {tile.size for tile in accumulate.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
+        monkeypatch.setattr(rasterizer, "POINTS_AT_ONCE", 33 * 33)
+        assert {tile.size for tile in rasterizer.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
         monkeypatch.setattr("xfrustum.raster.rasterizer.largest_image", lambda: 33)
         parts = color(raster, supersample=3)
     # Where a corner is snapped to another subpixel an edge may take or leave one point of a pixel.

@@ -12,9 +12,9 @@ from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.accumulate import largest_image
 from xfrustum.raster.device import capacity
 from xfrustum.raster.device.context import open_context
+from xfrustum.raster.rasterizer import largest_image
 from xfrustum.reports import trace as tracing
 from xfrustum.reports.trace import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene

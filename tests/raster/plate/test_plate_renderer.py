@@ -19,8 +19,8 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.raster.device.mesh import number_triangles
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.picture import MAX_HOGELS
-from xfrustum.raster.plate.plain_loop import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
     Aperture,

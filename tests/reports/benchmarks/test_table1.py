@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from xfrustum.cli.main import main
-from xfrustum.raster.light import reflecting
+from xfrustum.raster.drawing import reflecting
 from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
 from xfrustum.reports.common.timing import Timing, race
