@@ -41,18 +41,10 @@ def is_beyond(
     tolerance_px: float,
     max_wrong: float = MAX_WRONG,
 ) -> bool:
-    """Return whether a hogel is beyond a tolerance.
+    """Return whether a hogel is beyond a tolerance, or the share of its wrong surfaces beyond `max_wrong`.
 
-    Parameters
-    ----------
-    displacement_p99_px
-        99th percentile of its displacements; None, NaN or infinite where that is undefined.
-    surface_fraction
-        Share of its judged pixels that show the wrong surface.
-    tolerance_px
-        Largest displacement; infinite where any that is defined will do.
-    max_wrong
-        Largest share of wrong surfaces.
+    None, NaN or infinity stand for a displacement that is undefined; with an infinite tolerance any that is
+    defined will do.
     """
     if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
         return True

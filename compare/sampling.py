@@ -50,30 +50,19 @@ def place_of(plate: Plate, aperture: Aperture) -> int:
     return row * columns + (columns - 1 - column if row % 2 else column)
 
 
-def _check(hogels: int, seed: int) -> tuple[int, int]:
-    hogels, seed = whole(hogels), whole(seed)
-    if hogels < 1:
-        raise InputError(f"a sample must have at least one hogel, not {hogels!r}")
-    if seed < 0:
-        raise InputError(f"a seed must be a count from 0, not {seed!r}")
-    return hogels, seed
-
-
 @dataclass(frozen=True, kw_only=True)
 class RandomSample:
-    """How many hogels are drawn at random, and the start of the random numbers.
-
-    Raises
-    ------
-    InputError
-        There are none, or the seed is negative.
-    """
+    """How many hogels are drawn at random, at least one, and the start of the random numbers, from 0."""
 
     hogels: int = SAMPLED_HOGELS
     seed: int = 0
 
     def __post_init__(self) -> None:
-        hogels, seed = _check(self.hogels, self.seed)
+        hogels, seed = whole(self.hogels), whole(self.seed)
+        if hogels < 1:
+            raise InputError(f"a sample must have at least one hogel, not {hogels!r}")
+        if seed < 0:
+            raise InputError(f"a seed must be a count from 0, not {seed!r}")
         settle(self, hogels=hogels, seed=seed)
 
     def next(self) -> RandomSample:
@@ -97,19 +86,7 @@ def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture
 class GrowingSample:
     """Samples of a plate, each twice as large as the one before, which it contains.
 
-    Attributes
-    ----------
-    plate
-        The plate whose hogels are drawn.
-    first
-        Number of hogels of the first sample; as many as the plate has where it has fewer.
-    seed
-        Start of the random numbers.
-
-    Raises
-    ------
-    InputError
-        There are none, or the seed is negative.
+    The first has `first` hogels, or as many as the plate has.
     """
 
     plate: Plate
@@ -117,8 +94,8 @@ class GrowingSample:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        first, seed = _check(self.first, self.seed)
-        settle(self, first=min(first, self.hogels), seed=seed)
+        asked = RandomSample(hogels=self.first, seed=self.seed)
+        settle(self, first=min(asked.hogels, self.hogels), seed=asked.seed)
 
     @property
     def hogels(self) -> int:
@@ -154,14 +131,9 @@ class GrowingSample:
 
 
 def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
-    """Return the upper bound of a share from a random sample (Clopper and Pearson 1934).
+    """Return the upper bound of the share with a property, which some of a random sample have.
 
-    Parameters
-    ----------
-    beyond, sampled
-        How many of the sample have the property, and how many there are.
-    confidence
-        Probability that the bound holds.
+    It is that of Clopper and Pearson (1934), and holds with probability `confidence`.
     """
     if beyond >= sampled:
         return 1.0
@@ -169,16 +141,10 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
-    """Return the upper bound on a share of a plate's hogels from a `GrowingSample`.
+    """Return the upper bound on the share of a plate's hogels with a property, from a `GrowingSample`.
 
-    Parameters
-    ----------
-    beyond, judged
-        Number of sampled hogels with the property, and of all sampled hogels.
-    hogels
-        Number of hogels of the plate. Where all were sampled, the share itself is returned.
-    risk
-        Probability with which the bound may be wrong.
+    Of all sampled hogels, `judged`, some have it; where all were sampled, the share itself is returned. The
+    bound may be wrong with probability `risk`.
     """
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
@@ -209,26 +175,14 @@ def risk_of_claim(settings: int = 1, look: int | None = None, confidence: float 
     is safe only for claims that tend to hold or fail together, and of two settings one may be wrong just
     where the other is right. Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add up to
     one. So all bounds hold together, however many looks there are, and also the last one, wherever the survey
-    stops (the union bound, which asks for no independence).
-
-    Parameters
-    ----------
-    settings
-        Number of settings, each of which is claimed something of.
-    look
-        Number of the look, 0 for the first; None where there is only one.
-    confidence
-        Probability with which all hold together.
+    stops (the union bound, which asks for no independence). `look` is 0 for the first, None for the only one.
     """
     risk = (1 - confidence) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:
-    """Return the size of the smallest first sample that bounds a share where no hogel has the property.
-
-    The whole plate where no smaller one does.
-    """
+    """Return the smallest size of a first sample, or all, that bounds a share where no hogel has it."""
     if share <= 0:
         return hogels
     size = min(hogels, max(1, math.floor(math.log(risk) / math.log1p(-min(share, 1 - 1e-9)))))

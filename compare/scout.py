@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
 FILM_PIXELS = 24
@@ -42,55 +42,41 @@ MAX_AUTO_APERTURES = 4
 (the 99th percentile of displacement, the nearest surface, outlines). Each aperture takes a command as long as
 the first; more of them, beside the worst, would be as bad for the same reason."""
 
-Index = tuple[int, int]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """What the coarse film of one aperture shows.
-
-    Attributes
-    ----------
-    aperture
-        The aperture that is looked through.
-    height
-        (h, w) signed heights of the first surfaces, scene units; NaN where there is none, 0 where the line
-        ends in the aperture, on a surface that lies in the plate or passes through it.
-    camera
-        True frustum of the aperture, with the resolution of the scene.
-    outline_widths
-        Length of the borders between objects, and between them and nothing, in widths of the film.
-    """
+    """What the coarse film of one aperture shows."""
 
     aperture: Aperture
-    height: Floats
-    camera: HogelCamera
-    outline_widths: float
+    height: Floats  # (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
+    camera: HogelCamera  # the true frustum, with the resolution of the scene
+    outline_widths: float  # borders between objects, and between them and nothing, in widths of the film
 
     @classmethod
     def of(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> Look:
         """Return what a coarse image shows; the camera is given the scene's resolution."""
+        shown = image.object
+        across = (shown[:, 1:] != shown[:, :-1]).sum() / shown.shape[0]
+        down = (shown[1:] != shown[:-1]).sum() / shown.shape[1]
         return cls(
             aperture=image.camera.aperture,
             height=np.where(image.covered, image.height, np.nan).astype(np.float64),
             camera=replace(image.camera, resolution=frustum_resolution),
-            outline_widths=_outline_widths(image),
+            outline_widths=float(across + down),
         )
 
     @cached_property
     def points(self) -> TruePoints:
         """The surface points that are seen off the plate, at their places on the scene's own film."""
-        off_plate = np.where(self.height == 0, np.nan, self.height)
-        return TruePoints(height=off_plate, from_middle=self._from_middle, camera=self.camera)
-
-    @property
-    def _from_middle(self) -> Floats:
-        """Return (h, w, 2) columns and rows from the middle of the scene's film, pixels of that film."""
         sides = [
             ((2 * np.arange(count) + 1) / count - 1) * pixels / 2
             for count, pixels in zip(self.height.shape[::-1], self.camera.resolution, strict=True)
         ]
-        return np.stack(np.meshgrid(*sides), axis=-1)
+        return TruePoints(
+            height=np.where(self.height == 0, np.nan, self.height),
+            from_middle=np.stack(np.meshgrid(*sides), axis=-1),
+            camera=self.camera,
+        )
 
     @property
     def nearest(self) -> float:
@@ -99,8 +85,7 @@ class Look:
 
     def farthest(self, camera: Camera) -> float:
         """Return the largest |z| seen on the side of one camera; 0 where it sees nothing."""
-        side = -self.height if camera is Camera.C else self.height
-        return float(np.nanmax(side, initial=0.0))
+        return float(np.nanmax(-self.height if camera is Camera.C else self.height, initial=0.0))
 
     @cached_property
     def pixels_per_near(self) -> float:
@@ -109,43 +94,25 @@ class Look:
         0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture itself:
         displacement is undefined there at any n.
         """
-        seen = np.isfinite(self.height)
-        if not seen.any():
-            return 0.0
-        with np.errstate(divide="ignore"):
-            moved = self.points.radius[seen] / np.abs(self.height[seen])
-        moved[self.height[seen] == 0] = np.inf
-        return float(np.percentile(moved, PERCENTILE, method="higher"))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._p99(self.points.radius / np.abs(self.height))
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
         """Return the 99th percentile of displacement that settings cause, by closed form; see above."""
+        return self._p99(np.nan_to_num(displacement_lengths(self.points, scene.frustum, settings), nan=0.0))
+
+    def _p99(self, moved: Floats) -> float:
+        """Return the percentile of displacements (h, w) where a surface is seen; infinite in the aperture."""
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
-        moved = displacement_lengths(self.points, scene.frustum, settings)[seen]
-        moved = np.where(self.height[seen] == 0, np.inf, np.nan_to_num(moved, nan=0.0))
-        return float(np.percentile(moved, PERCENTILE, method="higher"))
-
-
-def _outline_widths(image: HogelImage) -> float:
-    """Return how long the borders between neighboring pixels of different objects are, in film widths."""
-    shown = image.object
-    across = (shown[:, 1:] != shown[:, :-1]).sum() / shown.shape[0]
-    down = (shown[1:] != shown[:-1]).sum() / shown.shape[1]
-    return float(across + down)
+        some = np.where(self.height == 0, np.inf, moved)[seen]
+        return float(np.percentile(some, PERCENTILE, method="higher"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scout:
-    """Looks through apertures all over a plate.
-
-    Attributes
-    ----------
-    scene
-        The scene that is looked at.
-    looks
-        One for each aperture, in the order of rows and columns.
-    """
+    """Looks through apertures all over a plate, in the order of rows and columns."""
 
     scene: Scene
     looks: tuple[Look, ...]
@@ -160,19 +127,12 @@ class Scout:
         return np.array([look.displacement_p99_px(settings, self.scene) for look in self.looks])
 
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[Look]:
-        """Return the looks with the largest displacement, the worst first.
+        """Return at most some looks with the largest displacement, the worst first.
 
-        Parameters
-        ----------
-        count
-            Largest number of looks.
-        settings
-            What is drawn with; None for any small near without slabs.
+        It is that of settings; None for any small near without slabs.
         """
-        if settings is None:
-            errors = np.array([look.pixels_per_near for look in self.looks])
-        else:
-            errors = self.displacements(settings)
+        of_small_near = [look.pixels_per_near for look in self.looks]
+        errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
 
     def farthest(self, camera: Camera) -> Look:
@@ -186,66 +146,45 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> S
     The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Then the
     neighbors of the worst are looked through, at half the distance each time, down to the hogels beside
     them, until the worst ones have no neighbor left or `MAX_APERTURES` are reached. A plate with no more
-    hogels than the lattice is looked at whole.
-
-    Parameters
-    ----------
-    scene
-        The scene; its resolution does not matter to the cost.
-    done
-        Called after each look, with 1; there are at most `MAX_APERTURES`.
+    hogels than the lattice is looked at whole. `done` is called after each look, with 1.
     """
+    # The scene's resolution does not matter to the cost.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
     reference = Reference(replace(scene, frustum=frustum), effects=frozenset())
-    found: dict[Index, Look] = {}
+    found: dict[tuple[int, int], Look] = {}
 
-    def look_through(indices: Iterable[Index]) -> None:
+    def look_through(indices: Iterable[tuple[int, int]]) -> None:
         wanted = [index for index in dict.fromkeys(indices) if index not in found]
         wanted = wanted[: MAX_APERTURES - len(found)]
         for image in reference.stream(scene.plate.aperture(*index) for index in wanted):
             found[image.camera.aperture.index] = Look.of(image, scene.frustum.resolution)
             done(1)
 
-    columns, rows = _lattice(scene.plate)
-    look_through([scene.plate.middle.index, *((column, row) for row in rows for column in columns)])
-    step = (_largest_gap(columns), _largest_gap(rows))
+    columns, rows = hogels = scene.plate.hogels
+    if columns * rows <= LATTICE_APERTURES:
+        counts = hogels
+    else:
+        # As square as the plate's hogels allow.
+        across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
+        counts = across, min(rows, max(2, LATTICE_APERTURES // across))
+    places = [
+        sorted({round(place) for place in np.linspace(0, hogels[axis] - 1, counts[axis])}) for axis in (0, 1)
+    ]
+    look_through([scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])])
+    step = [max((b - a for a, b in itertools.pairwise(one)), default=1) for one in places]
     while len(found) < MAX_APERTURES:
-        before = len(found)
-        step = (max(1, step[0] // 2), max(1, step[1] // 2))
+        before, step = len(found), [max(1, one // 2) for one in step]
         worst = sorted(found.values(), key=lambda look: -look.pixels_per_near)[:REFINED_APERTURES]
-        look_through(index for look in worst for index in _neighbors(look.aperture, step, scene.plate))
-        if step == (1, 1) and len(found) == before:
+        neighbors = (
+            (look.aperture.column + i * step[0], look.aperture.row + j * step[1])
+            for look in worst
+            for i, j in itertools.product((-1, 0, 1), repeat=2)
+        )
+        look_through((i, j) for i, j in neighbors if 0 <= i < columns and 0 <= j < rows)
+        if step == [1, 1] and len(found) == before:
             break
     looks = sorted(found.values(), key=lambda look: look.aperture.index[::-1])
     return Scout(scene=scene, looks=tuple(looks))
-
-
-def _lattice(plate: Plate) -> tuple[list[int], list[int]]:
-    """Return columns and rows of the first lattice, as square as the plate's hogels allow, ends included."""
-    columns, rows = plate.hogels
-    if columns * rows <= LATTICE_APERTURES:
-        return list(range(columns)), list(range(rows))
-    across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
-    down = min(rows, max(2, LATTICE_APERTURES // across))
-    first, second = (
-        sorted({round(place) for place in np.linspace(0, hogels - 1, count)})
-        for hogels, count in ((columns, across), (rows, down))
-    )
-    return first, second
-
-
-def _largest_gap(places: Sequence[int]) -> int:
-    return max((after - before for before, after in itertools.pairwise(places)), default=1)
-
-
-def _neighbors(aperture: Aperture, step: Index, plate: Plate) -> list[Index]:
-    """Return the eight apertures at a distance of some columns and rows that lie on the plate."""
-    places = [
-        (aperture.column + across * step[0], aperture.row + down * step[1])
-        for across in (-1, 0, 1)
-        for down in (-1, 0, 1)
-    ]
-    return [(i, j) for i, j in places if 0 <= i < plate.hogels[0] and 0 <= j < plate.hogels[1]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,18 +197,11 @@ class ChosenAperture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AutoApertures:
-    """The apertures that `auto` takes.
+    """The apertures that `auto` takes, at least one and no more than `MAX_AUTO_APERTURES`.
 
-    Attributes
-    ----------
-    scout
-        Looks through apertures all over the plate, from which they were chosen.
-    chosen
-        The apertures with their reasons; at least one, and no more than `MAX_AUTO_APERTURES`. The middle one
-        is the first, unless it sees nothing and others do.
-    blocked
-        Number of scouted apertures in which a surface lies: it fills more than a hundredth of their picture
-        at |z| = 0, and no settings draw that. They are chosen only where there are no others.
+    The middle one is the first, unless it sees nothing and others do. `blocked` is the number of scouted
+    apertures in which a surface lies: it fills more than a hundredth of their picture at |z| = 0, and no
+    settings draw that. They are chosen only where there are no others.
     """
 
     scout: Scout
@@ -284,51 +216,30 @@ class AutoApertures:
     @classmethod
     def of(cls, scout: Scout) -> AutoApertures:
         """Choose apertures from what a scout has seen."""
-        seeing = [look for look in scout.looks if math.isfinite(look.nearest)]
-        free = [look for look in seeing if math.isfinite(look.pixels_per_near)]
-        middle = scout.scene.plate.middle
+        units, middle = scout.scene.units, scout.scene.plate.middle
+        seeing = {look.aperture: look for look in scout.looks if math.isfinite(look.nearest)}
+        free = [look for look in seeing.values() if math.isfinite(look.pixels_per_near)]
         reasons: dict[Aperture, list[str]] = {}
-        if not seeing or any(look.aperture == middle for look in seeing):
+        if not seeing or middle in seeing:
             reasons[middle] = ["the middle of the plate"]
         # Of equally bad ones the first is taken: the middle, so that no other is measured for the same.
-        ordered = sorted(free or seeing, key=lambda look: look.aperture != middle)
-        for aperture, reason in _worst(ordered, scout.scene.units):
-            reasons.setdefault(aperture, []).append(reason)
-        nearest = {
-            look.aperture: f"nearest visible |z| {look.nearest:.2g} {scout.scene.units}" for look in seeing
-        }
-        return cls(
-            scout=scout,
-            chosen=tuple(
-                ChosenAperture(
-                    aperture=aperture, why="; ".join([*parts, nearest.get(aperture, "nothing seen")])
-                )
-                for aperture, parts in reasons.items()
-            ),
-            blocked=len(seeing) - len(free),
-        )
-
-
-def _worst(looks: Sequence[Look], units: str) -> list[tuple[Aperture, str]]:
-    """Return the worst aperture in each respect, with the respect in words; none where there are no looks.
-
-    The first of several that are equally bad is the worst.
-    """
-    if not looks:
-        return []
-    displaced = max(looks, key=lambda look: look.pixels_per_near)
-    nearest = min(looks, key=lambda look: look.nearest)
-    outlined = max(looks, key=lambda look: look.outline_widths)
-    return [
-        (displaced.aperture, f"largest displacement ({_tolerated(displaced, units)})"),
-        (nearest.aperture, "surface nearest to the plate"),
-        (outlined.aperture, f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)"),
-    ]
-
-
-def _tolerated(look: Look, units: str) -> str:
-    """Say from which near on the picture of an aperture is displaced by more than the usual tolerance."""
-    if look.pixels_per_near == 0:
-        return "none at any near"
-    near = f"{TOLERANCE_PX / look.pixels_per_near:.2g}".replace("e-0", "e-")
-    return f"over {TOLERANCE_PX:g} px from near {near} {units} on"
+        ordered = sorted(free or seeing.values(), key=lambda look: look.aperture != middle)
+        if ordered:
+            moved = max(ordered, key=lambda look: look.pixels_per_near)
+            nearest = min(ordered, key=lambda look: look.nearest)
+            outlined = max(ordered, key=lambda look: look.outline_widths)
+            over = "none at any near"
+            if moved.pixels_per_near:
+                near = f"{TOLERANCE_PX / moved.pixels_per_near:.2g}".replace("e-0", "e-")
+                over = f"over {TOLERANCE_PX:g} px from near {near} {units} on"
+            for look, reason in (
+                (moved, f"largest displacement ({over})"),
+                (nearest, "surface nearest to the plate"),
+                (outlined, f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)"),
+            ):
+                reasons.setdefault(look.aperture, []).append(reason)
+        for aperture, parts in reasons.items():
+            sees = f"nearest visible |z| {seeing[aperture].nearest:.2g} {units}" if aperture in seeing else ""
+            parts.append(sees or "nothing seen")
+        chosen = (ChosenAperture(aperture=one, why="; ".join(parts)) for one, parts in reasons.items())
+        return cls(scout=scout, chosen=tuple(chosen), blocked=len(seeing) - len(free))
