@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from xfrustum.compare.metrics.comparison import Comparison, compare_images
-    from xfrustum.compare.metrics.displacement import Spread
-    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError
+    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError, Spread
 
 __all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
 
@@ -34,7 +33,7 @@ _MODULES = {
     "Comparison": "metrics.comparison",
     "ErrorMaps": "metrics.error_maps",
     "HeightError": "metrics.error_maps",
-    "Spread": "metrics.displacement",
+    "Spread": "metrics.error_maps",
     "compare_images": "metrics.comparison",
 }
 """Module of each name. They are imported when first used: `compare.extent` and closed forms answer from the

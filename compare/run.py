@@ -21,14 +21,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
-from xfrustum.compare.metrics.comparison import (
-    Comparison,
-    ComparisonNumbers,
-    compare_images,
-    figures,
-    said_of_numbers,
-    table_of_numbers,
-)
+from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
 from xfrustum.compare.metrics.error_maps import PixelErrors, pixel_errors
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
@@ -186,14 +179,14 @@ class JudgedDrawing(Shown):
     def _said(self) -> str:
         return (
             f"near {self.settings.near:.3g} scene units, {self.settings.depth_label}: "
-            f"{said_of_numbers(self.comparison)}"
+            f"{self.comparison.said()}"
         )
 
     def _tables(self) -> Sequence[Table]:
-        return (table_of_numbers(self.comparison),)
+        return (self.comparison.table(),)
 
     def _figures(self) -> Sequence[Figure]:
-        return tuple(figures(self.comparison)) if isinstance(self.comparison, Comparison) else ()
+        return self.comparison._figures() if isinstance(self.comparison, Comparison) else ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -13,15 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import (
+from xfrustum.compare.metrics.error_maps import (
+    PixelErrors,
+    differing_pixels,
     film_shifts,
+    judged_pixels,
     lengths,
     pixel_centers,
+    pixel_errors,
     root_mean_square,
     shifts_at,
+    wrong_surface,
 )
-from xfrustum.compare.metrics.error_maps import PixelErrors, differing_pixels, judged_pixels, pixel_errors
-from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.cameras import Precision, RoundingCamera

@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.hypotheses import FIELDS
 from xfrustum.compare.judging.judged import Judging, wrong_pixels
-from xfrustum.compare.metrics.surface import covered_by
+from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import shows_something

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.metrics.displacement import Spread, lengths, pixel_centers
-from xfrustum.compare.metrics.surface import covered_by
+from xfrustum.compare.metrics.error_maps import Spread, covered_by, lengths, pixel_centers
 from xfrustum.compare.prediction.contours import Kind, contours
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.scenes.arrays import Floats, Indices, Mask

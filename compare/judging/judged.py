@@ -27,12 +27,13 @@ from xfrustum.compare.judging.image_displacement import (
     point_displacement,
     true_outlines,
 )
-from xfrustum.compare.metrics.displacement import Spread, existing_triangles
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import (
+from xfrustum.compare.metrics.error_maps import (
+    Spread,
     SurfaceErrors,
     covered_by,
+    existing_triangles,
     hidden_pixels,
+    judged_pixels,
     other_surfaces,
     outside_film,
 )
@@ -459,7 +460,7 @@ def _named_by(image: HogelImage, compared: Compared) -> str:
 def wrong_surfaces(
     reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage
 ) -> SurfaceErrors:
-    """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.surface`.
+    """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.error_maps`.
 
     A point belongs outside the film when its own camera draws it beyond the border. It is hidden when its own
     camera's line meets something else first, or when it lies behind the plate and the answer has the viewer's

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     HeightError,
     PixelErrors,
+    Spread,
+    culled_pixels,
+    lengths,
     names_triangles,
     pixel_errors,
 )
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
-from xfrustum.compare.metrics.surface import culled_pixels
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Bytes, Mask
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.notebook import (
@@ -41,109 +42,79 @@ from xfrustum.scenes.notebook import (
 if TYPE_CHECKING:
     import xarray
 
+MOVED_PX = 1.0
+"""Displacement from which on a map is in full color: a neighboring pixel shows what this one should."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """How many of the judged pixels are wrong in one sense.
-
-    Attributes
-    ----------
-    wrong
-        Number of these pixels.
-    fraction
-        Their share of the judged pixels; 0 where no pixel is judged.
-    """
+    """How many of the judged pixels are wrong in one sense; the fraction is 0 where no pixel is judged."""
 
     wrong: int
     fraction: float
 
-    @classmethod
-    def of(cls, wrong: Mask, judged: Mask) -> Share:
-        """Return the share of some of the judged pixels, both given as masks (H, W)."""
-        count, all_judged = int(np.count_nonzero(wrong)), int(np.count_nonzero(judged))
-        return cls(wrong=count, fraction=count / all_judged if all_judged else 0.0)
+    def __str__(self) -> str:
+        return f"{self.wrong:,} ({percent(self.fraction)})"
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceShare(Share):
-    """How many of the judged pixels show the wrong surface.
+    """How many of the judged pixels show the wrong surface."""
 
-    Attributes
-    ----------
-    outside
-        Number of these pixels whose point belongs outside the true film, where no pixel shows it.
-    culled
-        Number of these pixels whose true surface is turned away from the viewer, so that culling left it
-        out; None where nothing was culled.
-    """
-
-    outside: int
-    culled: int | None = None
-
-    @classmethod
-    def of_errors(cls, errors: PixelErrors, culled: Mask | None) -> SurfaceShare | None:
-        """Return the share of wrong surfaces; None where the scene was not at hand.
-
-        `culled` are the pixels (H, W) whose true surface was left out; None where nothing was culled.
-        """
-        if errors.surface is None or errors.outside is None:
-            return None
-        share = Share.of(errors.surface, errors.judged)
-        return cls(
-            wrong=share.wrong,
-            fraction=share.fraction,
-            outside=int(np.count_nonzero(errors.outside)),
-            culled=None if culled is None else int(np.count_nonzero(culled & errors.surface)),
-        )
+    outside: int  # of these, those whose point belongs outside the true film, where no pixel shows it
+    culled: int | None = None  # those whose true surface culling left out; None where nothing was culled
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonNumbers:
-    """How a raster image differs from the truth, in numbers: the object that `compare --json` prints.
-
-    Attributes
-    ----------
-    pixels, judged, covered, at_plate
-        Number of all pixels; of pixels whose truth is no tie; of pixels where the truth shows a
-        surface; of raster pixels that show a surface in the plate, where displacement is undefined.
-    surface
-        Judged pixels that show the wrong surface; None where the scene was not at hand.
-    triangle
-        Judged pixels that show another triangle number; None where the raster image names no triangles.
-    displacement_px
-        Lengths of the displacements; None where the raster shows no surface off the plate.
-    height
-        Error of the height; None where no pixel shows the same triangle in both images.
-    radiance
-        Error of the colors; None where they were not compared, or an image has none.
-    certainty
-        Number of the truth's pixels by class of certainty, named in words.
-    """
+    """How a raster image differs from the truth, in numbers: the object that `compare --json` prints."""
 
     pixels: int
-    judged: int
-    covered: int
-    at_plate: int
-    surface: SurfaceShare | None
-    triangle: Share | None
-    displacement_px: Spread | None
-    height: HeightError | None
-    radiance: RadianceNumbers | None
-    certainty: dict[str, int]
+    judged: int  # pixels whose truth is no tie
+    covered: int  # pixels where the truth shows a surface
+    at_plate: int  # raster pixels that show a surface in the plate, where displacement is undefined
+    surface: SurfaceShare | None  # None where the scene was not at hand
+    triangle: Share | None  # None where the raster image names no triangles
+    displacement_px: Spread | None  # None where the raster shows no surface off the plate
+    height: HeightError | None  # None where no pixel shows the same triangle in both images
+    radiance: RadianceNumbers | None  # None where colors were not compared, or an image has none
+    certainty: dict[str, int]  # the truth's pixels by class
+
+    def said(self) -> str:
+        """Return the errors of an image in a line."""
+        told = [f"{self.surface or 'unknown'} show the wrong surface"]
+        if self.triangle is not None:
+            told.append(f"{self.triangle} another triangle")
+        if spread := self.displacement_px:
+            p99, most = digits(spread.p99), digits(spread.max)
+            told.append(f"99 of 100 surface points within {p99} px, all within {most} px")
+        return f"of {self.judged:,} judged pixels {', '.join(told)}"
+
+    def table(self) -> Table:
+        """Return the numbers in words."""
+        rows = [
+            ("pixels", f"{self.pixels:,}; {self.judged:,} are judged, {self.covered:,} show a surface"),
+            ("certainty of the truth", ", ".join(f"{n:,} {name}" for name, n in self.certainty.items() if n)),
+        ]
+        if self.surface is not None:
+            rows.append(("wrong surface", f"{self.surface}, {self.surface.outside:,} outside the film"))
+        if self.triangle is not None:
+            rows.append(("another triangle", str(self.triangle)))
+        if spread := self.displacement_px:
+            sizes = f"rms {digits(spread.rms)}, 50 % {digits(spread.p50)}, 95 % {digits(spread.p95)}"
+            rows.append(("displacement, px", f"{sizes}, 99 % {digits(spread.p99)}, max {digits(spread.max)}"))
+        for name, error in (("height, scene units", self.height), ("radiance", self.radiance)):
+            if error is not None:
+                rows.append((name, f"rms {digits(error.rms)}, max {digits(error.max)}"))
+        return Table(rows=rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(Shown, ComparisonNumbers):
-    """How a raster image differs from the truth: in numbers, and pixel by pixel.
-
-    Attributes
-    ----------
-    errors, colors
-        Errors of the pixels, and of their colors; None where these were not compared.
-    """
+    """How a raster image differs from the truth: in numbers, and pixel by pixel."""
 
     errors: PixelErrors
-    colors: RadianceError | None
+    colors: RadianceError | None  # None where they were not compared
 
     @cached_property
     def maps(self) -> ErrorMaps:
@@ -172,31 +143,55 @@ class Comparison(Shown, ComparisonNumbers):
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
         """Return the errors with labels, as an `xarray.Dataset` over v and u; see `HogelImage.to_xarray`.
 
-        Parameters
-        ----------
-        units
-            Name of the scene's unit of length (`scene.units`), which images do not know.
+        `units` names the scene's unit of length (`scene.units`), which images do not know.
 
         Raises
         ------
         InputError
             xarray is not installed.
         """
-        return labelled(self, units)
+        maps, camera = self.maps, self.errors.truth.camera
+        moved, surface, radiance = maps.displacement, maps.surface, maps.radiance
+        told: tuple[tuple[str, Any, str, str | None], ...] = (
+            ("judged", maps.judged, "whether the truth is no tie", None),
+            ("surface", surface, "whether the wrong surface is shown", None),
+            ("triangle", maps.triangle, "whether another triangle is shown", None),
+            ("displacement_columns", moved[..., 0], "true minus drawn place, to the right", "px"),
+            ("displacement_rows", moved[..., 1], "true minus drawn place, down", "px"),
+            ("height_error", maps.height, "height, image minus truth", units),
+            ("radiance_error", radiance, "linear radiance, image minus truth", NO_UNIT),
+        )
+        images = {
+            name: None if values is None else Labelled(values=values, meaning=meaning, units=unit)
+            for name, values, meaning, unit in told
+        }
+        attributes = {
+            "aperture": list(camera.aperture.index),
+            "scene": camera.scene,
+            "scene_hash": camera.scene_hash,
+            "truth": camera.renderer,
+            "image": self.errors.raster.camera.renderer,
+        }
+        return dataset(images, {}, attributes)
 
     def _said(self) -> str:
         camera, renderer = self.errors.truth.camera, self.errors.raster.camera.renderer
         column, row = camera.aperture.index
-        return (
-            f"{renderer} against the truth, aperture {column},{row} of {camera.scene or 'a scene'!r}; "
-            f"{said_of_numbers(self)}"
-        )
+        what = f"{renderer} against the truth, aperture {column},{row} of {camera.scene or 'a scene'!r}"
+        return f"{what}; {self.said()}"
 
     def _tables(self) -> Sequence[Table]:
-        return (table_of_numbers(self),)
+        return (self.table(),)
 
     def _figures(self) -> Sequence[Figure]:
-        return tuple(figures(self))
+        truth, picture = (
+            as_shown(image.color, image.covered, image.height)
+            for image in (self.errors.truth, self.errors.raster)
+        )
+        errors = marked(picture, self.maps.surface, lengths(self.maps.displacement) / MOVED_PX)
+        caption = f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)"
+        pictures = (caption, errors), ("truth", truth), ("image", picture)
+        return [Figure(caption=name, content=png(content)) for name, content in pictures]
 
 
 def compare_images(
@@ -232,32 +227,46 @@ def compare_images(
     _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
     errors = pixel_errors(truth, raster, reference, beside)
+    judged = int(np.count_nonzero(errors.judged))
+
+    def share(wrong: Mask) -> dict[str, Any]:
+        count = int(np.count_nonzero(wrong))
+        return {"wrong": count, "fraction": count / judged if judged else 0.0}
+
+    surface = None
+    if errors.surface is not None and errors.outside is not None:
+        culled = culled_pixels(truth, raster)
+        surface = SurfaceShare(
+            **share(errors.surface),
+            outside=int(np.count_nonzero(errors.outside)),
+            culled=None if culled is None else int(np.count_nonzero(culled & errors.surface)),
+        )
+    classes = {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
+    if truth.certainty is not None:
+        counts = np.bincount(truth.certainty.reshape(-1), minlength=len(Certainty))
+        classes = {kind.name.lower(): int(counts[kind]) for kind in Certainty}
     return Comparison(
         pixels=errors.judged.size,
-        judged=int(np.count_nonzero(errors.judged)),
+        judged=judged,
         covered=int(np.count_nonzero(truth.covered)),
         at_plate=errors.at_plate,
-        surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
-        triangle=Share.of(errors.triangle, errors.judged) if names_triangles(raster) else None,
+        surface=surface,
+        triangle=Share(**share(errors.triangle)) if names_triangles(raster) else None,
         displacement_px=errors.spread,
         height=errors.height_error,
         radiance=colors.numbers if colors else None,
-        certainty=_certainty_counts(truth),
+        certainty=classes,
         errors=errors,
         colors=colors,
     )
 
 
 def _check(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> None:
+    """Raise InputError unless both images answer the same question."""
     if truth.camera.settings is not None:
         raise InputError(
             f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
         )
-    _check_same_question(truth, raster)
-    _check_numbers(raster, reference)
-
-
-def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
     if truth.triangle.shape != raster.triangle.shape:
         (h, w), (rh, rw) = truth.triangle.shape, raster.triangle.shape
         raise InputError(
@@ -273,116 +282,8 @@ def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
             f"truth and raster show different apertures, {mine.column},{mine.row} and "
             f"{other.column},{other.row}: give both the same --aperture"
         )
-
-
-def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
     if reference is not None and raster.triangle.max(initial=NOTHING) >= len(reference.scene.faces):
         raise InputError(
             f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
             "number them from 0 (id.triangle is that number + 1)"
         )
-
-
-def _certainty_counts(truth: HogelImage) -> dict[str, int]:
-    if truth.certainty is None:
-        return {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
-    counts = np.bincount(truth.certainty.reshape(-1), minlength=len(Certainty))
-    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}
-
-
-if TYPE_CHECKING:
-    import xarray
-
-MOVED_PX = 1.0
-"""Displacement from which on a map is in full color: a neighboring pixel shows what this one should."""
-
-
-def said_of_numbers(found: ComparisonNumbers) -> str:
-    """Return the errors of an image in a line."""
-    return f"of {found.judged:,} judged pixels {', '.join(_errors(found))}"
-
-
-def _errors(found: ComparisonNumbers) -> Iterator[str]:
-    yield (
-        "unknown show the wrong surface"
-        if found.surface is None
-        else (f"{_share(found.surface)} show the wrong surface")
-    )
-    if found.triangle is not None:
-        yield f"{_share(found.triangle)} another triangle"
-    if found.displacement_px is not None:
-        spread = found.displacement_px
-        yield f"99 of 100 surface points within {digits(spread.p99)} px, all within {digits(spread.max)} px"
-
-
-def _share(share: Share) -> str:
-    return f"{share.wrong:,} ({percent(share.fraction)})"
-
-
-def table_of_numbers(found: ComparisonNumbers) -> Table:
-    """Return the numbers of a comparison."""
-    rows = [
-        ("pixels", f"{found.pixels:,}; {found.judged:,} are judged, {found.covered:,} show a surface"),
-        ("certainty of the truth", ", ".join(f"{n:,} {name}" for name, n in found.certainty.items() if n)),
-    ]
-    if found.surface is not None:
-        rows.append(("wrong surface", f"{_share(found.surface)}, {found.surface.outside:,} outside the film"))
-    if found.triangle is not None:
-        rows.append(("another triangle", _share(found.triangle)))
-    if found.displacement_px is not None:
-        spread = found.displacement_px
-        numbers = f"rms {digits(spread.rms)}, 50 % {digits(spread.p50)}, 95 % {digits(spread.p95)}"
-        rows.append(("displacement, px", f"{numbers}, 99 % {digits(spread.p99)}, max {digits(spread.max)}"))
-    if found.height is not None:
-        rows.append(
-            ("height, scene units", f"rms {digits(found.height.rms)}, max {digits(found.height.max)}")
-        )
-    if found.radiance is not None:
-        rows.append(("radiance", f"rms {digits(found.radiance.rms)}, max {digits(found.radiance.max)}"))
-    return Table(rows=rows)
-
-
-def figures(found: Comparison) -> Iterator[Figure]:
-    """Yield the errors on the dimmed image, the truth, and the image."""
-    truth, drawn = found.errors.truth, found.errors.raster
-    picture = as_shown(drawn.color, drawn.covered, drawn.height)
-    moved = lengths(found.maps.displacement) / MOVED_PX
-    yield Figure(
-        caption=f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)",
-        content=png(marked(picture, found.maps.surface, moved)),
-    )
-    yield Figure(caption="truth", content=png(_picture(truth)))
-    yield Figure(caption="image", content=png(picture))
-
-
-def _picture(image: HogelImage) -> Bytes:
-    return as_shown(image.color, image.covered, image.height)
-
-
-def labelled(found: Comparison, units: str) -> xarray.Dataset:
-    """Return the errors as labelled arrays; see `Comparison.to_xarray`."""
-    maps, camera = found.maps, found.errors.truth.camera
-    columns, rows = maps.displacement[..., 0], maps.displacement[..., 1]
-    images = {
-        "judged": Labelled(values=maps.judged, meaning="whether the truth is no tie"),
-        "surface": None if maps.surface is None else Labelled(
-            values=maps.surface, meaning="whether the wrong surface is shown"
-        ),
-        "triangle": Labelled(values=maps.triangle, meaning="whether another triangle is shown"),
-        "displacement_columns": Labelled(
-            values=columns, meaning="true minus drawn place, to the right", units="px"
-        ),
-        "displacement_rows": Labelled(values=rows, meaning="true minus drawn place, down", units="px"),
-        "height_error": Labelled(values=maps.height, meaning="height, image minus truth", units=units),
-        "radiance_error": None if maps.radiance is None else Labelled(
-            values=maps.radiance, meaning="linear radiance, image minus truth", units=NO_UNIT
-        ),
-    }  # fmt: skip
-    attributes = {
-        "aperture": list(camera.aperture.index),
-        "scene": camera.scene,
-        "scene_hash": camera.scene_hash,
-        "truth": camera.renderer,
-        "image": found.errors.raster.camera.renderer,
-    }
-    return dataset(images, {}, attributes)

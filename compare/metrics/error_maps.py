@@ -1,7 +1,18 @@
-"""Errors of each pixel: displacement, surface, triangle and height (docs/method.md, "What is compared")."""
+"""Errors of each pixel: displacement, surface, triangle and height (docs/method.md, "What is compared").
+
+The number of pixels that show the wrong surface does not depend on how finely a mesh is tessellated: reports
+put it first. A picture that is merely displaced shows no wrong surface.
+
+A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
+that of another object (`other_surfaces`); or the point that it shows belongs outside the film
+(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film, and the lines
+along which points are hidden, depend on the question: here they are those of the true frustum, in
+`xfrustum.compare.judging.judged` those of a renderer's own cameras.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,49 +20,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import (
-    DrawnPoints,
-    Spread,
-    displacement,
-    root_mean_square,
-    true_lines,
-)
-from xfrustum.compare.metrics.surface import in_plate, surface_errors
-from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance, tolerance_by_size
+from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.reference.lines.lines import Pencil, places_off_center
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.plate.double_frustum import Cull
+
+Places = tuple[Floats, Floats]
+"""Columns and rows (N,) of points on a film, where a pixel's center has whole numbers and rows count down."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ErrorMaps(Brief):
-    """Each error as an image.
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How a quantity in pixels is distributed over an image."""
 
-    Attributes
-    ----------
-    judged
-        (H, W) pixels whose truth is no tie.
-    surface
-        (H, W) pixels that show the wrong surface; None where the scene was not at hand.
-    outside
-        (H, W) of these, the ones whose point belongs outside the true film; None likewise.
-    triangle
-        (H, W) pixels that show another triangle number.
-    displacement
-        (H, W, 2) columns and rows in pixels, NaN where undefined.
-    height
-        (H, W) raster minus truth, NaN where they do not show the same triangle.
-    radiance
-        (H, W, 3) raster minus truth, NaN where it is not judged; None where it was not compared.
-    """
+    rms: float
+    p50: float
+    p95: float
+    p99: float
+    max: float
 
-    judged: Mask
-    surface: Mask | None
-    outside: Mask | None
-    triangle: Mask
-    displacement: Floats
-    height: Floats
-    radiance: Floats | None
+    @classmethod
+    def of(cls, values: Floats) -> Spread | None:
+        """Return the spread of values of any shape, None where there are no values."""
+        if values.size == 0:
+            return None
+        with np.errstate(invalid="ignore"):
+            p50, p95, p99 = np.percentile(values, (50, 95, 99)).tolist()
+        return cls(rms=root_mean_square(values), p50=p50, p95=p95, p99=p99, max=float(values.max()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,21 +66,304 @@ class HeightError:
         return cls(rms=root_mean_square(error), max=float(np.abs(error).max())) if error.size else None
 
 
+def root_mean_square(values: Floats) -> float:
+    """Return the root mean square of values of any shape, of which there is at least one."""
+    largest = float(np.abs(values).max())
+    if not 0 < largest < np.inf:
+        return largest
+    # Values are scaled first: near the plate the squares of displacements may overflow.
+    return largest * float(np.sqrt(np.mean(np.square(values / largest))))
+
+
+# Points and their places ---------------------------------------------------------------------------------
+
+
+def true_lines(camera: HogelCamera) -> Pencil:
+    """Return the lines of the true frustum of the aperture that an image's camera names."""
+    return Pencil(
+        center=(camera.aperture.x, camera.aperture.y, 0.0),
+        shear=camera.shear,
+        half_extent=camera.half_extent,
+        resolution=camera.resolution,
+        s_range=(-camera.reach[0], camera.reach[1]),
+    )
+
+
+def pixel_centers(camera: HogelCamera) -> Floats:
+    """Return column and row of every pixel, (H, W, 2)."""
+    width, height = camera.resolution
+    centers = np.empty((height, width, 2))
+    centers[..., 0], centers[..., 1] = np.arange(width), np.arange(height)[:, None]
+    return centers
+
+
+def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
+    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
+
+
+def lengths(shift: Floats) -> Floats:
+    """Return the lengths (...) of vectors (..., 2)."""
+    return np.hypot(shift[..., 0], shift[..., 1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnPoints:
+    """Surface points that some pixels of an image show, as a structure of arrays."""
+
+    pixels: Indices  # (N,) flat numbers
+    coordinates: Floats  # (3, N) scene units
+    triangle: Numbers  # (N,) as the image has them
+
+    @classmethod
+    def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
+        """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
+        axes = [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)]
+        triangle = image.triangle.reshape(-1)[pixels]
+        return cls(pixels=pixels, coordinates=np.stack(axes, dtype=np.float64), triangle=triangle)
+
+    def at(self, some: Indices) -> DrawnPoints:
+        """Return some of the points, given by their places (M,) among these."""
+        return DrawnPoints(
+            pixels=self.pixels.take(some),
+            coordinates=self.coordinates.take(some, axis=1),
+            triangle=self.triangle.take(some),
+        )
+
+    def places(self, pencil: Pencil) -> Places:
+        """Return where a pencil's film shows each point; see `pixel_places`."""
+        x, y, z = self.coordinates
+        return places_off_center(x, y, z, pencil)
+
+    def surface_points(self, scene: Scene) -> SurfacePoints:
+        """Return the points with how exactly they are known."""
+        position, number = self.coordinates.T, existing_triangles(self.triangle, scene)
+        tolerance = position_tolerance(scene, number, position)
+        return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
+
+
+def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
+    """Return the displacement (2, N) of points whose true places are known from the pixels that show them."""
+    row = pixels // camera.resolution[0]
+    return np.stack((places[0] - (pixels - row * camera.resolution[0]), places[1] - row))
+
+
+def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
+    """Return the displacement (2, N), columns and rows, at pixels (N,) that show a surface off the plate.
+
+    No optical flow is needed: the image says which surface point it shows, and the true frustum says where
+    that point belongs. Displacement is that place minus the place where it was drawn.
+    """
+    return _shifts(DrawnPoints.of(raster, pixels).places(true_lines(camera)), pixels, camera)
+
+
+def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
+    """Return the displacement of all pixels, (2, H W), NaN where no surface off the plate is shown."""
+    found = np.full((2, raster.triangle.size), np.nan)
+    pixels = np.flatnonzero(raster.off_plate)
+    found[:, pixels] = shifts_at(raster, camera, pixels)
+    return found
+
+
+def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
+    """Return the displacement of all pixels as an image (H, W, 2); see `film_shifts`."""
+    return np.moveaxis(film_shifts(raster, camera).reshape(2, *raster.triangle.shape), 0, -1)
+
+
+# Wrong surfaces ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceErrors:
+    """The pixels (H, W) that show the wrong surface, and those of them whose point belongs outside the film.
+
+    No pixel of the true frustum shows a point outside the film [-1, 1]^2.
+    """
+
+    wrong: Mask
+    outside: Mask
+
+
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
+    """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
+    return surface_errors(truth, raster, reference).wrong
+
+
+def surface_errors(
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference,
+    located: tuple[DrawnPoints, Places] | None = None,
+) -> SurfaceErrors:
+    """Return the pixels that show the wrong surface.
+
+    A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
+    where the point that it shows belongs outside the true film, and where the true frustum does not see that
+    point: something else is in front of it on its own true line. The true frustum sees a point in the plate
+    only in the aperture's center, where all lines meet.
+
+    The film ends half a pixel beyond the outermost pixels' centers, so that a picture that is displaced by
+    less shows nothing from outside.
+
+    Parameters
+    ----------
+    located
+        The raster's points off the plate and their places on the true film, where they are known already.
+    """
+    scene, pencil = reference.scene, true_lines(truth.camera)
+    if located is None:
+        points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
+        located = points, points.places(pencil)
+    points, places = located
+    # Row by row in memory, whatever the order of the images' arrays is: pixels are marked by flat numbers.
+    wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
+    wrong |= in_plate(raster) & ~in_plate(truth)
+    seen = _proven_seen(truth, points, scene) & ~wrong.reshape(-1)[points.pixels]
+    beyond = _beyond_film(points, places, pencil, scene) & ~seen
+    outside = np.zeros_like(wrong)
+    outside.reshape(-1)[points.pixels[beyond]] = True
+    wrong |= outside
+    doubtful = points.at(np.flatnonzero(~seen & ~wrong.reshape(-1)[points.pixels]))
+    hidden = reference.hidden(truth.camera.aperture, doubtful.surface_points(scene))
+    wrong.reshape(-1)[doubtful.pixels[hidden]] = True
+    return SurfaceErrors(wrong=wrong, outside=outside)
+
+
+def in_plate(image: HogelImage) -> Mask:
+    """Return the pixels that show a surface point in the plate, (H, W)."""
+    return np.asarray(image.covered & (image.height == 0))
+
+
+def covered_by(image: HogelImage) -> Mask:
+    """Return the pixels that show a surface, by whichever number or position an image has."""
+    return np.asarray(image.covered | (image.object != NOTHING))
+
+
+def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
+    """Return the pixels (H, W) that show a surface where none is expected, none, or another object's.
+
+    Where an image says neither object nor triangle, the expected object stands for its own.
+    """
+    objects = np.where(shown.object != NOTHING, shown.object, expected.object)
+    unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
+    number = existing_triangles(shown.triangle.ravel()[unnamed], scene)
+    objects.flat[unnamed[number != NOTHING]] = scene.object_of_triangle[number[number != NOTHING]]
+    wrong: Mask = expected.covered != covered_by(shown)
+    wrong |= expected.covered & (expected.object != objects)
+    return wrong
+
+
+def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
+    """Return which points (N,) are, within rounding, those of the truth, which are proven to be seen.
+
+    With a tiny near these are most points.
+    """
+    found = np.zeros(len(points.pixels), dtype=np.bool_)
+    if truth.certainty is None:
+        return found
+    same = points.triangle == truth.triangle.reshape(-1)[points.pixels]
+    same &= (points.triangle >= 0) & (points.triangle < len(scene.faces))
+    same &= truth.certainty.reshape(-1)[points.pixels] <= Certainty.EXACT
+    # With a larger near hardly a point is left after its height alone.
+    height = truth.height.reshape(-1)[points.pixels]
+    some = np.flatnonzero(same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene)))
+    drawn = points.at(some)
+    apart = drawn.coordinates - DrawnPoints.of(truth, drawn.pixels).coordinates
+    tolerance = tolerance_by_size(scene.largest_coordinates[drawn.triangle])
+    found[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
+    return found
+
+
+def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Scene) -> Mask:
+    """Return which points (N,) at some places belong outside a pencil's film, however they were rounded.
+
+    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
+    from the center of the lines: |z| for the true frustum.
+    """
+    sides = np.asarray(pencil.resolution, dtype=np.float64)
+    outside = np.zeros(len(points.pixels), dtype=np.bool_)
+    for place, side in zip(places, sides, strict=True):
+        outside |= (place < -0.5) | (place > side - 0.5)
+    # Few points lie there: only these are asked how exactly they are known.
+    some = np.flatnonzero(outside)
+    asked = points.at(some)
+    tolerance = asked.surface_points(scene).tolerance
+    per_length = sides / (2 * np.asarray(pencil.half_extent))
+    depth = np.abs(asked.coordinates[2] - pencil.center[2])
+    beyond = np.zeros(len(some), dtype=np.bool_)
+    for place, side, share in zip(places, sides, per_length, strict=True):
+        known_to = tolerance * share / depth
+        beyond |= (place[some] < -0.5 - known_to) | (place[some] > side - 0.5 + known_to)
+    outside[some] = beyond
+    return outside
+
+
+def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
+    """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil.
+
+    Those that are asked show a surface point off the plane of the pencil's center.
+    """
+    points = DrawnPoints.of(shown, np.flatnonzero(asked))
+    found = np.zeros_like(asked)
+    found.flat[points.pixels] = _beyond_film(points, points.places(pencil), pencil, scene)
+    return found
+
+
+def hidden_pixels(
+    asked: Mask, shown: HogelImage, scene: Scene, hides: Callable[[SurfacePoints], Mask]
+) -> Mask:
+    """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point.
+
+    `hides` says which of some surface points (N,) are hidden.
+    """
+    pixels = np.flatnonzero(asked)
+    found = np.zeros_like(asked)
+    found.flat[pixels] = hides(DrawnPoints.of(shown, pixels).surface_points(scene))
+    return found
+
+
+def turned_away(truth: HogelImage) -> Mask:
+    """Return the pixels (H, W) whose true surface shows its back: its normal points away from the viewer.
+
+    With culling such a pixel shows nothing, or what lies behind that surface: the wrong surface either way.
+    """
+    assert truth.normal is not None, "the reference gives normals"
+    directions = true_lines(truth.camera).directions()
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.einsum("hwi,hwi->hw", truth.normal, directions) > 0)
+
+
+def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
+    """Return the pixels (H, W) whose true surface the raster's cameras leave out; None where nothing is."""
+    settings = raster.camera.settings
+    if settings is None or settings.cull is Cull.NONE or truth.normal is None:
+        return None
+    return turned_away(truth)
+
+
+# All errors ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ErrorMaps(Brief):
+    """Each error as an image; errors are raster minus truth."""
+
+    judged: Mask  # (H, W) pixels whose truth is no tie
+    surface: Mask | None  # pixels that show the wrong surface; None where the scene was not at hand
+    outside: Mask | None  # of these, the ones whose point belongs outside the true film
+    triangle: Mask  # pixels that show another triangle number
+    displacement: Floats  # (H, W, 2) columns and rows in pixels, NaN where undefined
+    height: Floats  # (H, W), NaN where they do not show the same triangle
+    radiance: Floats | None  # (H, W, 3), NaN where it is not judged; None where it was not compared
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PixelErrors(Brief):
     """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
     A survey reads numbers alone: maps of displacement and height are made when they are first asked for.
-
-    Attributes
-    ----------
-    judged, surface, outside, triangle
-        As in `ErrorMaps`.
-    spread, height_error
-        Spread of the displacement, and error of the height; None where there is no pixel to measure them at.
-    changed
-        Flat numbers of the pixels that show anything else than the image beside which this one was judged;
-        None where there was none.
+    Masks are those of `ErrorMaps`. `changed` are the flat numbers of the pixels that show anything else than
+    the image beside which this one was judged; None where there was none.
     """
 
     truth: HogelImage
@@ -102,10 +384,7 @@ class PixelErrors(Brief):
     @cached_property
     def moved(self) -> Floats:
         """Lengths (H, W) of the displacement in pixels, NaN where it is undefined."""
-        points = DrawnPoints.of(self.raster, np.flatnonzero(self.raster.off_plate))
-        found = np.full(self.judged.shape, np.nan)
-        found.reshape(-1)[points.pixels] = _lengths(points, self.truth, points.pixels)[0]
-        return found
+        return np.asarray(np.hypot(*film_shifts(self.raster, self.truth.camera)).reshape(self.judged.shape))
 
     @cached_property
     def height(self) -> Floats:
@@ -152,7 +431,7 @@ def pixel_errors(
         return _errors_beside(truth, raster, reference, beside)
     judged = judged_pixels(truth)
     points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
-    moved, places = _lengths(points, truth, points.pixels)
+    places = points.places(true_lines(truth.camera))
     errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
     return PixelErrors(
         truth=truth,
@@ -161,14 +440,9 @@ def pixel_errors(
         surface=errors.wrong & judged if errors else None,
         outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & names_triangles(raster),
-        spread=Spread.of(moved),
+        spread=Spread.of(np.hypot(*_shifts(places, points.pixels, truth.camera))),
         height_error=HeightError.of(_rise(truth, raster, judged)[1]),
     )
-
-
-def names_triangles(image: HogelImage) -> bool:
-    """Return whether an image names triangles, or shows nothing."""
-    return bool((image.triangle != NOTHING).any()) or not image.covered.any()
 
 
 def _errors_beside(
@@ -180,10 +454,10 @@ def _errors_beside(
         return replace(beside, raster=raster, changed=pixels)
     before, after, judged = truth.at(pixels), raster.at(pixels), beside.judged.reshape(-1)[pixels][None]
     points = DrawnPoints.of(after, np.flatnonzero(after.off_plate))
-    lengths, places = _lengths(points, truth, pixels[points.pixels])
+    places, shown = points.places(true_lines(truth.camera)), pixels[points.pixels]
     errors = surface_errors(before, after, reference, (points, places)) if reference else None
     moved = _with(beside.moved, pixels, np.nan)
-    moved.reshape(-1)[pixels[points.pixels]] = lengths
+    moved.reshape(-1)[shown] = np.hypot(*_shifts(places, shown, truth.camera))
     height = _with(beside.height, pixels, np.nan)
     same, rise = _rise(before, after, judged)
     height.reshape(-1)[pixels[same]] = rise
@@ -210,19 +484,17 @@ def _with(whole: NDArray[Any] | None, pixels: Indices, values: Any) -> Any:
     return found
 
 
-def _lengths(points: DrawnPoints, truth: HogelImage, pixels: Indices) -> tuple[Floats, tuple[Floats, Floats]]:
-    """Return how far points (N,) are from where pixels of the film show them, and their places on it."""
-    width, places = truth.camera.resolution[0], points.places(true_lines(truth.camera))
-    row = pixels // width
-    return np.hypot(places[0] - (pixels - row * width), places[1] - row), places
-
-
 def _rise(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
     """Return the judged pixels (N,) that show the same triangle, and raster minus truth of their heights."""
     same = (truth.triangle == raster.triangle) & judged & truth.covered & np.isfinite(raster.height)
     pixels = np.flatnonzero(same)
     drawn, true = (image.height.reshape(-1)[pixels] for image in (raster, truth))
     return pixels, drawn.astype(np.float64) - true
+
+
+def names_triangles(image: HogelImage) -> bool:
+    """Return whether an image names triangles, or shows nothing."""
+    return bool((image.triangle != NOTHING).any()) or not image.covered.any()
 
 
 def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:

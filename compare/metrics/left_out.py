@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.metrics.noise import NoiseTest, compare_with_noise
+from xfrustum.compare.metrics.noise import compare_with_noise
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats
@@ -21,80 +21,28 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOutNumbers:
-    """What shadows and interreflection do to an image, in numbers.
-
-    Radiance is positive where the rasterizer lacks light.
-
-    Attributes
-    ----------
-    light_paths
-        Light paths per pixel of one of the two truths.
-    pixels, darker, brighter
-        Number of pixels that change beyond noise; of those that get darker and brighter on the mean of
-        their channels.
-    mean
-        Mean change of radiance over pixels and channels.
-    mean_of_image
-        `mean` over the mean radiance of the image without shadows and interreflection; None where that is 0.
-    rms
-        Root mean square of the change, from which the noise is taken off.
-    alpha
-        Level of the test that tells pixels from noise, for the whole picture.
-    """
+    """What shadows and interreflection do to an image; radiance is positive where the raster lacks light."""
 
     shadows: bool
     interreflection: bool
-    light_paths: int
-    pixels: int
-    darker: int
+    light_paths: int  # per pixel of one of the two truths
+    pixels: int  # that change beyond noise
+    darker: int  # of these, on the mean of their channels
     brighter: int
-    mean: float
-    mean_of_image: float | None
-    rms: float
+    mean: float  # change of radiance over pixels and channels
+    mean_of_image: float | None  # over the mean radiance of the image without them; None where that is 0
+    rms: float  # of the change, from which the noise is taken off
     rms_noise: float
-    alpha: float
+    alpha: float  # level of the test that tells pixels from noise, for the whole picture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOut:
-    """What shadows and interreflection do to an image.
+    """What shadows and interreflection do to an image."""
 
-    Attributes
-    ----------
-    difference
-        The truth with them minus the truth without; its samples are light paths of one of the two.
-    noise
-        Test of the hypothesis that they do nothing: `differs` are the pixels that a rasterizer misses.
-    without
-        The truth without them, (H, W, 3).
-    """
-
-    transport: Transport
-    difference: RadianceEstimate
-    noise: NoiseTest
-    without: Floats
-
-    @property
-    def numbers(self) -> LeftOutNumbers:
-        """The numbers of the whole image."""
-        change, differs = self.difference.mean, self.noise.differs
-        brightness = float(np.mean(self.without))
-        mean = float(np.mean(change))
-        # Noise adds its variance to the mean square, whether or not anything changes.
-        noise = float(np.mean(self.difference.variance_of_mean))
-        return LeftOutNumbers(
-            shadows=self.transport.shadows,
-            interreflection=self.transport.interreflection,
-            light_paths=self.difference.samples,
-            pixels=self.noise.numbers.differ,
-            darker=int((differs & (change.mean(axis=-1) < 0)).sum()),
-            brighter=int((differs & (change.mean(axis=-1) > 0)).sum()),
-            mean=mean,
-            mean_of_image=mean / brightness if brightness else None,
-            rms=float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
-            rms_noise=float(np.sqrt(noise)),
-            alpha=self.noise.numbers.alpha,
-        )
+    numbers: LeftOutNumbers
+    difference: RadianceEstimate  # the truth with them minus the truth without; samples are those of one
+    without: Floats  # the truth without them, (H, W, 3)
 
 
 def transported(
@@ -107,10 +55,7 @@ def transported(
 ) -> RadianceEstimate:
     """Return the color of an aperture by light paths, averaged over its sub-apertures.
 
-    Parameters
-    ----------
-    scene
-        Scene whose sampling says where light paths start.
+    The scene's sampling says where light paths start; `done` is called after each sub-aperture.
     """
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
@@ -136,11 +81,24 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object
         variance_of_mean=full.variance_of_mean + without.variance_of_mean,
         samples=min(full.samples, without.samples),
     )
-    everywhere = np.ones(difference.mean.shape[:2], dtype=np.bool_)
-    nothing = np.zeros(difference.mean.shape)
-    return LeftOut(
-        transport=scene.transport,
-        difference=difference,
-        noise=compare_with_noise(nothing, difference, everywhere),
-        without=without.mean,
+    # The hypothesis is that they do nothing: what differs is what a rasterizer misses.
+    change = difference.mean
+    everywhere = np.ones(change.shape[:2], dtype=np.bool_)
+    test = compare_with_noise(np.zeros(change.shape), difference, everywhere)
+    brightness, mean = float(np.mean(without.mean)), float(np.mean(change))
+    # Noise adds its variance to the mean square, whether or not anything changes.
+    noise = float(np.mean(difference.variance_of_mean))
+    numbers = LeftOutNumbers(
+        shadows=scene.transport.shadows,
+        interreflection=scene.transport.interreflection,
+        light_paths=difference.samples,
+        pixels=test.numbers.differ,
+        darker=int((test.differs & (change.mean(axis=-1) < 0)).sum()),
+        brighter=int((test.differs & (change.mean(axis=-1) > 0)).sum()),
+        mean=mean,
+        mean_of_image=mean / brightness if brightness else None,
+        rms=float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
+        rms_noise=float(np.sqrt(noise)),
+        alpha=test.numbers.alpha,
     )
+    return LeftOut(numbers=numbers, difference=difference, without=without.mean)

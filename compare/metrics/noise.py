@@ -1,4 +1,4 @@
-"""A test of whether a picture is what a noisy reference converges to, per pixel, corrected for their number.
+"""Tests against chance: a picture against a noisy reference, and wrong pixels of a pair of pictures.
 
 A reference that samples light paths knows its mean and, from the samples' spread, the variance of that
 mean. Where the picture is the mean's expectation, (mean - picture) / standard error follows Student's t
@@ -8,7 +8,8 @@ chance alone; Sidak's correction accounts for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import zlib
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,59 +25,38 @@ ALPHA = 0.01
 """Chance that a test of a whole picture fails although nothing is wrong."""
 
 
+CONFIDENCE = 0.95
+"""Probability that no picture among those compared is called worse than another by chance."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class NoiseNumbers:
     """The numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
-    Attributes
-    ----------
-    agrees
-        Whether no pixel differs at the level `ALPHA` of the whole picture.
-    differ
-        Number of pixels that differ at this level.
-    tests
-        Pixels times channels that were tested.
-    p_value
-        Chance that some pixel of the whole picture lies as far out as the farthest does, if the picture is
-        what the reference converges to. It is exact where the tests are independent; where they depend on
-        each other, as the channels of one pixel do, the true chance is smaller (Sidak's inequality).
-    farthest
-        The largest deviation in standard errors; infinite where a pixel without noise differs.
-    without_noise
-        Tested pixels in which no channel varies from sample to sample.
-    bias
-        Mean of picture minus reference over the tested pixels.
-    bias_error
-        One standard error of `bias`, from the variances.
+    A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is the chance
+    that some pixel of the whole picture lies as far out as the farthest does, if the picture is what the
+    reference converges to. It is exact where the tests are independent; where they depend on each other, as
+    the channels of one pixel do, the true chance is smaller (Sidak's inequality).
     """
 
     agrees: bool
-    differ: int
+    differ: int  # pixels
     alpha: float
-    tests: int
+    tests: int  # pixels times channels
     p_value: float
-    farthest: float
-    without_noise: int
-    bias: float
-    bias_error: float
+    farthest: float  # deviation in standard errors; infinite where a pixel without noise differs
+    without_noise: int  # tested pixels in which no channel varies from sample to sample
+    bias: float  # mean of picture minus reference over the tested pixels
+    bias_error: float  # one standard error of it, from the variances
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseTest:
-    """What a per-pixel test says of a picture against a noisy reference.
-
-    Attributes
-    ----------
-    differs
-        (H, W) pixels that differ at the level `ALPHA` of the whole picture.
-    deviation
-        (H, W, 3) deviation in standard errors, signed, positive where the picture is brighter; NaN
-        where not tested.
-    """
+    """What a per-pixel test says of a picture against a noisy reference."""
 
     numbers: NoiseNumbers
-    differs: Mask
-    deviation: Floats
+    differs: Mask  # (H, W) pixels that differ at the level of the whole picture
+    deviation: Floats  # (H, W, 3) standard errors, positive where the picture is brighter; NaN if not tested
 
 
 def compare_with_noise(
@@ -137,3 +117,37 @@ def joint_chance(chance: float, tests: int) -> float:
 def single_level(chance: float, tests: int) -> float:
     """Return the level of each single test for which all tests together have the level `chance` (Sidak)."""
     return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))
+
+
+# Pairs of pictures ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelSet:
+    """A set of pixels of a film: their number, and one bit for each pixel of the film, compressed."""
+
+    count: int
+    packed: bytes = field(repr=False)
+
+    @classmethod
+    def of(cls, mask: Mask) -> PixelSet:
+        """Return the pixels where a mask is set."""
+        return cls(count=int(mask.sum()), packed=zlib.compress(np.packbits(mask).tobytes(), level=1))
+
+    def shared_with(self, other: PixelSet) -> int:
+        """Return how many pixels are in both sets, of one film."""
+        one, two = (np.frombuffer(zlib.decompress(each.packed), np.uint8) for each in (self, other))
+        return int(np.bitwise_count(one & two).sum())
+
+
+def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
+    """Return whether more pixels are wrong in one picture than in another, beyond chance.
+
+    This is the exact test of McNemar (1947). Pixels that are wrong in both pictures, or in neither, say
+    nothing. If neither picture were worse, each other pixel would be wrong in the one or in the other
+    with equal chances. Pixels along one contour change together, so that the test sees differences too soon
+    rather than too late; callers ask for a smallest difference besides. `CONFIDENCE` holds for all
+    `comparisons` with the other picture together (Bonferroni).
+    """
+    by_chance = scipy.stats.binom.sf(only_here - 1, only_here + only_there, 0.5)
+    return bool(only_here > only_there and by_chance < (1 - CONFIDENCE) / comparisons)

@@ -35,22 +35,11 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PerceptualDifference:
-    """How different two pictures look.
+    """How different two pictures look."""
 
-    Attributes
-    ----------
-    flip
-        Mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020).
-    ssim
-        Mean structural similarity over the picture and its channels, 1 for equal pictures; None for
-        pictures smaller than its window.
-    flip_map
-        (H, W) float32, FLIP of each pixel.
-    """
-
-    flip: float
-    ssim: float | None
-    flip_map: Singles
+    flip: float  # mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
+    ssim: float | None  # mean over picture and channels, 1 for equal; None if smaller than its window
+    flip_map: Singles  # (H, W) float32
 
 
 def perceptual_difference(
@@ -58,14 +47,9 @@ def perceptual_difference(
     raster: NDArray[np.floating],
     pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> PerceptualDifference:
-    """Return how different two pictures look.
+    """Return how different two pictures (H, W, 3) of linear RGB look.
 
-    Parameters
-    ----------
-    truth, raster
-        (H, W, 3) linear RGB.
-    pixels_per_degree
-        Number of pixels that a degree of the viewer's sight holds, on which FLIP depends.
+    FLIP depends on the number of pixels that a degree of the viewer's field of view holds.
     """
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
@@ -109,19 +93,8 @@ class ChannelSpread:
 class RadianceSpread:
     """How the radiance error is distributed over some pixels.
 
-    Attributes
-    ----------
-    pixels
-        Number of pixels.
-    rms, mean
-        Root mean square and mean over the pixels' channels; the mean is signed, positive where the raster
-        is brighter.
-    p99, max
-        99th percentile and maximum over the pixels; the channel that is farthest off counts.
-    above_step
-        Share of pixels with a channel that is off by more than `STEP`.
-    channels
-        The same statistics for each channel alone.
+    Root mean square and mean are over the pixels' channels; the mean is signed, positive where the raster is
+    brighter. 99th percentile and maximum are over the pixels; the channel that is farthest off counts.
     """
 
     pixels: int
@@ -129,7 +102,7 @@ class RadianceSpread:
     mean: float
     p99: float
     max: float
-    above_step: float
+    above_step: float  # share of pixels with a channel that is off by more than `STEP`
     channels: ChannelSpread
 
     @staticmethod
@@ -164,36 +137,19 @@ def _rgb(values: Floats) -> Rgb:
 class RadianceNumbers(RadianceSpread):
     """The radiance error over all judged pixels with a color in both images, as `compare --json` prints it.
 
-    Attributes
-    ----------
-    away_from_edges
-        The error over those pixels that the function `away_from_edges` returns; None where there are none.
-    flip, ssim, pixels_per_degree
-        How different the pictures look, and the viewing condition of FLIP; None unless asked for.
-    noise
-        Where the truth is a mean of light paths: whether pixels differ by more than `STEP` and its noise.
+    How different the pictures look, and the viewing condition of FLIP, are None unless asked for.
     """
 
-    away_from_edges: RadianceSpread | None
+    away_from_edges: RadianceSpread | None  # over those pixels that the function of that name returns
     flip: float | None
     ssim: float | None
     pixels_per_degree: float | None
-    noise: NoiseNumbers | None
+    noise: NoiseNumbers | None  # whether pixels differ by more than `STEP` and the noise of light paths
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RadianceError(Brief):
-    """How far the colors of a raster image are from the truth's.
-
-    Attributes
-    ----------
-    numbers
-        The error of the whole image.
-    truth, raster
-        The images.
-    judged
-        (H, W) pixels that are judged.
-    """
+    """How far the colors of a raster image are from the truth's, in numbers and at judged pixels (H, W)."""
 
     numbers: RadianceNumbers
     truth: HogelImage
@@ -214,12 +170,7 @@ def compare_radiance(
 ) -> RadianceError | None:
     """Return the radiance error of an image; None where an image has no color, or nothing is judged.
 
-    Parameters
-    ----------
-    truth, raster
-        Images of one aperture and size. Pixels whose truth is a tie are not judged.
-    perceptual
-        Whether to compute also how different the pictures look, which takes longer than everything else.
+    Pixels whose truth is a tie are not judged. How different the pictures look takes longer than all else.
     """
     if truth.color is None or raster.color is None:
         return None
@@ -232,41 +183,29 @@ def compare_radiance(
         return None
     inside = judged & away_from_edges(truth, raster)
     looks = perceptual_difference(truth.color, raster.color) if perceptual else None
+    noise, paths = None, truth.camera.light_paths
+    if truth.variance is not None and paths is not None:
+        mean, variance = (values.astype(np.float64) for values in (truth.color, truth.variance))
+        estimate = RadianceEstimate(mean=mean, variance_of_mean=variance, samples=paths)
+        noise = compare_with_noise(raster.color, estimate, judged, STEP).numbers
     numbers = RadianceNumbers(
         **vars(spread),
         away_from_edges=RadianceSpread.of(channels.compress(inside.ravel(), axis=1)),
         flip=looks.flip if looks else None,
         ssim=looks.ssim if looks else None,
         pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
-        noise=_noise(truth, raster, judged),
+        noise=noise,
     )
     return RadianceError(numbers=numbers, truth=truth, raster=raster, judged=judged)
-
-
-def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseNumbers | None:
-    """Test a raster image against a truth that knows its own variance."""
-    paths = truth.camera.light_paths
-    if truth.variance is None or paths is None or truth.color is None or raster.color is None:
-        return None
-    estimate = RadianceEstimate(
-        mean=truth.color.astype(np.float64),
-        variance_of_mean=truth.variance.astype(np.float64),
-        samples=paths,
-    )
-    return compare_with_noise(raster.color, estimate, judged, STEP).numbers
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> Mask:
     """Return the pixels that show the same triangle in both images, (H, W).
 
     What such a pixel's center shows is shaded continuously from one image to the other, however
-    coarse the mesh. Where images give no triangle numbers, no pixel is away from edges.
-
-    Parameters
-    ----------
-    margin
-        Number of pixels about another triangle that are left out too, where colors are averaged over a
-        pixel's area or over the aperture.
+    coarse the mesh. Where images give no triangle numbers, no pixel is away from edges. Pixels within a
+    margin about another triangle are left out too, where colors are averaged over a pixel's area or over the
+    aperture.
     """
     same = (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
     if margin > 0:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import lengths, pixel_centers
+from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot

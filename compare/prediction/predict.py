@@ -9,9 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread, lengths, root_mean_square
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import turned_away
+from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements

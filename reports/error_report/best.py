@@ -10,7 +10,7 @@ from itertools import groupby
 from typing import TypeVar
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.metrics.paired import is_worse
+from xfrustum.compare.metrics.noise import is_worse
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.settings import geometries_of, geometry_names, geometry_of
 from xfrustum.scenes.notebook import digits, percent, plain
@@ -106,7 +106,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     wrong surfaces. The second does the same for wrong colors, where the scene is shaded. The third keeps
     those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
     `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
-    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.paired`). The worst aperture counts.
+    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.noise`). The worst aperture counts.
 
     Raises
     ------

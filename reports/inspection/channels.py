@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.judging.judged import Figures
-from xfrustum.compare.metrics.displacement import displacement
-from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
+from xfrustum.compare.metrics.error_maps import ErrorMaps, displacement, judged_pixels
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.arrays import Mask

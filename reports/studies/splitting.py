@@ -18,9 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.displacement import lengths
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, wrong_surface
 from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth

@@ -18,7 +18,7 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import ColorFigures, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
-from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.metrics.error_maps import Spread, lengths
 from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.scout import MAX_MAP_CELLS

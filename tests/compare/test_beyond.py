@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.planning.measure import HogelResult
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reports.verification.verdict import Limits

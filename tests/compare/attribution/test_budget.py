@@ -18,7 +18,7 @@ from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.app import cli
 from xfrustum.cli.commands.budget import budget as budget_command
 from xfrustum.compare.attribution.budget import Budget, make_budget
-from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

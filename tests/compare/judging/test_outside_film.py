@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.foreign_renderers import small
 from xfrustum.compare.judging.judged import judge
-from xfrustum.compare.metrics.surface import surface_errors
+from xfrustum.compare.metrics.error_maps import surface_errors
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

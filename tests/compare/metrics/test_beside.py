@@ -15,8 +15,8 @@ from xfrustum.compare.metrics.error_maps import (
     PixelErrors,
     differing_pixels,
     pixel_errors,
+    wrong_surface,
 )
-from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

@@ -12,9 +12,10 @@ import pytest
 
 from tests.support.views import at, reversed_d32f, soup, view
 from xfrustum.compare import Spread, compare_images
-from xfrustum.compare.metrics.displacement import pixel_centers, true_pixel
+from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import pixel_places
 from xfrustum.scenes import (
     NOTHING,
     Certainty,
@@ -325,12 +326,13 @@ def test_projecting_is_the_design() -> None:
     a = plate.aperture(3, 0)
     # The screen's corners are the film's: half a pixel beyond the outermost centers.
     corners = np.array([[-15.0, 7.0, -50.0], [25.0, -13.0, -50.0]])
-    np.testing.assert_allclose(true_pixel(corners, camera), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
+    lines = true_lines(camera)
+    np.testing.assert_allclose(pixel_places(corners, lines), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
     # Halfway to the aperture the same line, beyond it the same line again.
     for s in (0.5, -0.25):
         along = np.array([a.x, a.y, 0]) + s * (corners - [a.x, a.y, 0])
-        np.testing.assert_allclose(true_pixel(along, camera), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
-    assert np.isnan(true_pixel(np.array([1.0, 2.0, 0.0]), camera)).all()
+        np.testing.assert_allclose(pixel_places(along, lines), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
+    assert np.isnan(pixel_places(np.array([1.0, 2.0, 0.0]), lines)).all()
     centers = pixel_centers(camera)
     assert centers.shape == (40, 80, 2)
     np.testing.assert_array_equal(centers[7, 3], [3, 7])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.beyond import PERCENTILE
-from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.planning.measure import measured, misordered
 from xfrustum.compare.planning.plan import depth_buffers, plan
 from xfrustum.compare.planning.search import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare.metrics.displacement import lengths, pixel_centers
+from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
 from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacement_lengths,

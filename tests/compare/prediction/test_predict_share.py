@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup, view
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels, wrong_surface
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.share import MAX_ORDER_FACTOR, Stacks, chances, depth_wrong_share, slabs
 from xfrustum.raster import Rasterizer

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, view
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import surface_errors
+from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
 from xfrustum.compare.prediction.contours import (
     Contours,

@@ -17,7 +17,7 @@ from hypothesis import assume, given, settings
 
 from tests.support.strategies import apertures, frusta, triangles
 from tests.support.views import soup, view
-from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.displacement import TruePoints, displacements
 from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer

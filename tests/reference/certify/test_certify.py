@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from tests.support.brute_force import exact_first
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
 from tests.support.views import at, lines_by_definition, soup, view
-from xfrustum.compare.metrics.displacement import pixel_centers, true_pixel
+from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
 from xfrustum.scenes import (
     NOTHING,
     Aperture,
@@ -179,7 +179,7 @@ def test_what_a_pixel_shows_is_imaged_in_that_pixel(
     scene = soup(corners, frustum)
     image = Reference(scene).trace(aperture)
     shown = image.covered & (image.height != 0)
-    off = np.abs(true_pixel(image.position, image.camera) - pixel_centers(image.camera))[shown]
+    off = np.abs(pixel_places(image.position, true_lines(image.camera)) - pixel_centers(image.camera))[shown]
     # s d + a and the subtraction of a again round by 2^-53 of |a| and |s d| each, over |s|.
     s = np.abs(image.height[shown])[:, None]
     largest = np.abs(image.position[shown, :2]) + np.abs([aperture.x, aperture.y])

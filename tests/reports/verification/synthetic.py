@@ -11,7 +11,7 @@ from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import HogelNumbers, SurfaceFigures
-from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
 from xfrustum.reports.verification.worst_hogels import WorstHogels
