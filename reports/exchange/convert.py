@@ -26,8 +26,8 @@ from xfrustum.scenes.files.plate_files import (
     PARAMETERS_FILE,
     PlateRows,
     Target,
-    WithLevels,
     find_files,
+    plate_with_levels,
     write_files,
 )
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
@@ -149,7 +149,7 @@ def _into_group(done: Conversion, plate: PlateRows, array: PlateArray, *, progre
     if array is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
-        plate = WithLevels(plate=plate, levels=BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
+        plate = plate_with_levels(plate, BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
     if out.exists() or out.is_symlink():
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
     columns, rows = plate.shape.hogels

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import configparser
 import json
+import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +21,6 @@ from xfrustum.scenes.files.layouts import (
     LAYOUTS,
     PICTURE_SUFFIXES,
     VIDEO_SUFFIX,
-    FileNumbers,
     Index,
     Layout,
     Naming,
@@ -68,35 +67,31 @@ class PlateRows(Protocol):
         """Type of the pixels."""
 
     def row(self, number: int) -> Pixels:
-        """Return the pixels (columns, H, W, 3) of a row of hogels.
+        """Return the pixels (columns, H, W, 3) of a row of hogels; InputError where they cannot be read."""
 
-        Raises
-        ------
-        InputError
-            They cannot be read.
-        """
+
+@dataclass(frozen=True, kw_only=True)
+class RowsOf:
+    """A plate whose rows a function returns; see `PlateRows`."""
+
+    shape: PlateShape
+    levels: int | None
+    dtype: np.dtype[Any]
+    row: Callable[[int], Pixels]
 
 
 @dataclass(kw_only=True, eq=False)
 class Plates:
-    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file.
-
-    Attributes
-    ----------
-    levels
-        Largest level of integers; None of floating-point numbers.
-    lossy
-        Whether the format of some file changes pixels.
-    """
+    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file."""
 
     pixels: Pixels
-    levels: int | None
-    lossy: bool = False
+    levels: int | None  # the largest level of integers; None of floating-point numbers
+    lossy: bool = False  # whether the format of some file changes pixels
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
         """Return a plate of zeros."""
-        size = int(np.prod(shape.array, dtype=object)) * dtype.itemsize
+        size = math.prod(shape.array) * dtype.itemsize
         if size <= MAX_BYTES_IN_MEMORY:
             return cls(pixels=np.zeros(shape.array, dtype), levels=levels)
         try:
@@ -118,8 +113,7 @@ class Plates:
     @property
     def dtype(self) -> np.dtype[Any]:
         """Type of the pixels."""
-        dtype: np.dtype[Any] = self.pixels.dtype
-        return dtype
+        return np.dtype(self.pixels.dtype)
 
     def row(self, number: int) -> Pixels:
         """Return the pixels (columns, H, W, 3) of a row of hogels."""
@@ -148,28 +142,6 @@ def _as_plate(hogels: Pixels, shape: PlateShape) -> Pixels:
     return np.lib.stride_tricks.as_strided(hogels, shape.array, (0, *hogels.strides))
 
 
-@dataclass(frozen=True, kw_only=True)
-class WithLevels:
-    """A plate whose pixels are returned with another largest level; see `with_levels`."""
-
-    plate: PlateRows
-    levels: int | None
-
-    @property
-    def shape(self) -> PlateShape:
-        """Shape of the plate."""
-        return self.plate.shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the pixels."""
-        return with_levels(np.empty(0, self.plate.dtype), self.plate.levels, self.levels).dtype
-
-    def row(self, number: int) -> Pixels:
-        """Return the pixels of a row of hogels."""
-        return with_levels(self.plate.row(number), self.plate.levels, self.levels)
-
-
 def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels:
     """Return samples with another largest level, rounded; floating-point numbers have none.
 
@@ -184,28 +156,26 @@ def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels
     return np.rint(shares * after).astype(np.uint8 if after <= BYTE_LEVELS else np.uint16)
 
 
+def plate_with_levels(plate: PlateRows, levels: int | None) -> PlateRows:
+    """Return a plate with another largest level; see `with_levels`."""
+    dtype = with_levels(np.empty(0, plate.dtype), plate.levels, levels).dtype
+
+    def row(number: int) -> Pixels:
+        return with_levels(plate.row(number), plate.levels, levels)
+
+    return RowsOf(shape=plate.shape, levels=levels, dtype=dtype, row=row)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileSet:
-    """Files that are read in a layout.
+    """Files that are read in a layout."""
 
-    Attributes
-    ----------
-    place
-        Folder or file that was named.
-    files
-        Paths by the numbers that count them.
-    stated
-        Numbers that all names state alike; see `Layout.stated`.
-    strangers
-        Number of pictures in the folder whose names are none of this layout.
-    """
-
-    place: Path
+    place: Path  # the folder or file that was named
     layout: Layout
-    files: dict[Index, Path]
-    stated: Index
+    files: dict[Index, Path]  # paths by the numbers that count them
+    stated: Index  # numbers that all names state alike; see `Layout.stated`
     shape: PlateShape
-    strangers: int
+    strangers: int  # number of pictures in the folder whose names are none of this layout
 
     @property
     def beyond(self) -> int:
@@ -233,28 +203,18 @@ class FileSet:
 
     def file_of_hogel(self, column: int, row: int) -> Path | None:
         """Return the file that holds one hogel and no other; None where there is no such file."""
-        if not self.layout.in_hogels:
-            return None
-        return self.files.get(self.layout.index_of_hogel(column, row, self.shape))
+        return self.files.get(self._index(column, row)) if self.layout.in_hogels else None
 
     def hogel(self, column: int, row: int) -> Picture:
-        """Return the picture of a hogel, upright as the layout says.
-
-        Raises
-        ------
-        InputError
-            A file that it needs is missing, damaged or of another size.
-        """
+        """Return the picture of a hogel, upright; InputError where a file is missing or damaged."""
         if not self.layout.in_hogels:
             whole = self.plate
             return Picture(pixels=whole.pixels[row, column], levels=whole.levels, lossy=whole.lossy)
-        index = self.layout.index_of_hogel(column, row, self.shape)
-        picture = self._read(index)
-        upright = np.empty(self.shape.array[2:], picture.pixels.dtype)
-        # All hogels share this memory, so that the view of any hogel of the plate leads there.
-        shared = np.lib.stride_tricks.as_strided(upright, self.shape.array, (0, 0, *upright.strides))
-        self.layout.view(shared, index, self.stated)[...] = picture.pixels
-        return replace(picture, pixels=upright)
+        picture = self._read(self._index(column, row))
+        return replace(picture, pixels=picture.pixels[::-1, ::-1]) if self.layout.turned else picture
+
+    def _index(self, column: int, row: int) -> Index:
+        return column, self.shape.hogels[1] - 1 - row if self.layout.upward else row
 
     def rows(self) -> PlateRows:
         """Return the plate, in the memory of one row of hogels where each file has pixels of one row alone.
@@ -264,18 +224,26 @@ class FileSet:
         InputError
             As from `plate`, be it here or where rows are read.
         """
-        return _FilesByRow(self) if self.layout.by_row else self.plate
+        if not self.layout.by_row:
+            return self.plate
+        for index in self.layout.indices(self.shape):
+            self._path(index)
+        first = self._read(next(self.layout.indices(self.shape)))
+
+        def row(number: int) -> Pixels:
+            hogels = empty_row(rows)
+            for index in self.layout.indices(self.shape, number):
+                self._put(index, self._read(index), rows, _as_plate(hogels, self.shape))
+            return hogels
+
+        rows = RowsOf(shape=self.shape, levels=first.levels, dtype=first.pixels.dtype, row=row)
+        return rows
 
     @cached_property
     def plate(self) -> Plates:
-        """The whole plate.
-
-        Raises
-        ------
-        InputError
-            A file is missing, damaged or of another size than the others.
-        """
-        self._require_all()
+        """The whole plate; InputError where a file is missing, damaged or of another size than the others."""
+        for index in self.layout.indices(self.shape):
+            self._path(index)
         plate: Plates | None = None
         for index in self.layout.indices(self.shape):
             picture = self._read(index)
@@ -285,20 +253,13 @@ class FileSet:
         assert plate is not None
         return plate
 
-    def _require_all(self) -> None:
-        for index in self.layout.indices(self.shape):
-            self._path(index)
-
     def _path(self, index: Index) -> Path:
         path = self.files.get(index)
         if path is None:
-            stem = self.layout.stem(index, self.shape, self._naming)
+            tiles = (self.stated[0], self.stated[1]) if self.layout.name == "quilt" else None
+            stem = self.layout.stem(index, self.shape, Naming(tiles=tiles))
             raise InputError(f"{self.place}: has no file such as {stem}{self.layout.suffix}")
         return path
-
-    @property
-    def _naming(self) -> Naming:
-        return Naming(tiles=(self.stated[0], self.stated[1]) if self.layout.name == "quilt" else None)
 
     def _put(self, index: Index, picture: Picture, plate: PlateRows, pixels: Pixels) -> None:
         """Copy a file's pixels to their places in a plate."""
@@ -308,13 +269,7 @@ class FileSet:
         view[...] = picture.pixels.reshape(view.shape)
 
     def _read(self, index: Index) -> Picture:
-        """Return what a file holds.
-
-        Raises
-        ------
-        InputError
-            It is missing, damaged or of another size.
-        """
+        """Return what a file holds."""
         path = self._path(index)
         *frames, height, width = _stored_shape(self.layout, self.shape, index, self.stated)
         if frames:
@@ -332,48 +287,15 @@ class FileSet:
 def _stored_shape(layout: Layout, shape: PlateShape, index: Index, stated: Index) -> tuple[int, ...]:
     """Return (H, W) of the picture in which a file is stored, or (frames, H, W) of its video."""
     held = layout.view(np.broadcast_to(np.uint8(0), shape.array), index, stated).shape[:-1]
-    if len(held) == 4:  # tiles
-        return held[0] * held[1], held[2] * held[3]
-    return held
-
-
-class _FilesByRow:
-    """A plate in files of which each has pixels of one row of hogels alone."""
-
-    def __init__(self, files: FileSet) -> None:
-        self._files, self.shape = files, files.shape
-        files._require_all()
-        first = files._read(next(files.layout.indices(self.shape)))
-        self.dtype, self.levels = first.pixels.dtype, first.levels
-        self._indices = {
-            row: list(held)
-            for row, held in groupby(
-                files.layout.indices(self.shape), lambda index: files.layout.row_of(index, self.shape)
-            )
-        }
-
-    def row(self, number: int) -> Pixels:
-        """Return the pixels of a row of hogels, read from its files."""
-        hogels = empty_row(self)
-        for index in self._indices[number]:
-            self._files._put(index, self._files._read(index), self, _as_plate(hogels, self.shape))
-        return hogels
+    return (held[0] * held[1], held[2] * held[3]) if len(held) == 4 else held  # four axes of tiles
 
 
 def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS) -> FileSet:
-    """Return the files of a place in the layout that their names fit.
+    """Return the files of a place in the layout, out of some, that their names fit.
 
-    Of several layouts the one is taken that most names fit, then the one that forms the plate that is told,
-    then the first. Whether pictures are what a layout claims, no name says: `xfrustum verify` finds it.
-
-    Parameters
-    ----------
-    place
-        A folder of files, or a single picture.
-    told
-        Shape of the plate where somebody knows it, as the scene does.
-    layouts
-        Layouts that come into question: all of one name where somebody states it.
+    Of several layouts the one is taken that most names fit, then the one that forms the plate that somebody
+    tells, as the scene does, then the first. Whether pictures are what a layout claims, no name says:
+    `xfrustum verify` finds it.
 
     Raises
     ------
@@ -393,13 +315,8 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
             found.append(_file_set(place, layout, named, told, len(paths)))
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
-    if not found:
-        raise InputError(_why_not(place, paths, layouts, problems))
-    return max(found, key=lambda one: (-one.strangers, told is not None and one.shape == told))
-
-
-def _why_not(place: Path, paths: Sequence[Path], layouts: Sequence[Layout], problems: Sequence[str]) -> str:
-    """Return why files can be read in none of some layouts."""
+    if found:
+        return max(found, key=lambda one: (-one.strangers, told is not None and one.shape == told))
     stated = len({layout.name for layout in layouts}) == 1
     why = f"its files ({len(paths)} pictures, such as {paths[0].name})"
     likely = next((one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None)
@@ -410,7 +327,7 @@ def _why_not(place: Path, paths: Sequence[Path], layouts: Sequence[Layout], prob
     else:
         why += " have names of no layout"
     name = f" {layouts[0].name}" if stated else " that their names fit"
-    return f"{place}: cannot be read in the layout{name}: {why}"
+    raise InputError(f"{place}: cannot be read in the layout{name}: {why}")
 
 
 def pictures_at(place: Path) -> list[Path]:
@@ -461,32 +378,24 @@ def _file_set(
     else:
         size = picture_size(first)
         told = _told_beside(layout, first) or told
-    numbers = FileNumbers(counted=files.keys(), stated=next(iter(stated)), size=size, told=told)
-    return FileSet(
-        place=place,
-        layout=layout,
-        files=files,
-        stated=numbers.stated,
-        shape=layout.shape(numbers),
-        strangers=pictures - len(files),
-    )
+    said = next(iter(stated))
+    shape, strangers = layout.shape(files.keys(), said, size, told), pictures - len(files)
+    return FileSet(place=place, layout=layout, files=files, stated=said, shape=shape, strangers=strangers)
 
 
 def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
-    """Return the shape that a picture or the file beside it states; None where they state none.
-
-    Raises
-    ------
-    InputError
-        The stated plate has more hogels than are allowed.
-    """
+    """Return the shape that a picture or the file beside it states; None where they state none."""
     try:
         if layout.name == "mosaic":
             stated: Any = picture_text(first)
         elif layout.in_hogels and (path := first.parent / PLATE_FILE).is_file():
             stated = json.loads(read_small(path, "description of a plate", MAX_FACTS_BYTES))
         elif layout.name == "hci" and (path := first.parent / PARAMETERS_FILE).is_file():
-            stated = {"hogels": (1, 1), "resolution": _camera_counts(path)}
+            parser = configparser.ConfigParser(interpolation=None)
+            parser.read_string(read_small(path, "file of parameters", MAX_FACTS_BYTES).decode())
+            values = {key: value for section in parser.values() for key, value in section.items()}
+            counts = int(values["num_cams_x"]), int(values["num_cams_y"])
+            stated = {"hogels": (1, 1), "resolution": counts}
         else:
             return None
         (columns, rows), (width, height) = stated["hogels"], stated["resolution"]
@@ -498,14 +407,6 @@ def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
     return PlateShape(hogels=(numbers[0], numbers[1]), resolution=(numbers[2], numbers[3]))
 
 
-def _camera_counts(path: Path) -> tuple[int, int]:
-    """Return num_cams_x and num_cams_y of a parameters.cfg."""
-    parser = configparser.ConfigParser(interpolation=None)
-    parser.read_string(read_small(path, "file of parameters", MAX_FACTS_BYTES).decode())
-    values = {key: value for section in parser.values() for key, value in section.items()}
-    return int(values["num_cams_x"]), int(values["num_cams_y"])
-
-
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """The layout of files that are to be written, and what their names state."""
@@ -514,13 +415,7 @@ class Target:
     naming: Naming
 
     def levels(self, before: int | None) -> int | None:
-        """Return the largest level of the files' pixels; None where they are floating-point numbers.
-
-        Raises
-        ------
-        InputError
-            Files with this suffix are not written.
-        """
+        """Return the largest level of the files' pixels; None where they are floating-point numbers."""
         suffix = self.naming.suffix
         if suffix == ".ppm":
             return PLENO_LEVELS if self.layout.name == "pleno" else before or BYTE_LEVELS
@@ -531,13 +426,7 @@ class Target:
         raise InputError(f"files that end in {suffix} are not written; choose .png, .ppm or .exr")
 
     def file_name(self, index: Index, shape: PlateShape) -> str:
-        """Return the name of a file.
-
-        Raises
-        ------
-        InputError
-            The layout has no place for such a plate.
-        """
+        """Return the name of a file; InputError where the layout has no place for such a plate."""
         return self.layout.stem(index, shape, self.naming) + self.naming.suffix
 
     def losses(self, plate: PlateRows) -> tuple[str, ...]:
@@ -545,14 +434,11 @@ class Target:
         found = []
         height, after = plate.shape.resolution[1], self.levels(plate.levels)
         if self.layout.horizontal and height > 1:
-            found.append(
-                f"vertical parallax: of {height} rows of pixels of each hogel, row {height // 2} "
-                f"(from 0 at the top) is kept"
-            )
+            kept = f"row {height // 2} (from 0 at the top) is kept"
+            found.append(f"vertical parallax: of {height} rows of pixels of each hogel, {kept}")
         if plate.levels is None and after is not None:
-            found.append(
-                f"floating-point numbers: radiance is clipped to 0 and 1 and rounded to {after} levels"
-            )
+            rounded = f"radiance is clipped to 0 and 1 and rounded to {after} levels"
+            found.append(f"floating-point numbers: {rounded}")
         elif plate.levels is not None and after is not None and after < plate.levels:
             found.append(f"levels: {plate.levels} are rounded to {after}")
         return tuple(found)
@@ -562,9 +448,7 @@ class Target:
         if self.layout.name == "burnett":
             return ("its own renderer samples pixels at their corners; re-arranging moves no sample",)
         if self.layout.name == "quilt":
-            return (
-                "views are evenly spaced on the film (in tangents), and a display's eyes evenly in angle",
-            )
+            return ("views are evenly spaced on the film (in tangents), a display's eyes evenly in angle",)
         if self.layout.name == "cubevi" and shape.hogels != CUBEVI_TILE_PX:
             size = f"{CUBEVI_TILE_PX[0]} x {CUBEVI_TILE_PX[1]}"
             return (f"the display has tiles of {size} pixels, and this plate {shape.words}",)
@@ -590,25 +474,16 @@ def write_files(
     text: dict[str, object] | None = None
     if layout.name == "mosaic":
         text = {"layout": layout.name, "hogels": shape.hogels, "resolution": shape.resolution}
-    for index, pixels in _pixels_of_files(plate, layout):
-        path = folder / target.file_name(index, shape)
-        held = np.ascontiguousarray(layout.view(pixels, index, stated))
-        stored = held.reshape(*_stored_shape(layout, shape, index, stated), 3)
-        picture = Picture(pixels=with_levels(stored, plate.levels, levels), levels=levels)
-        if layout.suffix == VIDEO_SUFFIX:
-            write_video(path, picture.pixels)
-        else:
-            write_picture(path, picture, text)
-        done()
-
-
-def _pixels_of_files(plate: PlateRows, layout: Layout) -> Iterator[tuple[Index, Pixels]]:
-    """Yield the numbers of all files, each with an array of the plate's axes that has its pixels."""
-    shape = plate.shape
-    if not layout.by_row:
-        pixels = whole_plate(plate).pixels
-        yield from ((index, pixels) for index in layout.indices(shape))
-        return
-    for row, held in groupby(layout.indices(shape), lambda index: layout.row_of(index, shape)):
-        pixels = _as_plate(plate.row(row), shape)
-        yield from ((index, pixels) for index in held)
+    whole = None if layout.by_row else whole_plate(plate).pixels
+    for row in range(shape.hogels[1] if whole is None else 1):
+        pixels = _as_plate(plate.row(row), shape) if whole is None else whole
+        for index in layout.indices(shape, row):
+            path = folder / target.file_name(index, shape)
+            held = np.ascontiguousarray(layout.view(pixels, index, stated))
+            stored = held.reshape(*_stored_shape(layout, shape, index, stated), 3)
+            picture = Picture(pixels=with_levels(stored, plate.levels, levels), levels=levels)
+            if layout.suffix == VIDEO_SUFFIX:
+                write_video(path, picture.pixels)
+            else:
+                write_picture(path, picture, text)
+            done()

@@ -14,7 +14,14 @@ from xfrustum.scenes import InputError
 from xfrustum.scenes.files import plate_files
 from xfrustum.scenes.files.layouts import NAMES, Naming, Pixels, PlateShape, layout_for, layouts_named
 from xfrustum.scenes.files.pictures import Picture, read_picture, write_picture
-from xfrustum.scenes.files.plate_files import Plates, Target, WithLevels, find_files, with_levels, write_files
+from xfrustum.scenes.files.plate_files import (
+    Plates,
+    Target,
+    find_files,
+    plate_with_levels,
+    with_levels,
+    write_files,
+)
 
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
 """Names of the layouts that keep one row of pixels of each hogel."""
@@ -91,7 +98,7 @@ def test_a_plate_that_is_had_row_by_row_gives_the_same_files_and_rows(name: str,
     files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
     assert files == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
     found = find_files(tmp_path / "rows", shape, layouts_named(name))
-    after = WithLevels(plate=found.rows(), levels=255)
+    after = plate_with_levels(found.rows(), 255)
     assert (after.shape, after.dtype) == (before.shape, before.dtype)
     for number in (2, 0, 1):
         assert np.array_equal(after.row(number), before.row(number))
