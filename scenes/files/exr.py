@@ -1,18 +1,17 @@
 """Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files").
 
-All of OpenEXR goes through this module (docs/adr/0012-openexr-by-its-own-library.md). A header is checked
-before the library sees it, for its Python binding ends the process at a name that is no UTF-8, and allocates
-whatever a header declares. Layout: "OpenEXR File Layout", Academy Software Foundation, sections "Header" and
-"Attribute types".
+All of OpenEXR goes through this module (docs/adr/0012-openexr-by-its-own-library.md). Headers are read alone
+before pixels are, for the library allocates whatever a header declares. Files are read by the library's newer
+interface, which raises where the older one ends the process, and written by the older, band by band.
 """
 
 from __future__ import annotations
 
+import io
 import os
-import struct
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -52,143 +51,55 @@ MAGIC = bytes.fromhex("762f3101")
 MAX_PIXELS = (2**31 - 1) // 4
 """Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits."""
 
-_VERSION, _LONG_NAMES, _DEEP, _SEVERAL_PARTS = 2, 0x400, 0x800, 0x1000
-"""Version number, and flags above it."""
-
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)
 """Types of pixels, in the order of their codes."""
 
-_KNOWN_TYPES = (
-    " box2i box2f chlist chromaticities compression double envmap float floatvector int keycode lineOrder "
-    "m33f m33d m44f m44d preview rational string stringvector tiledesc timecode v2i v2f v2d v3i v3f v3d "
-)
-"""Attribute types of the format; the binding raises an obscure error at any other."""
-
-LARGEST_HEADER = 1 << 20
-"""Largest size of a header, in bytes: names, a camera, and a preview picture fit."""
-
-LARGEST_SIDE = 1 << 24
-"""Largest number of pixels along a side: single precision cannot count more."""
-
-
-class _Damaged(Exception):
-    """A header breaks the rules of the format; the message says how."""
-
-
-class _Header:
-    """Bytes of a header, read from the front."""
-
-    def __init__(self, data: bytes, longest: int = 31) -> None:
-        self.data, self.at, self.longest = data, 0, longest
-
-    def take(self, count: int) -> bytes:
-        if count < 0 or self.at + count > len(self.data):
-            raise _Damaged("it ends within the header")
-        self.at += count
-        return self.data[self.at - count : self.at]
-
-    def whole(self, code: str) -> tuple[int, ...]:
-        return struct.unpack(f"<{code}", self.take(struct.calcsize(f"<{code}")))
-
-    def text(self) -> str:
-        """Return a text that ends in a zero byte."""
-        end = self.data.find(b"\0", self.at, self.at + self.longest + 1)
-        if end < 0:
-            raise _Damaged(f"a name is longer than {self.longest} bytes, or has no end")
-        raw = self.take(end + 1 - self.at)[:-1]
-        return _decoded(raw, f"the name {raw[:40]!r}")
-
-
-def _decoded(raw: bytes, what: str) -> str:
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise _Damaged(f"{what} is no UTF-8") from error
-
-
-def check_header(path: Path) -> None:
-    """Refuse an OpenEXR file whose header is damaged, or that declares far more pixels than it holds.
-
-    Raises
-    ------
-    InputError
-        The header is damaged or declares too much, or the file is no OpenEXR image of flat pixels.
-    """
-    data = head_of(path, "image file", LARGEST_HEADER)
-    if data[: len(MAGIC)] != MAGIC:
-        raise InputError(f"{path}: is not an OpenEXR image")
-    try:
-        declared = _declared_bytes(_Header(data[len(MAGIC) :]))
-    except _Damaged as error:
-        raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
-    check_declared(path, declared, "pixels")
-
-
-def _declared_bytes(header: _Header) -> int:
-    """Return the bytes of pixels that a header declares."""
-    (version,) = header.whole("I")
-    if version & 0xFF != _VERSION:
-        raise _Damaged(f"its version is {version & 0xFF}, not {_VERSION}")
-    if version & _DEEP:
-        raise _Damaged("it has deep pixels; only flat ones are read")
-    if version & _SEVERAL_PARTS:
-        raise _Damaged("it has several parts; only files of one part are read")
-    header.longest = 255 if version & _LONG_NAMES else 31
-    pixel_bytes = pixels = None
-    while name := header.text():
-        kind, (length,) = header.text(), header.whole("i")
-        value = _Header(header.take(length), header.longest)
-        if not kind or f" {kind} " not in _KNOWN_TYPES:
-            raise _Damaged(f"its attribute {name} has the unknown type {kind[:40]}")
-        if kind == "string":
-            _decoded(value.data, f"its attribute {name}")
-        if name == "channels":
-            pixel_bytes = 0
-            while value.text():
-                code, _, x, y = value.whole("iiii")  # the second holds a flag and three reserved bytes
-                if not 0 <= code < len(_PIXEL_TYPES) or min(x, y) < 1:
-                    raise _Damaged(f"a channel has an unknown pixel type ({code}), or no sampling")
-                pixel_bytes += np.dtype(_PIXEL_TYPES[code]).itemsize
-        elif name == "dataWindow":
-            left, top, right, bottom = value.whole("iiii")
-            width, height = right - left + 1, bottom - top + 1
-            if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-                raise _Damaged(f"its data window is {width} x {height} pixels")
-            pixels = width * height
-    if pixel_bytes is None or pixels is None:
-        raise _Damaged("it declares no channels, or no data window")
-    return pixel_bytes * pixels
-
-
 _SILENT = threading.Lock()
-"""Lock for redirecting standard error: two threads at once would restore each other's file."""
+"""Lock for redirecting what OpenEXR prints: two threads at once would restore each other's file."""
 
 
 @contextmanager
-def _complete(path: Path) -> Iterator[OpenEXR.InputFile]:
-    """Open a file whose rows are all there; what OpenEXR prints of errors and repairs is dropped."""
+def _silence() -> Iterator[None]:
+    """Drop what is written within a block: OpenEXR prints errors, which it also raises, and repairs."""
     with _SILENT, os.fdopen(os.dup(2), "wb") as shown, Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
-            file = OpenEXR.InputFile(str(path))
-            if not file.isComplete():
-                raise OSError("rows are missing")
-            yield file
+            with redirect_stdout(io.StringIO()):
+                yield
         finally:
             os.dup2(shown.fileno(), 2)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[OpenEXR.InputFile, dict[str, Any], tuple[int, int]]]:
-    """Open a file whose header is checked, with its header and W, H; OpenEXR's errors become InputErrors."""
-    check_header(path)
+def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
+    """Open a file; whatever OpenEXR raises then and within the block becomes an InputError."""
     try:
-        with _complete(path) as file:
-            header = file.header()
-            window = header["dataWindow"]
-            yield file, header, (window.max.x - window.min.x + 1, window.max.y - window.min.y + 1)
+        with _silence(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+            yield file
     except (OSError, RuntimeError, SystemError, LookupError, TypeError, ValueError, MemoryError) as error:
-        raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: the OpenEXR image is damaged ({reason}); write it again") from error
+
+
+def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
+    """Return the header of an image file, and its W, H.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, no OpenEXR image of flat pixels, or declares far more than it holds.
+    """
+    if head_of(path, "image file", len(MAGIC)) != MAGIC:
+        raise InputError(f"{path}: is not an OpenEXR image")
+    with _file(path, header_only=True) as file:
+        header: dict[str, Any] = dict(file.header())  # OpenEXR empties its own
+        if len(file.parts) != 1 or header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+            raise ValueError("it has several parts or deep pixels; only one part of flat ones is read")
+        (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+        size = right - left + 1, bottom - top + 1
+        count = len(header["channels"])
+    check_declared(path, 4 * count * size[0] * size[1], "pixels")
+    return header, size
 
 
 def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -197,19 +108,15 @@ def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[A
     Raises
     ------
     InputError
-        The file is missing or damaged, or a channel does not have every pixel.
+        As from `read_header`, or a channel does not have every pixel.
     """
-    with _opened(path) as (file, header, (width, height)):
-        present = {name: header["channels"][name] for name in names if name in header["channels"]}
+    header, _ = read_header(path)
+    with _file(path, header_only=False) as file:
+        present = {name: channel for name, channel in file.channels().items() if name in names}
         for name, channel in present.items():
             if (channel.xSampling, channel.ySampling) != (1, 1):
                 raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
-        raw = file.channels(list(present)) if present else []
-        planes: dict[str, NDArray[Any]] = {
-            name: np.frombuffer(data, dtype=_PIXEL_TYPES[channel.type.v]).reshape(height, width)
-            for (name, channel), data in zip(present.items(), raw, strict=True)
-        }
-        return planes, header
+        return {name: channel.pixels for name, channel in present.items()}, header
 
 
 def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -222,15 +129,8 @@ def read_rgb_channels(path: Path, advice: str) -> tuple[NDArray[Any], dict[str, 
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return W, H of an image file, whatever camera it names.
-
-    Raises
-    ------
-    InputError
-        The file is missing or damaged.
-    """
-    with _opened(Path(path)) as (_, _, size):
-        return size
+    """Return W, H of an image file, whatever camera it names; InputError as from `read_header`."""
+    return read_header(Path(path))[1]
 
 
 def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: bool = False) -> HogelImage:
@@ -371,7 +271,10 @@ def _rows(
         raise
     file.close()
     # OpenEXR reports no errors in the last bytes that it writes, so that its last row is read.
-    with _complete(path) as written:
+    with _silence():
+        written = OpenEXR.InputFile(str(path))
+        if not written.isComplete():
+            raise OSError("what was written is not complete")
         written.channel(next(iter(types)), scanLine1=size[1] - 1, scanLine2=size[1] - 1)
 
 

@@ -103,8 +103,8 @@ class Layout:
     numbers: str
     """Letters of the groups that count the files: hogels i, j, pixels r, c, cameras k."""
     view: Callable[[Pixels, Index, Index], Pixels] = field(repr=False)
-    """Function of a plate's pixels, a file's numbers, and what all names state: the view (.., 3) of the pixels
-    that the file holds, (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video."""
+    """Function of a plate's pixels, a file's numbers, and what all names state: the view (.., 3) of the
+    pixels of a file, (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video."""
     stated: tuple[str, ...] = ()
     """Names of the groups that all names state alike."""
     states: Callable[[PlateShape, Naming], Index] = field(default=lambda shape, naming: (), repr=False)

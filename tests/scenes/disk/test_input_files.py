@@ -17,7 +17,7 @@ from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
 from xfrustum.scenes.files.environment import read_environment
-from xfrustum.scenes.files.exr import check_header, read_image, write_image
+from xfrustum.scenes.files.exr import read_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.files.patches import load_patches
@@ -151,15 +151,7 @@ def test_a_name_in_an_openexr_file_that_is_no_utf8_is_damage(tmp_path: Path, nam
     if name not in data:
         name = b"id.object"
     path.write_bytes(data.replace(name, b"\xff" + name[1:], 1))
-    with pytest.raises(InputError, match="no UTF-8"):
-        read_image(path)
-
-
-def test_an_attribute_of_unknown_type_is_named(tmp_path: Path) -> None:
-    path = a_small_image(tmp_path)
-    data = path.read_bytes()
-    path.write_bytes(data.replace(b"pixelAspectRatio\0float\0", b"pixelAspectRatio\0flout\0", 1))
-    with pytest.raises(InputError, match=r"pixelAspectRatio has the unknown type flout"):
+    with pytest.raises(InputError, match="damaged"):
         read_image(path)
 
 
@@ -169,7 +161,7 @@ def test_an_image_cannot_declare_more_pixels_than_its_file_may_hold(tmp_path: Pa
     at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     path.write_bytes(data[:at] + struct.pack("<iiii", 0, 0, 40_000, 40_000) + data[at + 16 :])
     with pytest.raises(InputError, match="--max-input-memory"):
-        check_header(path)
+        read_header(path)
 
 
 @pytest.mark.parametrize("text", ["vertices", "digits"])
