@@ -65,10 +65,7 @@ def _items(values: object) -> tuple[object, ...] | None:
 def choice(kind: type[Choice], value: object, name: str) -> Choice:
     """Return a member of an enumeration, given as such or by its value, as on the command line.
 
-    Raises
-    ------
-    InputError
-        The value is neither.
+    Raises InputError where the value is neither.
     """
     try:
         return kind(value)  # type: ignore[arg-type]  # an enumeration takes anything, and refuses it
@@ -79,10 +76,7 @@ def choice(kind: type[Choice], value: object, name: str) -> Choice:
 def switch(value: object, name: str) -> bool:
     """Return a truth value.
 
-    Raises
-    ------
-    InputError
-        The value is neither True nor False.
+    Raises InputError where the value is neither True nor False.
     """
     if value is True or value is False:
         return value

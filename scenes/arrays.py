@@ -5,20 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-"""Lengths, directions, matrices and colors in double precision."""
-
-Singles = NDArray[np.float32]
-"""The same in single precision, as images and graphics cards hold them."""
-
-Mask = NDArray[np.bool_]
-"""Truth values of pixels, triangles or other elements."""
-
-Indices = NDArray[np.int64]
-"""Places of elements in another array."""
-
+Floats = NDArray[np.float64]  # lengths, directions, matrices and colors in double precision
+Singles = NDArray[np.float32]  # the same in single precision, as images and graphics cards hold them
+Mask = NDArray[np.bool_]  # truth values of pixels, triangles or other elements
+Indices = NDArray[np.int64]  # places of elements in another array
 Numbers = NDArray[np.int32]
 """Numbers of triangles and objects, as images hold them; `NOTHING` where there is none."""
 
-Bytes = NDArray[np.uint8]
-"""Levels from 0 to 255, as picture files hold them."""
+Bytes = NDArray[np.uint8]  # levels from 0 to 255, as picture files hold them

@@ -15,8 +15,7 @@ from xfrustum.scenes.library import builtin
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
-HARD = "hard/"
-"""Beginning of the names of hard cases: other names are looked up without loading the suite."""
+HARD = "hard/"  # beginning of the names of hard cases: other names are looked up without loading the suite
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
@@ -29,10 +28,7 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
         that ends in .toml is a path even if the file is missing, and so is a `Path`; a built-in name comes
         before a file of the same name.
 
-    Raises
-    ------
-    InputError
-        The text is neither, or the file is not a valid scene.
+    Raises InputError where the text is neither, or the file is not a valid scene.
     """
     if isinstance(text, os.PathLike):
         return _read(Path(text))
@@ -51,10 +47,7 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
 def check_scene(text: str) -> None:
     """Refuse what `open_scene` would refuse, as far as that shows without reading a mesh.
 
-    Raises
-    ------
-    InputError
-        There is no such scene, or its file is not valid.
+    Raises InputError where there is no such scene, or its file is not valid.
     """
     _check_name(text)
     if text not in builtin.SCENES and not text.startswith(HARD):

@@ -26,9 +26,7 @@ takes more is compressed, or declares more than it holds.
 MEMORY_PER_PIXEL = 16
 """Bytes of memory that a pixel of a picture takes: four channels as read, and three copies."""
 
-SCENE_FILE_SIZE = 1 << 24
-"""Largest size of a scene file, sixteen million bytes; people write some hundreds."""
-
+SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, sixteen million bytes; people write some hundreds
 RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
 """Options of the command line that raise the bounds on memory and on hogels."""
 
@@ -56,10 +54,7 @@ def _bound_within_block(name: str, value: int) -> Iterator[None]:
 def input_memory(size: int) -> AbstractContextManager[None]:
     """Let one input take up to this many bytes of memory within a block.
 
-    Raises
-    ------
-    InputError
-        The size is not positive.
+    Raises InputError where the size is not positive.
     """
     if size <= 0:
         raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
@@ -85,10 +80,8 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
 
     `what` is the kind of file for the message, such as "mesh file"; the advice is given where there is none.
 
-    Raises
-    ------
-    InputError
-        The file is missing, cannot be reached, or is a folder, a pipe, a device or a socket.
+    Raises InputError where the file is missing, cannot be reached, or is a folder, a pipe, a device or a
+    socket.
     """
     try:
         status = path.stat()

@@ -23,11 +23,8 @@ _RUN_WIDTHS = range(8, 1 << 15)
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     """Read a latitude-longitude map as it is stored, in linear RGB, its radiance multiplied by the strength.
 
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, of another format than OpenEXR and Radiance HDR, not RGB, or has
-        radiance that is negative or not finite.
+    Raises InputError where the file is missing, damaged, of another format than OpenEXR and Radiance HDR, not
+    RGB, or has radiance that is negative or not finite.
     """
     openexr = head_of(path, "environment map", len(MAGIC)) == MAGIC
     with bounded_memory(path):

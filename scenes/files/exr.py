@@ -29,9 +29,7 @@ from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering
 
 Described = TypeVar("Described")
-Planes = Mapping[str, NDArray[Any]]
-"""Channels (H, W) by name, each with its own type."""
-
+Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its own type
 CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 EYE_ATTRIBUTE = "xfrustum:eye"
 POSITION = ("P.X", "P.Y", "P.Z")
@@ -45,15 +43,11 @@ CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 EYE_JSON = TypeAdapter(Eye)
 """Attributes as JSON, whose numbers are the shortest digits that give the same double again."""
 
-MAGIC = bytes.fromhex("762f3101")
-"""First four bytes of every OpenEXR file."""
-
+MAGIC = bytes.fromhex("762f3101")  # first four bytes of every OpenEXR file
 MAX_PIXELS = (2**31 - 1) // 4
 """Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits."""
 
-_PIXEL_TYPES = (np.uint32, np.float16, np.float32)
-"""Types of pixels, in the order of their codes."""
-
+_PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # types of pixels, in the order of their codes
 _SILENT = threading.Lock()
 """Lock for redirecting what OpenEXR prints: two threads at once would restore each other's file."""
 
@@ -84,10 +78,8 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
     """Return the header of an image file, and its W, H.
 
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, no OpenEXR image of flat pixels, or declares far more than it holds.
+    Raises InputError where the file is missing or damaged, no OpenEXR image of flat pixels, or declares far
+    more than it holds.
     """
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
@@ -298,10 +290,7 @@ def image_writer(
     rendering
         Effects and samples of the whole image's color; None where they are not known.
 
-    Raises
-    ------
-    InputError
-        The file cannot be written, or the image has more than `MAX_PIXELS`.
+    Raises InputError where the file cannot be written, or the image has more than `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
     if width * height > MAX_PIXELS:
@@ -364,10 +353,7 @@ def write_image(path: str | Path, image: HogelImage) -> None:
 def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | None = None) -> None:
     """Write channels (H, W) with their own types under a file's own name; the caller puts it in place.
 
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    Raises InputError where the file cannot be written.
     """
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}

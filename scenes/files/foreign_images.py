@@ -83,10 +83,7 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
 
     A camera that the file names is not used.
 
-    Raises
-    ------
-    InputError
-        The file is missing, unreadable, or of another size.
+    Raises InputError where the file is missing, unreadable, or of another size.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
         return read_image(path, camera, partial=True)

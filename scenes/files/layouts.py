@@ -20,36 +20,26 @@ from xfrustum.scenes.arguments import settle, wholes
 from xfrustum.scenes.disk.input_files import check_hogels
 from xfrustum.scenes.errors import InputError
 
-Pixels = NDArray[Any]
-"""Samples of pictures in the type of their files: uint8, uint16, float16 or float32."""
-
-Index = tuple[int, ...]
-"""The numbers that count the files of a layout, as their names state them."""
-
+Pixels = NDArray[Any]  # samples of pictures in the type of their files: uint8, uint16, float16 or float32
+Index = tuple[int, ...]  # the numbers that count the files of a layout, as their names state them
 PICTURE_SUFFIXES = (".png", ".ppm", ".exr", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Suffixes of files that are taken for pictures, in lower case."""
 
-VIDEO_SUFFIX = ".avi"
-"""Suffix of videos, in lower case."""
-
+VIDEO_SUFFIX = ".avi"  # suffix of videos, in lower case
 KNOWN_QUILTS = {48: (8, 6), 66: (11, 6), 49: (7, 7), 45: (5, 9), 40: (8, 5)}
 """Columns and rows of tiles that displays are sold with, by the number of views."""
 
 CUBEVI_TILES, CUBEVI_TILE_PX = (8, 5), (540, 960)
 """Columns and rows of tiles of a CubeVi picture, and the size of each in pixels."""
 
-MAX_DIGITS = 18
-"""Largest number of digits of a number in a file's name: longer ones count nothing."""
+MAX_DIGITS = 18  # largest number of digits of a number in a file's name: longer ones count nothing
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlateShape:
     """Columns and rows of hogels of a plate, and width and height of each hogel in pixels.
 
-    Raises
-    ------
-    InputError
-        A number is below one, or there are more hogels than `--max-hogels` allows.
+    Raises InputError where a number is below one, or there are more hogels than `--max-hogels` allows.
     """
 
     hogels: tuple[int, int]
@@ -80,43 +70,30 @@ class Naming:
     """Facts that names of files state beside their numbers."""
 
     suffix: str = ".png"
-    stem: str = ""
-    """Beginning of the names of single pictures; the layout's name where empty."""
-    aspect: float | None = None
-    """Width of the plate over its height, which quilts state; None for that of the number of hogels."""
-    tiles: tuple[int, int] | None = None
-    """Columns and rows of tiles of a quilt; None for those of a display, or nearly a square."""
+    stem: str = ""  # beginning of the names of single pictures; the layout's name where empty
+    aspect: float | None = None  # width of the plate over its height, for quilts; None: that of the hogels
+    tiles: tuple[int, int] | None = None  # of a quilt; None for those of a display, or nearly a square
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
     """One way to store the pictures of a plate."""
 
-    name: str
-    """Name on the command line."""
-    words: str
-    """Meaning of its files, one clause."""
-    pattern: str
-    """Regular expression of a file's name without its suffix; its groups are `numbers` and `stated`."""
-    stem_format: str
-    """The same name as it is written, as a format of the numbers."""
-    numbers: str
-    """Letters of the groups that count the files: hogels i, j, pixels r, c, cameras k."""
+    name: str  # on the command line
+    words: str  # meaning of its files, one clause
+    pattern: str  # regular expression of a file's name without its suffix; its groups are numbers and stated
+    stem_format: str  # the same name as it is written, as a format of the numbers
+    numbers: str  # letters of the groups that count the files: hogels i, j, pixels r, c, cameras k
     view: Callable[[Pixels, Index, Index], Pixels] = field(repr=False)
     """Function of a plate's pixels, a file's numbers, and what all names state: the view (.., 3) of the
     pixels of a file, (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video."""
-    stated: tuple[str, ...] = ()
-    """Names of the groups that all names state alike."""
+    stated: tuple[str, ...] = ()  # names of the groups that all names state alike
     states: Callable[[PlateShape, Naming], Index] = field(default=lambda shape, naming: (), repr=False)
     """Function that returns what these state of a plate; InputError where the layout has no place for it."""
-    suffixes: tuple[str, ...] = PICTURE_SUFFIXES
-    """Suffixes that its files may have, first that of files for which nobody asks for another."""
-    horizontal: bool = False
-    """Whether it keeps horizontal parallax alone: one row of pixels of each hogel."""
-    upward: bool = False
-    """Whether the number j is counted from the bottom."""
-    turned: bool = False
-    """Whether pictures are turned by 180 degrees."""
+    suffixes: tuple[str, ...] = PICTURE_SUFFIXES  # first that of files for which nobody asks for another
+    horizontal: bool = False  # whether it keeps horizontal parallax alone: one row of pixels of each hogel
+    upward: bool = False  # whether the number j is counted from the bottom
+    turned: bool = False  # whether pictures are turned by 180 degrees
 
     @property
     def suffix(self) -> str:
@@ -185,19 +162,10 @@ class Layout:
     ) -> PlateShape:
         """Return the shape of the plate that some files form.
 
-        Parameters
-        ----------
-        counted, stated
-            Numbers that count the files, and those that all names state alike.
-        size
-            Width and height of a picture; of a video, those of its frames.
-        told
-            Shape that somebody states, be it the scene or a file beside the pictures.
+        They have names that count and state these numbers, and pictures or frames of a width and a height;
+        somebody, be it the scene or a file beside the pictures, may have told a shape.
 
-        Raises
-        ------
-        InputError
-            They form none.
+        Raises InputError where they form none.
         """
 
         def count(axis: int) -> int:
@@ -438,10 +406,7 @@ NAMES = (
 def layouts_named(name: str) -> tuple[Layout, ...]:
     """Return the layouts of a name: files of T. Burnett's program are pictures or videos.
 
-    Raises
-    ------
-    InputError
-        No layout has this name.
+    Raises InputError where no layout has this name.
     """
     if name not in NAMES:
         raise InputError(f"layout {name!r} is not one of {', '.join(NAMES)}")

@@ -91,11 +91,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     would pack their textures into one atlas and so lose the repetition of texture coordinates. The object
     has the normals and colors of vertices that the file has, and no others (CONVENTIONS.md, "Light").
 
-    Raises
-    ------
-    InputError
-        The file is missing, of a type that trimesh does not read, damaged, without triangles, or
-        has vertices that are not finite or faces that point past them.
+    Raises InputError where the file is missing, of a type that trimesh does not read, damaged, without
+    triangles, or has vertices that are not finite or faces that point past them.
     """
     tree = _checked_source(path)
     resolver = _Resolver(str(path))
@@ -408,8 +405,7 @@ def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
     return _Material(texture=texture, base_color=(red, green, blue), not_read=tuple(not_read))
 
 
-_ANY_MATERIAL = ""
-"""Key of a texture that belongs to all parts of a file."""
+_ANY_MATERIAL = ""  # key of a texture that belongs to all parts of a file
 
 
 def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:

@@ -39,10 +39,7 @@ def load_patches(
     material
         Name of the object's material.
 
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, or the tolerance asks for too many triangles.
+    Raises InputError where the file is missing or damaged, or the tolerance asks for too many triangles.
     """
     nets = read_patches(path)
     if chord_tolerance is None:

@@ -18,12 +18,8 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
 
-PLENO_LEVELS = 1023
-"""Largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for."""
-
-BYTE_LEVELS = 255
-"""Largest level of 8-bit pictures."""
-
+PLENO_LEVELS = 1023  # largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for
+BYTE_LEVELS = 255  # largest level of 8-bit pictures
 TEXT_KEY = "xfrustum:layout"
 """Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object."""
 
@@ -76,10 +72,7 @@ def picture_text(path: Path) -> dict[str, object]:
 def read_picture(path: Path) -> Picture:
     """Read a picture file: PNG and the like with 8 bits, PPM with up to 16, OpenEXR.
 
-    Raises
-    ------
-    InputError
-        The file is missing, damaged or of another kind.
+    Raises InputError where the file is missing, damaged or of another kind.
     """
     head = head_of(path, "file")
     if head.startswith(MAGIC):
@@ -147,10 +140,8 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
 
     Where the scene says a resolution, pictures of other sizes are refused before their pixels are read.
 
-    Raises
-    ------
-    InputError
-        The file is damaged, no picture, of another size, or has other pixels than those of `RGB_MODES`.
+    Raises InputError where the file is damaged, no picture, of another size, or has other pixels than those
+    of `RGB_MODES`.
     """
     try:
         with bounded_memory(path), Image.open(path) as picture:

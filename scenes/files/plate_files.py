@@ -297,10 +297,7 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
     tells, as the scene does, then the first. Whether pictures are what a layout claims, no name says:
     `xfrustum verify` finds it.
 
-    Raises
-    ------
-    InputError
-        There are no such files, or they do not fit the layout; the message says why.
+    Raises InputError where there are no such files, or they do not fit the layout; the message says why.
     """
     paths = pictures_at(place)
     found: list[FileSet] = []
@@ -333,10 +330,7 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
 def pictures_at(place: Path) -> list[Path]:
     """Return the files that layouts are made of; ground truths and hidden files are none.
 
-    Raises
-    ------
-    InputError
-        There is no such folder or file, or the folder has no pictures.
+    Raises InputError where there is no such folder or file, or the folder has no pictures.
     """
     if not place.is_dir():
         if not place.exists():

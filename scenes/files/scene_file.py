@@ -34,13 +34,9 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
 if TYPE_CHECKING:
-    from xfrustum.scenes.arrays import Floats
     from xfrustum.scenes.model.scene import Scene
 
 Location = tuple[int | str, ...]
-
-MAP_FILE = ("environment map", "its path is relative to the scene file")
-"""Kind of file and advice, for messages about environment maps."""
 
 
 def _gray(value: Any) -> Any:
@@ -86,7 +82,7 @@ class ScreenTable(Table):
 
 
 class FrustumTable(Table):
-    """The table `[frustum]`."""
+    """The table `[frustum]`; its field of view or its screen."""
 
     resolution: tuple[Count, Count]
     fov_deg: tuple[Angle, Angle] | None = None
@@ -127,17 +123,6 @@ class ObjectTable(Table):
     def is_patches(self) -> bool:
         """Whether the mesh file holds Bezier patches."""
         return self.mesh is not None and self.mesh.lower().endswith(".bpt")
-
-    def scene_from_mesh(self) -> Floats:
-        """Return the (4, 4) matrix that places the mesh."""
-        import numpy as np  # noqa: PLC0415 - keys are checked without it
-
-        from xfrustum.scenes.geometry.operations import placement  # noqa: PLC0415 - likewise
-
-        if self.transform is not None:
-            return np.array(self.transform, dtype=np.float64)
-        origin = (0.0, 0.0, 0.0)
-        return placement(self.scale or 1.0, self.rotate_deg or origin, self.translate or origin)
 
 
 class MaterialTable(Table):
@@ -198,10 +183,8 @@ class SceneTables(Table):
 def read_scene(path: Path) -> Scene:
     """Read a scene file, its meshes and its environment map.
 
-    Raises
-    ------
-    InputError
-        The file is no valid scene; the message names the file, the key, and what is wrong with its value.
+    Raises InputError where the file is no valid scene; the message names the file, the key, and what is wrong
+    with its value.
     """
     file, plate, frustum = checked(path)
     from xfrustum.scenes.files.scene_content import scene_of  # noqa: PLC0415 - loads NumPy
@@ -212,10 +195,7 @@ def read_scene(path: Path) -> Scene:
 def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh.
 
-    Raises
-    ------
-    InputError
-        A table is not valid, or names a material or a file that there is not.
+    Raises InputError where a table is not valid, or names a material or a file that there is not.
     """
     try:
         tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
@@ -228,23 +208,19 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
         file = SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
         check_hogels(*plate.hogels)
-        frustum = _frustum(file)
+        screen, fov_deg = file.frustum.screen, file.frustum.fov_deg
+        frustum = Frustum(
+            resolution=file.frustum.resolution,
+            reach=file.frustum.reach,
+            fov=None if fov_deg is None else (math.radians(fov_deg[0]), math.radians(fov_deg[1])),
+            screen=None if screen is None else Screen(**screen.model_dump()),
+        )
     except ValidationError as error:
         raise InputError(f"{path}: {described(error, SceneTables)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     _check_references(path, file)
     return file, plate, frustum
-
-
-def _frustum(file: SceneTables) -> Frustum:
-    screen, fov_deg = file.frustum.screen, file.frustum.fov_deg
-    return Frustum(
-        resolution=file.frustum.resolution,
-        reach=file.frustum.reach,
-        fov=None if fov_deg is None else (math.radians(fov_deg[0]), math.radians(fov_deg[1])),
-        screen=None if screen is None else Screen(**screen.model_dump()),
-    )
 
 
 def _check_references(path: Path, file: SceneTables) -> None:
@@ -261,7 +237,8 @@ def _check_references(path: Path, file: SceneTables) -> None:
                 check_mesh_file(path.parent / entry.mesh)
     if file.environment is not None:
         with named(path, "environment.map"):
-            regular_size(path.parent / file.environment.map, *MAP_FILE)
+            advice = "its path is relative to the scene file"
+            regular_size(path.parent / file.environment.map, "environment map", advice)
 
 
 @contextmanager

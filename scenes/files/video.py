@@ -27,8 +27,7 @@ RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
 DECODER_BYTES_PER_PIXEL = 64
 """Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel."""
 
-PADDING_PX = 512
-"""Pixels by which decoders may enlarge a frame's sides for themselves."""
+PADDING_PX = 512  # pixels by which decoders may enlarge a frame's sides for themselves
 
 
 def _av() -> Any:
@@ -74,11 +73,8 @@ def video_size(path: Path) -> tuple[int, tuple[int, int]]:
 def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
     """Read the frames of a video as (frames, H, W, 3) uint8; decoding stops at the first that is too many.
 
-    Raises
-    ------
-    InputError
-        The file is missing or damaged, has another number of frames (the columns of the plate) or another
-        width and height, or PyAV is not installed.
+    Raises InputError where the file is missing or damaged, has another number of frames (the columns of the
+    plate) or another width and height, or PyAV is not installed.
     """
     width, height = size
     check_declared(path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels")
