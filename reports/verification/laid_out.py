@@ -83,7 +83,7 @@ def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
 
 def mistaken(layout: Layout) -> tuple[Layout, ...]:
     """Return what others take for a layout: numbers in the other order, and views from the other side."""
-    numbers = layout.stated if layout.name == "quilt" else layout.numbers
+    numbers = layout.stated if layout.name == "quilt" else tuple(layout.numbers)
     exchanged: tuple[Layout, ...] = ()
     if len(numbers) == 2:
         first, second = numbers

@@ -34,7 +34,7 @@ class Encoding(StrEnum):
 class StoredPixels(Brief):
     """A picture's pixels as its file stores them, and whether its format changes pixels, as JPEG does."""
 
-    rgb: Bytes  # (H, W, 3)
+    rgb: Bytes  #: (H, W, 3)
     lossy: bool = False
 
 

@@ -70,30 +70,30 @@ class Naming:
     """Facts that names of files state beside their numbers."""
 
     suffix: str = ".png"
-    stem: str = ""  # beginning of the names of single pictures; the layout's name where empty
-    aspect: float | None = None  # width of the plate over its height, for quilts; None: that of the hogels
-    tiles: tuple[int, int] | None = None  # of a quilt; None for those of a display, or nearly a square
+    stem: str = ""  #: beginning of the names of single pictures; the layout's name where empty
+    aspect: float | None = None  #: width of the plate over its height, for quilts; None: that of the hogels
+    tiles: tuple[int, int] | None = None  #: of a quilt; None for those of a display, or nearly a square
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
     """One way to store the pictures of a plate."""
 
-    name: str  # on the command line
-    words: str  # meaning of its files, one clause
-    pattern: str  # regular expression of a file's name without its suffix; its groups are numbers and stated
-    stem_format: str  # the same name as it is written, as a format of the numbers
-    numbers: str  # letters of the groups that count the files: hogels i, j, pixels r, c, cameras k
+    name: str  #: on the command line
+    words: str  #: meaning of its files, one clause
+    pattern: str  #: regular expression of a file's name without its suffix; its groups are numbers and stated
+    stem_format: str  #: the same name as it is written, as a format of the numbers
+    numbers: str  #: letters of the groups that count the files: hogels i, j, pixels r, c, cameras k
     view: Callable[[Pixels, Index, Index], Pixels] = field(repr=False)
     """Function of a plate's pixels, a file's numbers, and what all names state: the view (.., 3) of the
     pixels of a file, (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video."""
     stated: tuple[str, ...] = ()  # names of the groups that all names state alike
     states: Callable[[PlateShape, Naming], Index] = field(default=lambda shape, naming: (), repr=False)
     """Function that returns what these state of a plate; InputError where the layout has no place for it."""
-    suffixes: tuple[str, ...] = PICTURE_SUFFIXES  # first that of files for which nobody asks for another
-    horizontal: bool = False  # whether it keeps horizontal parallax alone: one row of pixels of each hogel
-    upward: bool = False  # whether the number j is counted from the bottom
-    turned: bool = False  # whether pictures are turned by 180 degrees
+    suffixes: tuple[str, ...] = PICTURE_SUFFIXES  #: first that of files for which nobody asks for another
+    horizontal: bool = False  #: whether it keeps horizontal parallax alone: one row of pixels of each hogel
+    upward: bool = False  #: whether the number j is counted from the bottom
+    turned: bool = False  #: whether pictures are turned by 180 degrees
 
     @property
     def suffix(self) -> str:

@@ -66,8 +66,8 @@ class _Material:
     """The color of a surface as its file names it."""
 
     texture: str | None = None  # name of the base color texture
-    base_color: tuple[float, float, float] | None = None  # linear RGB, in glTF only
-    not_read: tuple[str, ...] = ()  # parts of the color that are left out, in words
+    base_color: tuple[float, float, float] | None = None  #: linear RGB, in glTF only
+    not_read: tuple[str, ...] = ()  #: parts of the color that are left out, in words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,10 +76,10 @@ class _Part:
 
     name: str
     mesh: trimesh.Trimesh
-    uv: Floats | None  # (V, 2), v up
-    color: Floats | None  # (V, 3) or (3,) linear RGB
-    picture: Any  # Pillow's image of the texture, not yet decoded
-    texture: str | None  # the file's name of that texture
+    uv: Floats | None  #: (V, 2), v up
+    color: Floats | None  #: (V, 3) or (3,) linear RGB
+    picture: Any  #: Pillow's image of the texture, not yet decoded
+    texture: str | None  #: the file's name of that texture
     not_read: tuple[str, ...]
 
 

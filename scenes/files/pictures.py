@@ -40,8 +40,8 @@ _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 class Picture:
     """A picture as its file stores it, row 0 at the top, and whether the file's format changes pixels."""
 
-    pixels: Pixels  # (H, W, 3); (frames, H, W, 3) of a video
-    levels: int | None = BYTE_LEVELS  # the largest level of integers; None of floating-point numbers
+    pixels: Pixels  #: (H, W, 3); (frames, H, W, 3) of a video
+    levels: int | None = BYTE_LEVELS  #: the largest level of integers; None of floating-point numbers
     lossy: bool = False
 
 

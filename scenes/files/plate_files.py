@@ -85,8 +85,8 @@ class Plates:
     """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file."""
 
     pixels: Pixels
-    levels: int | None  # the largest level of integers; None of floating-point numbers
-    lossy: bool = False  # whether the format of some file changes pixels
+    levels: int | None  #: the largest level of integers; None of floating-point numbers
+    lossy: bool = False  #: whether the format of some file changes pixels
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
@@ -170,9 +170,9 @@ def plate_with_levels(plate: PlateRows, levels: int | None) -> PlateRows:
 class FileSet:
     """Files that are read in a layout."""
 
-    place: Path  # the folder or file that was named
+    place: Path  #: the folder or file that was named
     layout: Layout
-    files: dict[Index, Path]  # paths by the numbers that count them
+    files: dict[Index, Path]  #: paths by the numbers that count them
     stated: Index  # numbers that all names state alike; see `Layout.stated`
     shape: PlateShape
     strangers: int  # number of pictures in the folder whose names are none of this layout
