@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,16 +17,8 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reports.benchmarks import judge, plate, truth
-from xfrustum.reports.benchmarks.common import ratios_of
-from xfrustum.reports.common.timing import Timing
-from xfrustum.scenes import NOTHING, HogelImage, InputError
-
-
-def measured(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    assert main(["bench", *arguments, "--repeat", "2", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
-    return dict(found)
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.scenes import NOTHING, HogelImage
 
 
 def assert_rates(found: dict[str, Any], meanings: dict[str, str], ends: tuple[str, str]) -> None:
@@ -45,8 +36,19 @@ def assert_ratios(ratios: dict[str, float | None], rates: dict[str, Any]) -> Non
         assert ratio is None or ratio == pytest.approx(rates[one]["median"] / rates[other]["median"])
 
 
-def test_truth_says_every_rate(capsys: pytest.CaptureFixture[str]) -> None:
-    found = measured(capsys, "truth", "crossing", "--resolution", "8,12")
+def told(found: dict[str, Any], table: Callable[[Any], str], names: Iterable[str], heading: str) -> Any:
+    """See that a table names the scene and every contestant; return the record as JSON has it."""
+    lines = table(found).splitlines()
+    assert any(line.startswith(heading) for line in lines)
+    for name in names:
+        assert sum(line.lstrip().startswith(name) for line in lines) >= 2, name
+    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
+    return json_ready(found)
+
+
+def test_truth_says_every_rate() -> None:
+    heading = "crossing, 10,598 triangles"
+    found = told(truth.benchmark_truth(view("crossing"), (8, 12), 2), truth.table, truth.MEANINGS, heading)
     assert set(found) == {"scene", "repeat", "meanings", "races", "machine", "versions"}
     assert found["scene"]["name"] == "crossing" and found["repeat"] == 2
     assert [race["resolution"] for race in found["races"]] == [[8, 8], [12, 12]]
@@ -56,57 +58,48 @@ def test_truth_says_every_rate(capsys: pytest.CaptureFixture[str]) -> None:
         assert set(race["ratios"]) >= {"certified/mitsuba", "certified/trimesh"}
 
 
-def test_judge_says_every_rate_and_stage(capsys: pytest.CaptureFixture[str]) -> None:
-    sizes = ["--resolution", "8,12", "--hogels", "2", "--triangles", "1000"]
-    found = measured(capsys, "judge", "crossing", *sizes)
-    assert [one["scene"]["triangles"] for one in found["scenes"]] == [10598, 1000]
-    assert found["hogels"] == 2 and found["repeat"] == 2
-    for scene in found["scenes"]:
-        assert [race["resolution"] for race in scene["races"]] == [[8, 8], [12, 12]]
-        for race in scene["races"]:
-            assert_rates(race["hogels_per_second"], judge.MEANINGS, ("lowest", "highest"))
-            assert_ratios(race["ratios"], race["hogels_per_second"])
-            assert set(race["cpu_s"]) == set(judge.STAGES) and min(race["cpu_s"].values()) >= 0
-            assert set(race["judging_over_drawing"]) == {"without radiance", "with radiance"}
+def test_judge_says_every_rate_and_stage() -> None:
+    scene = judge.globes_through_a_plate(1000)
+    measured = judge.benchmark_judge([scene], (8,), 2, 1)
+    names = judge.MEANINGS | judge.STAGES
+    found = told(measured, judge.table, names, f"{scene.name}, 1,000 triangles")
+    assert found["hogels"] == 2 and found["repeat"] == 1
+    for race in found["scenes"][0]["races"]:
+        assert race["resolution"] == [8, 8]
+        assert_rates(race["hogels_per_second"], judge.MEANINGS, ("lowest", "highest"))
+        assert_ratios(race["ratios"], race["hogels_per_second"])
+        assert set(race["cpu_s"]) == set(judge.STAGES) and min(race["cpu_s"].values()) >= 0
+        assert set(race["judging_over_drawing"]) == {"without radiance", "with radiance"}
 
 
-def test_plate_says_every_rate_and_stage(capsys: pytest.CaptureFixture[str]) -> None:
+def test_plate_says_every_rate_and_stage() -> None:
     """Also of a scene that asks for sub-apertures, over which plates are averaged and plain loops are not."""
-    found = measured(capsys, "plate", "grating", "--resolution", "8")
+    scene = view("grating")
+    found = told(plate.benchmark_plate(scene, 8, 1), plate.table, plate.MEANINGS, "grating, ")
     assert_rates(found["hogels_per_second"], plate.MEANINGS, ("lowest", "highest"))
     assert_ratios(found["ratios"], found["hogels_per_second"])
-    assert found["hogels"] == view("grating").plate.hogels[0] and found["resolution"] == [8, 8]
-    assert found["row"] == view("grating").plate.middle.row
+    assert found["hogels"] == scene.plate.hogels[0] and found["resolution"] == [8, 8]
+    assert found["row"] == scene.plate.middle.row
     assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
 
 
-def test_the_ratio_to_a_contestant_that_does_not_run_here_is_open() -> None:
-    rates = {name: Timing.of([rate]) for name, rate in {"a": 2.0, "b": 8.0}.items()}
-    assert ratios_of(rates, [("b", "a"), ("b", "c")]) == {"b/a": 4.0, "b/c": None}
-
-
 @pytest.mark.parametrize(
-    ("lines", "names"),
+    ("words", "told"),
     [
-        (lambda: truth.table(truth.benchmark_truth(view("crossing"), (8,), 1)), truth.MEANINGS),
-        (
-            lambda: judge.table(judge.benchmark_judge([view("crossing")], (8,), 2, 1)),
-            judge.MEANINGS | judge.STAGES,
-        ),
-        pytest.param(
-            lambda: plate.table(plate.benchmark_plate(view("crossing"), 8, 1)),
-            plate.MEANINGS,
-            marks=pytest.mark.slow,
-        ),
+        (["truth", "crossing", "--resolution", "512,-1"], "--resolution"),
+        (["truth", "crossing", "--resolution", "0"], "positive whole numbers"),
+        (["plate", "empty"], "has no triangles to measure"),
+        (["judge", "empty", "--resolution", "8"], "has no triangles to measure"),
     ],
-    ids=["truth", "judge", "plate"],
 )
-def test_tables_name_the_scene_and_every_contestant(lines: Callable[[], str], names: dict[str, str]) -> None:
-    text = lines().splitlines()
-    assert any(line.startswith("crossing, 10,598 triangles") for line in text)
-    for name in names:
-        assert sum(line.lstrip().startswith(name) for line in text) >= 2, name
+def test_what_cannot_be_measured_is_refused_in_one_line(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", *words]) == 2
+    printed = capsys.readouterr()
+    assert told in printed.err
+    assert printed.out == "" and printed.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])
@@ -157,34 +150,3 @@ def test_stages_are_what_each_part_takes_beyond_the_parts_within_it() -> None:
     assert judge.stages_of({**parts, judge.POINTS: 0.5})[judge.POINTS] == 0.0
     ratios = judge.judging_over_drawing(stages)
     assert ratios == {"without radiance": 8.0 / 4.0, "with radiance": 11.0 / 4.0}
-
-
-def test_apertures_are_spread_over_the_plate() -> None:
-    scene = judge.globes_through_a_plate(1000)
-    assert {one.index for one in judge.spread_over(scene, 81)} == {(i, j) for i in range(9) for j in range(9)}
-    assert judge.spread_over(scene, 2) == [scene.plate.aperture(0, 0), scene.plate.aperture(8, 8)]
-
-
-@pytest.mark.parametrize("sizes", ["0", "512,-1", "many", ""])
-def test_impossible_resolutions_are_refused_in_one_line(
-    sizes: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", "truth", "crossing", "--resolution", sizes]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == "" and printed.err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    "run",
-    [
-        lambda scene, count: truth.benchmark_truth(scene, (8,), count),
-        lambda scene, count: judge.benchmark_judge([scene], (8,), 1, count),
-        lambda scene, count: plate.benchmark_plate(scene, 8, count),
-    ],
-    ids=["truth", "judge", "plate"],
-)
-def test_an_empty_scene_and_no_repetitions_are_refused(run: Callable[[Any, int], Any]) -> None:
-    with pytest.raises(InputError, match="empty"):
-        run(view("empty"), 1)
-    with pytest.raises(InputError, match="positive"):
-        run(view("crossing"), 0)

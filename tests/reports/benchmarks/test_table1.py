@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from functools import partial
 from pathlib import Path
@@ -10,20 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from xfrustum.cli.main import main
 from xfrustum.raster.drawing import reflecting
 from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
-from xfrustum.reports.common.timing import Timing, race
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.timing import race
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.studio import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
-
-
-def test_a_timing_is_the_median_and_the_ends() -> None:
-    assert Timing.of([5.0, 1.0, 3.0]) == Timing(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
-    assert Timing.of([8.0, 2.0]).divided_by(2) == Timing(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
 
 
 def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:
@@ -79,36 +73,28 @@ def test_a_car_of_fewer_triangles_is_refused() -> None:
         tessellated_car(1000, 0.3)
 
 
-@pytest.mark.slow
-def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "table1", "--resolution", "8", "--repeat", "1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [row["polygons"] for row in found["rows"]] == [42382, 272074]
-    assert [round(row["reflective_share"], 3) for row in found["rows"]] == [0.312, 0.479]
-    for row in found["rows"]:
-        rate = row["frames_per_second"]
-        assert row["polygons_per_second"] == pytest.approx(row["polygons"] * rate)
-        assert set(row["paper"]) == {"RealityEngine2", "Maximum Impact"}
-        for name, machine in row["paper"].items():
-            assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
-        # Every triangle is somewhere in the frusta, and none is drawn more than twice.
-        assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
-        on = row["antialiased"]
-        assert on["samples"] == 4
-        assert on["frames_per_second"] == pytest.approx(1 / on["seconds_per_frame"]["median"])
-        old = row["paper"]["RealityEngine2"]["frames_per_second"]
-        assert on["factor"] == pytest.approx(on["frames_per_second"] / old)
-        without = on["seconds_per_frame_without"]["median"]
-        assert on["slowdown"] == pytest.approx(on["seconds_per_frame"]["median"] / without)
-    assert found["antialiasing"] is False
-
-
-def test_table_1_as_text_sets_both_machines_beside_the_measurement() -> None:
-    text = table_1(benchmark_table1(8, 1, PAPER[:1]))
+def test_table_1_is_measured_in_the_papers_terms() -> None:
+    found = benchmark_table1(8, 1, PAPER[:1])
+    text, told = table_1(found), json_ready(found)
     assert text.count("42,382") == 4
     assert "antialiasing on (4 samples)" in text
     assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)
     assert re.search(r"Maximum Impact \(1996\), antialiasing off", text)
+    (row,) = told["rows"]
+    assert told["antialiasing"] is False
+    assert (row["polygons"], round(row["reflective_share"], 3)) == (42382, 0.312)
+    rate, on = row["frames_per_second"], row["antialiased"]
+    assert row["polygons_per_second"] == pytest.approx(row["polygons"] * rate)
+    for name, machine in row["paper"].items():
+        assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
+    # Every triangle is somewhere in the frusta, and none is drawn more than twice.
+    assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
+    assert on["samples"] == 4
+    assert on["frames_per_second"] == pytest.approx(1 / on["seconds_per_frame"]["median"])
+    old = row["paper"]["RealityEngine2"]["frames_per_second"]
+    assert on["factor"] == pytest.approx(on["frames_per_second"] / old)
+    without = on["seconds_per_frame_without"]["median"]
+    assert on["slowdown"] == pytest.approx(on["seconds_per_frame"]["median"] / without)
 
 
 def test_the_papers_numbers_are_the_papers(shared_data: Path) -> None:

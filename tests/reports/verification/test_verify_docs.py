@@ -53,12 +53,7 @@ def test_every_fault_is_in_the_table() -> None:
     for side, name in itertools.product((-1, 1), parameters.FAULT_NAMES):
         known.add(faults.one_camera_name(name, DrawnModel(one_camera=OneCamera(side))))
     assert len(known) == 44
-    assert [name for name in known if f"`{name}`" not in text] == []
-
-
-def test_every_fault_of_encoding_is_in_the_table() -> None:
-    text = DOCS.read_text()
-    assert [name for name in ENCODING_FAULTS if f"`{name}`" not in text] == []
+    assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []
 
 
 RENDERER = """#!{python}
@@ -82,16 +77,16 @@ SCENE = (
 )
 
 
-def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
-    """The environment of the job in the docs, and the commands that it runs."""
+def steps_of_the_job() -> tuple[dict[str, str], list[dict[str, Any]], list[str]]:
+    """The environment of the job in the docs, its steps, and the commands that it runs."""
     (block,) = re.findall(r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE)
     (job,) = yaml.safe_load(textwrap.dedent(block)).values()
-    return job["env"], [step["run"].strip() for step in job["steps"] if "run" in step]
+    return job["env"], job["steps"], [step["run"].strip() for step in job["steps"] if "run" in step]
 
 
 def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
     """The job's pip fetches a checkout; tests/test_wheel.py tests that a checkout installs and runs."""
-    environment, commands = steps_of_the_job()
+    environment, _, commands = steps_of_the_job()
     (install,) = [command for command in commands if "pip" in command]
     words = shlex.split(string.Template(install).substitute(environment))
     assert words[:2] == ["pip", "install"]
@@ -103,7 +98,7 @@ def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
 
 @pytest.mark.slow
 def test_the_job_judges_a_renderer(tmp_path: Path) -> None:
-    _, commands = steps_of_the_job()
+    _, steps, commands = steps_of_the_job()
     (verify,) = [command for command in commands if command.startswith("xfrustum ")]
     (tmp_path / "build").mkdir()
     (tmp_path / "tests").mkdir()
@@ -127,12 +122,6 @@ def test_the_job_judges_a_renderer(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Right: all 2 hogels" in done.stdout
-    kept = [step["with"]["path"] for step in uploads()]
-    assert kept == ["verification\nverify.xml"]
-    assert all((tmp_path / name).exists() for name in kept[0].split())
-
-
-def uploads() -> list[dict[str, Any]]:
-    (block,) = re.findall(r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE)
-    (job,) = yaml.safe_load(textwrap.dedent(block)).values()
-    return [step for step in job["steps"] if "upload-artifact" in step.get("uses", "")]
+    (kept,) = [step["with"]["path"] for step in steps if "upload-artifact" in step.get("uses", "")]
+    assert kept == "verification\nverify.xml"
+    assert all((tmp_path / name).exists() for name in kept.split())

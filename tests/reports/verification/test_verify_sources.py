@@ -19,7 +19,6 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
@@ -165,31 +164,26 @@ def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
     assert found["hogels"][0]["verdict"] == "pass"
 
 
-def test_a_command_sees_the_aperture_and_no_shell(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
-    command = f"{sys.executable} tell.py --x {{x}} --y {{y}} {{i}} {{j}} '$HOME; ls' {{out}}"
-    status, found = run(capsys, "--command", command, "--apertures", "2,0")
-    assert status == 1
-    middle = world.plate.aperture(2, 0)
-    assert f"--x {middle.x!r} --y {middle.y!r} 2 0 $HOME; ls" in found["hogels"][0]["problem"]
-
-
-def test_numbers_of_the_aperture_are_written_as_the_command_asks(
-    world: Scene, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (
+            "{python} tell.py --x {{x}} --y {{y}} {{i}} {{j}} '$HOME; ls' {{out}}",
+            "--x {x!r} --y {y!r} 2 0 $HOME; ls",
+        ),
+        ("{python} tell.py {{x:.6f}} {{y:.3e}} {{i:03d}} {{j:d}} {{out}}", "{x:.6f} {y:.3e} 002 0"),
+        ("no-such-renderer {{out}}", "cannot be run"),
+    ],
+)
+def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
+    world: Scene, command: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A wrong field is answered with `{i:03d}` and `{x:.6f}` as examples: these work."""
     Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
-    command = f"{sys.executable} tell.py {{x:.6f}} {{y:.3e}} {{i:03d}} {{j:d}} {{out}}"
-    status, found = run(capsys, "--command", command, "--apertures", "2,0")
+    status, found = run(capsys, "--command", command.format(python=sys.executable), "--apertures", "2,0")
     assert status == 1
-    middle = world.plate.aperture(2, 0)
-    assert f"{middle.x:.6f} {middle.y:.3e} 002 0" in found["hogels"][0]["problem"]
-
-
-def test_a_command_that_does_not_exist_is_reported(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
-    status, found = run(capsys, "--command", "no-such-renderer {out}", "--apertures", "0,0")
-    assert status == 1
-    assert "cannot be run" in found["hogels"][0]["problem"]
+    aperture = world.plate.aperture(2, 0)
+    assert told.format(x=aperture.x, y=aperture.y) in found["hogels"][0]["problem"]
 
 
 def test_a_function_that_raises_or_returns_something_else_is_reported(world: Scene) -> None:
@@ -231,20 +225,6 @@ def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, 
     found = xfrustum.verify(world, str(tmp_path / "{i}{j}.exr"))
     assert found.passed
     assert found.diagnosis.faults == ()
-
-
-def test_a_function_needs_a_picture_of_the_right_size() -> None:
-    scene, other = small(size=16), small(size=24)
-    with Faulty(scene=other) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=[(0, 0)])
-    assert found.hogels[0].problem == "Faulty returned an image that is not 16 x 16"
-
-
-def test_python_refuses_what_the_command_line_refuses(world: Scene) -> None:
-    with pytest.raises(InputError, match="accept"):
-        xfrustum.verify(world, "{i}{j}", accept=("everything",))
-    with pytest.raises(InputError, match="max-wrong"):
-        xfrustum.verify(world, "{i}{j}", max_wrong=2.0)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A fault that explains one hogel, and makes all hogels together worse when corrected for, is not named."""
+"""What a verification says: of refuted faults, of guesses, and of displacement that is not known."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import pytest
 
 from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import Faulty
+from xfrustum.compare.diagnosis.diagnosis import doubtful
 from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.reports.verification.files import render_page, table
-from xfrustum.reports.verification.verdict import with_correction_tested
+from xfrustum.reports.verification.verdict import figures_words, with_correction_tested
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import open_scene
 
@@ -75,3 +77,24 @@ def test_a_near_offset_that_one_tested_hogel_shows_is_not_called_a_shift_of_pixe
     assert found.diagnosis.faults == ()
     assert any("near" in guess.alternatives for guess in found.diagnosis.guesses)
     assert all((guess.explains or 0.0) < MIN_EXPLAINED_FRACTION for guess in found.diagnosis.guesses)
+
+
+@pytest.mark.parametrize(("explains", "told"), [(0.0, False), (0.004, False), (0.3, True)])
+def test_a_guess_is_told_where_it_explains_anything(explains: float, told: bool) -> None:
+    found = verification({(0, 0): 900, (1, 0): 0})
+    guess = doubtful(replace(Fault(fault="shift-x", value=1.5, unit="px", words="moved"), explains=explains))
+    found = replace(found, diagnosis=replace(found.diagnosis, does_not_explain=(guess,)))
+    assert "no known fault explains what is wrong" in table(found)
+    assert ("moved: would explain only" in table(found)) is told
+    assert ("moved: would explain only" in render_page(found)) is told
+    assert [one["words"] for one in found.summary()["does_not_explain"]] == [guess.words]
+
+
+def test_words_say_that_displacement_cannot_be_known_in_some_hogels_where_that_is_so() -> None:
+    known = verification({(0, 0): 3}, p99=0.25).as_found
+    assert known is not None
+    words = "displacement (p99 of the worst hogel) 0.25 px by surface points"
+    assert words + ";" in figures_words(known)
+    both = " or ".join(sorted({MeasuredBy.NOTHING, MeasuredBy.POINTS}))
+    some = figures_words(replace(known, displacement_by=both))
+    assert f"{words} (in some hogels it cannot be known)" in some
