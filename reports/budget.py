@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import io
-import json
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
-from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, make_budget
+from xfrustum.compare.attribution.budget import RIGHT, Budget, make_budget
 from xfrustum.compare.attribution.radiance_budget import (
     RadianceBudget,
     RadianceLink,
@@ -25,17 +23,17 @@ from xfrustum.compare.attribution.radiance_budget import (
     steps,
 )
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.prediction.chain import CULLING, LINKS, Chain, make_chain
+from xfrustum.compare.prediction.chain import CULLING, Chain, make_chain
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import INLINED, Summarized
+from xfrustum.reports.common.json_ready import json_object, json_ready, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.reports.scout import ChoiceRecord, spelled
+from xfrustum.reports.scout import choices, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
@@ -86,39 +84,17 @@ FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN
 SHOWN_GRAY, EMPTY_GRAY = 215, 250
 
 
-@dataclass(frozen=True, kw_only=True)
-class BudgetRecord(BudgetNumbers):
-    """JSON object of a `BudgetReport`: the numbers of geometry, and those of radiance after them."""
-
-    radiance: RadianceNumbers
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BudgetReport(Shown, Summarized[BudgetRecord]):
-    """The error of one image, charged to its causes.
-
-    Attributes
-    ----------
-    chain
-        The images from the truth to what was drawn.
-    geometry, radiance
-        Every wrong pixel, charged to one link of the chain; and the error of color, link by link.
-    why
-        Reason for which the aperture was chosen; empty where it was given.
-    """
+class BudgetReport(Shown):
+    """The error of one image, charged to its causes."""
 
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
-    chain: Chain
-    geometry: Budget
-    radiance: RadianceBudget
-    why: str = ""
-
-    @property
-    def record(self) -> BudgetRecord:
-        """The numbers, as they are written."""
-        return BudgetRecord(**vars(self.geometry.numbers), radiance=self.radiance.numbers)
+    chain: Chain  #: images from the truth to what was drawn
+    geometry: Budget  #: every wrong pixel, charged to one link of the chain
+    radiance: RadianceBudget  #: the error of color, link by link
+    why: str = ""  #: reason for which the aperture was chosen; empty where it was given
 
     @property
     def images(self) -> dict[str, str]:
@@ -128,9 +104,13 @@ class BudgetReport(Shown, Summarized[BudgetRecord]):
         pairs = list(CHAIN.items())
         return dict([*pairs[:-2], *CULLED.items(), *pairs[-2:]])
 
+    def summary(self) -> dict[str, Any]:
+        """Return one JSON object: the numbers of geometry, and those of radiance after them."""
+        return {**json_object(self.geometry.numbers), "radiance": json_object(self.radiance.numbers)}
+
     def table(self) -> str:
         """Return the numbers as aligned lines."""
-        return f"{table(self.geometry)}\n{_radiance_table(self.radiance)}"
+        return f"{table(self.geometry)}\n{_radiance_table(self.radiance.numbers)}"
 
     def _said(self) -> str:
         column, row = self.aperture.index
@@ -154,37 +134,17 @@ class BudgetReport(Shown, Summarized[BudgetRecord]):
         return (Figure(caption="wrong surfaces red, displacement blue (full at 1 px)", content=png(marks)),)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlacedBudgetRecord:
-    """The budget of one of several apertures."""
-
-    choice: ChoiceRecord = field(metadata=INLINED)
-    budget: BudgetRecord = field(metadata=INLINED)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AutoBudgetRecord:
-    """JSON object of an `AutoBudget`."""
-
-    apertures: tuple[PlacedBudgetRecord, ...]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class AutoBudget(Shown, Summarized[AutoBudgetRecord]):
+class AutoBudget(Shown):
     """A budget at each of the apertures that were chosen for a plate, in their order."""
 
     auto: AutoApertures
     budgets: tuple[BudgetReport, ...]
 
-    @property
-    def record(self) -> AutoBudgetRecord:
-        """The numbers, as they are written."""
-        pairs = zip(self.auto.chosen, self.budgets, strict=True)
-        return AutoBudgetRecord(
-            apertures=tuple(
-                PlacedBudgetRecord(choice=ChoiceRecord.of(chosen), budget=one.record) for chosen, one in pairs
-            )
-        )
+    def summary(self) -> dict[str, Any]:
+        """Return one JSON object: a budget for each aperture, beside the reason for which it was chosen."""
+        pairs = zip(json_ready(choices(self.auto)), self.budgets, strict=True)
+        return {"apertures": [{**choice, **one.summary()} for choice, one in pairs]}
 
     def table(self) -> str:
         """Return the budgets one below the other, each under its aperture."""
@@ -198,8 +158,9 @@ class AutoBudget(Shown, Summarized[AutoBudgetRecord]):
 
     def _tables(self) -> Sequence[Table]:
         pairs = zip(self.auto.chosen, self.budgets, strict=True)
-        rows = [(*spelled(chosen).split(": ", 1), one.geometry._said()) for chosen, one in pairs]
-        return (Table(rows=rows),)
+        return (
+            Table(rows=[(*spelled(chosen).split(": ", 1), one.geometry._said()) for chosen, one in pairs]),
+        )
 
 
 def auto_budget(
@@ -217,14 +178,8 @@ def budget(
 ) -> BudgetReport:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
-    Parameters
-    ----------
-    scene
-        Scene whose sampling and light transport are links of the radiance error.
-    aperture
-        The middle one where None.
-    progress
-        Whether to draw a bar on standard error.
+    Sampling and light transport of the scene are links of the radiance error. The aperture is the middle one
+    where None; `progress` draws a bar on standard error.
 
     Raises
     ------
@@ -294,9 +249,8 @@ def _three_digits(value: float | None) -> str:
     return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
-def _radiance_table(found: RadianceBudget) -> str:
+def _radiance_table(numbers: RadianceNumbers) -> str:
     """Return the radiance error link by link as aligned lines."""
-    numbers = found.numbers
     rows = [*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)]
     width = max(len(row.name) for row in rows)
     heads = ("mean", "rms", "max", "rms, same tri.", "max, same tri.")
@@ -342,11 +296,11 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         return tuple(path for paths in every for path in paths)
     pictures = _pictures(report)
     with Staging(out, FILES) as staging:
-        text = json.dumps(report.summary(), allow_nan=False, indent=1)
-        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        write_json(staging.folder / DATA, report.summary())
         for name, encoded in pictures.items():
             (staging.folder / name).write_bytes(encoded)
-        (staging.folder / PAGE).write_text(_page(report, pictures), encoding="utf-8")
+        page = html_page("budget.html.j2", {"digits": digits}, _page_values(report, pictures))
+        (staging.folder / PAGE).write_text(page, encoding="utf-8")
         return staging.commit()
 
 
@@ -386,9 +340,11 @@ def causes(
     return buffer.getvalue()
 
 
-def _legend(report: BudgetReport) -> list[dict[str, Any]]:
-    """Return the links in the order of the chain, and after them what no link explains."""
-    rows = [
+def _page_values(report: BudgetReport, pictures: dict[str, bytes]) -> dict[str, Any]:
+    """Return what the page's template shows."""
+    numbers, unexplained = report.geometry.numbers, report.geometry.explanation.unexplained
+    counts = {**numbers.explained, "unexplained": numbers.unexplained}
+    legend = [
         {
             "name": link.name,
             "color": CAUSE_COLORS[link.name],
@@ -399,32 +355,27 @@ def _legend(report: BudgetReport) -> list[dict[str, Any]]:
             "predicted_px": link.predicted_displacement_rms_px,
             "predicted_surface": link.predicted_surface,
         }
-        for link in report.geometry.numbers.links
+        for link in numbers.links
     ]
-    unexplained = report.geometry.explanation.unexplained
-    last = {
-        "name": "unexplained",
-        "color": UNEXPLAINED_COLOR,
-        "words": EXPLANATION_WORDS["unexplained"],
-        "pixels": int(unexplained.sum()),
-        "surface": int((unexplained & (report.geometry.surface_charge >= 0)).sum()),
-        **dict.fromkeys(("moved_px", "predicted_px", "predicted_surface")),
-    }
-    return [*rows, last]
-
-
-def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
-    numbers = report.record
-    counts = {**numbers.explained, "unexplained": numbers.unexplained}
-    kinds = {".png": "image/png", ".webp": "image/webp"}
-    values = {
+    # After the links of the chain comes what none of them explains.
+    legend.append(
+        {
+            "name": "unexplained",
+            "color": UNEXPLAINED_COLOR,
+            "words": EXPLANATION_WORDS["unexplained"],
+            "pixels": int(unexplained.sum()),
+            "surface": int((unexplained & (report.geometry.surface_charge >= 0)).sum()),
+            **dict.fromkeys(("moved_px", "predicted_px", "predicted_surface")),
+        }
+    )
+    return {
         "scene": report.scene,
         "aperture": report.aperture,
         "why": report.why,
         "settings": report.settings,
         "numbers": numbers,
-        "radiance": numbers.radiance,
-        "legend": _legend(report),
+        "radiance": report.radiance.numbers,
+        "legend": legend,
         "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
         "grays": [f"rgb({gray},{gray},{gray})" for gray in (SHOWN_GRAY, EMPTY_GRAY)],
         "chain": list(report.images.items()),
@@ -433,15 +384,6 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
         "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
         "radiance_range": images.RADIANCE_RANGE,
         "radiance_colors": images.RADIANCE_SCALE,
-        "pictures": {
-            name: f"data:{kinds[Path(name).suffix]};base64,{base64.b64encode(encoded).decode()}"
-            for name, encoded in pictures.items()
-        },
+        "pictures": {name: images.address(encoded) for name, encoded in pictures.items()},
         "command": command(report),
-        "links": len(numbers.links),
     }
-    return html_page("budget.html.j2", {"digits": digits}, values)
-
-
-LINK_COLORS = tuple(CAUSE_COLORS[name] for name in LINKS)
-"""Colors of the links without culling, in their order."""

@@ -16,39 +16,23 @@ from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import image_size, read_image
-from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera
 from xfrustum.scenes.model.scene import Scene
 
-FILES = (
-    "comparison.json",
-    *(f"{name}.png" for name in ("displacement", "triangle", "height", "radiance", "surface")),
-)
+MAPS = ("displacement", "triangle", "height", "radiance", "surface")
+FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))
 """Names of the files that may be written."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileComparison:
-    """Two image files compared.
+    """Two image files compared."""
 
-    Attributes
-    ----------
-    comparison
-        Error between the images; its `surface` is None where the scene is not at hand to trace.
-    reach
-        The truth's longest reach, scene units.
-    heights
-        Both ends of the scale of height errors; see `images.height_range`.
-    note
-        Reason why the scene is not at hand; empty where it is.
-    unexamined
-        Words for a truth that a tracer alone made; empty where the truth was examined.
-    """
-
-    comparison: Comparison
-    reach: float
-    heights: tuple[float, float]
-    note: str
-    unexamined: str = ""
+    comparison: Comparison  #: its `surface` is None where the scene is not at hand to trace
+    reach: float  #: the truth's longest reach, scene units
+    heights: tuple[float, float]  #: both ends of the scale of height errors; see `images.height_range`
+    note: str  #: reason why the scene is not at hand; empty where it is
+    unexamined: str = ""  #: words for a truth that a tracer alone made; empty where it was examined
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
@@ -70,22 +54,17 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     # An image that says nothing of its camera is taken to answer for the truth's.
     raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
-    reference = None if scene is None else Reference(scene)
-    reach = max(true_image.camera.reach)
+    reference, reach = None if scene is None else Reference(scene), max(true_image.camera.reach)
+    certainty, unexamined = true_image.certainty, ""
+    if certainty is not None and (certainty == Certainty.UNEXAMINED).any():
+        unexamined = unexamined_truth(true_image.camera.renderer.partition(" ")[0] or "a tracer")
     return FileComparison(
         comparison=compare_images(true_image, raster_image, reference, perceptual=True),
         reach=reach,
         heights=images.height_range(scene, reach),
         note=note,
-        unexamined=_unexamined(true_image),
+        unexamined=unexamined,
     )
-
-
-def _unexamined(truth: HogelImage) -> str:
-    """Say that a truth has pixels that nothing examined, by the name that its file gives to the tracer."""
-    if truth.certainty is None or not (truth.certainty == Certainty.UNEXAMINED).any():
-        return ""
-    return unexamined_truth(truth.camera.renderer.partition(" ")[0] or "a tracer")
 
 
 def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
@@ -121,16 +100,19 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
         The folder cannot be written.
     """
     comparison, maps = compared.comparison, compared.comparison.maps
+    pictures = {
+        "displacement": images.displacement_map(comparison.errors.moved),
+        "triangle": images.mask(maps.triangle, images.TRIANGLE_COLOR),
+        "height": images.height_map(maps.height, compared.reach, compared.heights),
+    }
+    if maps.radiance is not None:
+        pictures["radiance"] = images.radiance_map(maps.radiance)
+    if maps.surface is not None:
+        pictures["surface"] = images.mask(maps.surface, images.SURFACE_COLOR)
     with Staging(out) as staging:
         write_json(staging.folder / "comparison.json", comparison.numbers)
-        (staging.folder / "displacement.png").write_bytes(images.displacement_map(comparison.errors.moved))
-        (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
-        height = images.height_map(maps.height, compared.reach, compared.heights)
-        (staging.folder / "height.png").write_bytes(height)
-        if maps.radiance is not None:
-            (staging.folder / "radiance.png").write_bytes(images.radiance_map(maps.radiance))
-        if maps.surface is not None:
-            (staging.folder / "surface.png").write_bytes(images.mask(maps.surface, images.SURFACE_COLOR))
+        for name, encoded in pictures.items():
+            (staging.folder / f"{name}.png").write_bytes(encoded)
         return staging.commit()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import time
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.error_report.images import address
 from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -125,12 +125,21 @@ def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
     """
     pictures = {camera.value: png(image) for camera, image in figure.images.items()}
     pictures[_AS_SEEN] = png(figure.images[Camera.C_STAR], as_seen=True)
+    covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}
     if figure.other is not None:
         pictures[_OTHER] = png(figure.other, as_seen=True)
+        covered[_OTHER] = float(figure.other.covered.mean())
+    values = {
+        "figure": figure,
+        "reach": figure.scene.frustum.longest_reach,
+        "covered": covered,
+        "pictures": {name: address(encoded) for name, encoded in pictures.items()},
+    }
     with Staging(out, FILES) as staging:
-        for name, encoded_picture in pictures.items():
-            (staging.folder / f"{name}.png").write_bytes(encoded_picture)
-        (staging.folder / _PAGE).write_text(_page(figure, pictures), encoding="utf-8")
+        for name, content in pictures.items():
+            (staging.folder / f"{name}.png").write_bytes(content)
+        page = html_page("figure7.html.j2", {"digits": digits}, values)
+        (staging.folder / _PAGE).write_text(page, encoding="utf-8")
         return staging.commit()
 
 
@@ -148,19 +157,3 @@ def png(image: HogelImage, *, as_seen: bool = False) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
-
-
-def _page(figure: Figure, pictures: Mapping[str, bytes]) -> str:
-    covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}
-    if figure.other is not None:
-        covered[_OTHER] = float(figure.other.covered.mean())
-    values = {
-        "figure": figure,
-        "reach": figure.scene.frustum.longest_reach,
-        "covered": covered,
-        "pictures": {
-            name: f"data:image/png;base64,{base64.b64encode(data).decode()}"
-            for name, data in pictures.items()
-        },
-    }
-    return html_page("figure7.html.j2", {"digits": digits}, values)

@@ -17,7 +17,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import image_writer, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage, Rendering
+from xfrustum.scenes.model.hogel_image import Certainty, Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -36,38 +36,30 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     each *= sampling.aperture * (1 if transported else points_per_side(sampling) ** 2)
     if pixels * each < LARGE_PIXELS:
         return None
+
+    def size(count: float) -> str:
+        return f"{count / 2**30:,.1f} GiB" if count >= 2**30 else f"{count / 2**20:,.0f} MiB"
+
     parts = [f"{width} x {height} are {pixels / 1e6:,.1f} million pixels"]
     if each > 1:
         parts.append(f"each is the mean of {each:,} {kind}")
     else:
         rows = min(height, max(1, BAND_PIXELS // width))
-        memory = _size(PIXEL_BYTES * rows * width)
+        memory = size(PIXEL_BYTES * rows * width)
         parts.append(f"traced in {-(-height // rows):,} bands, in about {memory} of memory beside the scene")
     file_bytes = pixels * (FILE_BYTES + (VARIANCE_BYTES if transported else 0))
-    parts.append(f"the file takes at most {_size(file_bytes)}")
+    parts.append(f"the file takes at most {size(file_bytes)}")
     return "; ".join(parts)
-
-
-def _size(count: float) -> str:
-    """Write a number of bytes in a unit that leaves few digits."""
-    return f"{count / 2**30:,.1f} GiB" if count >= 2**30 else f"{count / 2**20:,.0f} MiB"
 
 
 @dataclass(frozen=True, kw_only=True)
 class TraceRecord:
-    """What `trace --json` prints.
-
-    Attributes
-    ----------
-    certainty
-        Number of pixels by class of certainty.
-    alone
-        How many pixels each tracer alone would have got wrong; None where the truth was not certified.
-    """
+    """What `trace --json` prints."""
 
     file: Path
     decided_by: str
-    certainty: dict[str, int]
+    certainty: dict[str, int]  #: number of pixels by class of certainty
+    #: How many pixels each tracer alone would have got wrong; None where the truth was not certified.
     alone: AloneNumbers | None
 
 
@@ -100,12 +92,8 @@ def trace_to_file(
 ) -> TraceRecord:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    Parameters
-    ----------
-    compared
-        Whether to count what each tracer alone would have got wrong.
-    progress
-        Whether to draw a bar on standard error.
+    `compared` says whether to count what each tracer alone would have got wrong, `progress` whether to draw a
+    bar on standard error.
 
     Raises
     ------
@@ -123,7 +111,9 @@ def trace_to_file(
         row = 0
         for band in reference.trace_bands(aperture):
             write(band)
-            counted.update(_certainty(band))
+            assert band.certainty is not None, "the truth is certified"
+            counts = np.bincount(band.certainty.ravel(), minlength=len(Certainty))
+            counted.update({kind.name.lower(): int(counts[kind]) for kind in Certainty})
             if alone is not None:
                 counted.update({name: int(mask.sum()) for name, mask in alone.wrong(band, row).items()})
                 counted["judged"] += int(judged(band).sum())
@@ -136,13 +126,6 @@ def trace_to_file(
         certainty={kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
         alone=None if alone is None else AloneNumbers(**numbers),
     )
-
-
-def _certainty(band: HogelImage) -> dict[str, int]:
-    """Return the number of pixels of each class of certainty."""
-    assert band.certainty is not None, "the truth is certified"
-    counts = np.bincount(band.certainty.ravel(), minlength=len(Certainty))
-    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}
 
 
 def trace_transported(

@@ -17,9 +17,9 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import best, figures, images
 from xfrustum.reports.error_report.settings import geometry_names, geometry_of
 from xfrustum.reports.error_report.sweep import Sweep
+from xfrustum.reports.inspection.channels import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
-from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
@@ -36,13 +36,6 @@ EQUAL_FRACTION = 1e-6
 
 MAX_TOLD_GEOMETRIES = 2
 """Largest number of geometries that are compared in sentences: of more, only a table can be read."""
-
-_CERTAINTY_WORDS = {
-    Certainty.PROVEN: "proven in floating point",
-    Certainty.EXACT: "decided in rational arithmetic",
-    Certainty.TIE: "tie, not judged",
-    Certainty.UNEXAMINED: "not examined",
-}
 
 Shears = Mapping[tuple[Aperture, float], ShearNumbers]
 """What the shear alone does to points at each aperture and near, ascending."""
@@ -197,7 +190,7 @@ def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
     first = {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)}
     found = [
         (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
-        for kind, words in _CERTAINTY_WORDS.items()
+        for kind, words in CERTAINTY_LABELS.items()
     ]
     alone = [truth.alone for truth in sweep.truths if truth.alone is not None]
     for name in images.ALONE_COLORS if alone else ():

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.judging.judged import Figures
-from xfrustum.compare.metrics.error_maps import ErrorMaps, displacement, judged_pixels
+from xfrustum.compare.metrics.error_maps import displacement, judged_pixels
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.arrays import Mask
@@ -88,41 +87,45 @@ class LayerHead:
     channels: tuple[ChannelHead, ...]
 
 
+Channel = tuple[NDArray[Any], tuple[str, ...]]
+"""(H, W) values, float32, uint32 or uint8, and their labels; see `ChannelHead`."""
+
+Layer = tuple[str, str, Mapping[str, Channel]]
+"""Name, words, and channels by their names; all channels of a hogel have one size."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class InspectedHogel:
-    """One hogel with all its channels.
+    """One hogel with all its channels."""
 
-    Attributes
-    ----------
-    aperture, size
-        Column and row; width and height in pixels.
-    words
-        How bad the hogel is, in words.
-    layers
-        What its channels are.
-    stream
-        Values of all channels, one layer after the other, little-endian, as one zlib stream. Empty where the
-        hogel has more than `MAX_INSPECTED_PIXELS`.
-    """
-
-    aperture: tuple[int, int]
-    size: tuple[int, int]
-    words: str
+    aperture: tuple[int, int]  #: column and row
+    size: tuple[int, int]  #: width and height in pixels
+    words: str  #: how bad the hogel is
     layers: tuple[LayerHead, ...]
+    #: Values of all channels, one layer after the other, little-endian, as one zlib stream. Empty where the
+    #: hogel has more than `MAX_INSPECTED_PIXELS`.
     stream: bytes
 
     @classmethod
     def of(cls, aperture: Aperture, words: str, layers: Sequence[Layer]) -> InspectedHogel:
-        """Pack the layers of a hogel; all channels have one size."""
-        height, width = layers[0].channels[0].values.shape
+        """Pack the layers of a hogel."""
+        every = [values for _, _, channels in layers for values, _ in channels.values()]
+        height, width = every[0].shape
         stream = b""
         if width * height <= MAX_INSPECTED_PIXELS:
             packed = zlib.compressobj()
-            parts = [packed.compress(one.content) for layer in layers for one in layer.channels]
-            stream = b"".join((*parts, packed.flush()))
+            contents = (np.ascontiguousarray(one, TYPES[str(one.dtype)]).tobytes() for one in every)
+            stream = b"".join((*map(packed.compress, contents), packed.flush()))
         heads = tuple(
-            LayerHead(name=one.name, words=one.words, channels=tuple(c.head for c in one.channels))
-            for one in layers
+            LayerHead(
+                name=name,
+                words=shown,
+                channels=tuple(
+                    ChannelHead(name=one, kind=str(values.dtype), labels=labels)
+                    for one, (values, labels) in channels.items()
+                ),
+            )
+            for name, shown, channels in layers
         )
         return cls(aperture=aperture.index, size=(width, height), words=words, layers=heads, stream=stream)
 
@@ -147,72 +150,36 @@ class InspectedHogel:
         return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Channel:
-    """One number of every pixel: (H, W) float32, uint32 or uint8 values; see `ChannelHead`."""
-
-    name: str
-    values: NDArray[Any]
-    labels: tuple[str, ...] = ()
-
-    @property
-    def head(self) -> ChannelHead:
-        """What a page says of it."""
-        return ChannelHead(name=self.name, kind=str(self.values.dtype), labels=self.labels)
-
-    @property
-    def content(self) -> bytes:
-        """The values as bytes."""
-        return np.ascontiguousarray(self.values, TYPES[str(self.values.dtype)]).tobytes()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Layer:
-    """Channels of one size that belong together, and what they show."""
-
-    name: str
-    words: str
-    channels: tuple[Channel, ...]
-
-
-def image_layer(name: str, words: str, image: HogelImage, *, said: bool = False) -> Layer:
+def image_channels(image: HogelImage, scene: Scene | None = None) -> dict[str, Channel]:
     """Return the channels that an image has in a file, with the bits of that file.
 
-    The height is left out: it is the third coordinate of the position. With `said` channels in which a
-    foreign image says nothing at any pixel are left out, too.
+    The height is left out: it is the third coordinate of the position. With a scene, an image without normals
+    has those of its triangles: all renderers that name triangles share them. Without, the image is a foreign
+    one, and channels in which it says nothing at any pixel are left out.
     """
+    if scene is not None and image.normal is None:
+        image = replace(image, normal=normals_of(scene, image.triangle))
     planes = stored_planes(image)
-    if said:
+    if scene is None:
         planes = {one: values for one, values in planes.items() if np.nan_to_num(values).any()} or planes
-    names = (*COLOR, TRIANGLE, OBJECT, CERTAINTY, *POSITION)
-    ordered = [one for one in names if one in planes]
-    ordered += [one for one in planes if one not in names and one != HEIGHT]
+    first = [one for one in (*COLOR, TRIANGLE, OBJECT, CERTAINTY, *POSITION) if one in planes]
     labels = {CERTAINTY: tuple(CERTAINTY_LABELS.values())}
-    channels = (Channel(name=one, values=planes[one], labels=labels.get(one, ())) for one in ordered)
-    return Layer(name=name, words=words, channels=tuple(channels))
+    return {
+        one: (planes[one], labels.get(one, ())) for one in dict.fromkeys((*first, *planes)) if one != HEIGHT
+    }
 
 
-def classes(name: str, shape: tuple[int, int], masks: Mapping[str, Mask], otherwise: str) -> Channel:
+def _classes(masks: Mapping[str, Mask], otherwise: str) -> Channel:
     """Return a channel of classes: the label of the first mask that has a pixel, else `otherwise`."""
-    values = np.zeros(shape, dtype=np.uint8)
+    values = np.zeros(next(iter(masks.values())).shape, dtype=np.uint8)
     for number, mask in reversed(list(enumerate(masks.values(), start=1))):
         values[mask] = number
-    return Channel(name=name, values=values, labels=(otherwise, *masks))
+    return values, (otherwise, *masks)
 
 
-def _displacements(moved: NDArray[np.floating]) -> tuple[Channel, ...]:
+def _displacements(moved: NDArray[np.floating]) -> dict[str, Channel]:
     """Return (H, W, 2) displacements, px, as two channels, rounded to float32."""
-    return tuple(
-        Channel(name=name, values=moved[..., axis].astype(np.float32)) for axis, name in enumerate(MOVED)
-    )
-
-
-def _with_normals(image: HogelImage, scene: Scene) -> HogelImage:
-    """Return an image with the normals of its triangles: all renderers that name triangles share them."""
-    return image if image.normal is not None else replace(image, normal=normals_of(scene, image.triangle))
-
-
-# Hogels that our own rasterizer draws
+    return {name: (moved[..., axis].astype(np.float32), ()) for axis, name in enumerate(MOVED)}
 
 
 def inspected_drawings(
@@ -225,78 +192,54 @@ def inspected_drawings(
 
 
 def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
-    """Return a frame of a scene with its truth, its errors, and their causes where these were asked for."""
-    numbers, settings = frame.comparison.numbers, frame.settings
+    """Return a frame of our own rasterizer with its truth, errors, and causes where these were asked for."""
+    numbers, settings, maps = frame.comparison.numbers, frame.settings, frame.comparison.maps
     words = "" if numbers.surface is None else f"wrong surfaces {percent(numbers.surface.fraction)}"
     if numbers.displacement_px is not None:
         words += f", displacement (p99) {digits(numbers.displacement_px.p99)} px"
-    drawing = f"rasterizer: near {digits(settings.near)}, {settings.depth_label}"
-    errors = _drawn_errors(frame.comparison.maps, frame.budget)
-    return InspectedHogel.of(
-        frame.aperture,
-        words,
-        [
-            image_layer(TRUTH, "truth", _with_normals(frame.truth, scene)),
-            image_layer(IMAGE, drawing, _with_normals(frame.image, scene)),
-            Layer(name=ERROR, words="errors of the image", channels=errors),
-        ],
-    )
-
-
-def _drawn_errors(maps: ErrorMaps, budget: Budget | None) -> tuple[Channel, ...]:
-    """Return what judging has found out, and the causes that it is charged to where these were found."""
-    surface, outside, shape = maps.surface, maps.outside, maps.judged.shape
-    assert surface is not None and outside is not None, "a judge has the scene at hand"
+    assert maps.surface is not None and maps.outside is not None, "a judge has the scene at hand"
     states = {
         "tie, not judged": ~maps.judged,
-        "wrong surface, whose point belongs outside the film": outside,
-        "wrong surface": surface,
+        "wrong surface, whose point belongs outside the film": maps.outside,
+        "wrong surface": maps.surface,
         "right surface, another triangle": maps.triangle,
     }
-    causes: tuple[Channel, ...] = ()
-    if budget is not None:
+    errors = {STATE: _classes(states, "right")}
+    if (budget := frame.budget) is not None:
         links = {name: budget.surface_charge == number for number, name in enumerate(budget.links)}
-        causes = (
-            classes(LINK, shape, links, "none"),
-            classes(ROUNDING, shape, budget.explanation.masks, "none"),
-        )
-    return (classes(STATE, shape, states, "right"), *causes, *_displacements(maps.displacement))
-
-
-# Hogels of other renderers
+        errors[LINK] = _classes(links, "none")
+        errors[ROUNDING] = _classes(budget.explanation.masks, "none")
+    errors |= _displacements(maps.displacement)
+    drawing = f"rasterizer: near {digits(settings.near)}, {settings.depth_label}"
+    layers = [
+        (TRUTH, "truth", image_channels(frame.truth, scene)),
+        (IMAGE, drawing, image_channels(frame.image, scene)),
+        (ERROR, "errors of the image", errors),
+    ]
+    return InspectedHogel.of(frame.aperture, words, layers)
 
 
 def inspected_figures(
     scene: Scene, aperture: Aperture, as_found: Figures, corrected: Figures
 ) -> InspectedHogel:
-    """Return a hogel of a scene, judged as it was found and after correction."""
+    """Return a hogel of another renderer, judged as it was found and after correction."""
+
+    def state(figures: Figures) -> Channel:
+        masks = {"tie, not judged": ~judged_pixels(figures.answer), "wrong": figures.error}
+        return _classes(masks, "right")
+
     words = f"{as_found.limited_words} {percent(as_found.judged_fraction)}"
+    errors = {STATE: state(as_found)}
     if corrected is not as_found:
         words += f", corrected {percent(corrected.judged_fraction)}"
-    errors = _foreign_errors(as_found, corrected)
-    return InspectedHogel.of(
-        aperture,
-        words,
-        [
-            image_layer(TRUTH, "what it should show", _with_normals(as_found.answer, scene)),
-            image_layer(IMAGE, "image, upright", as_found.image, said=True),
-            Layer(name=ERROR, words="errors of the image", channels=errors),
-        ],
-    )
-
-
-def _foreign_errors(as_found: Figures, corrected: Figures) -> tuple[Channel, ...]:
-    """Return what is wrong before and after correction, and how far points are from where they belong."""
-
-    def state(name: str, figures: Figures) -> Channel:
-        masks = {"tie, not judged": ~judged_pixels(figures.answer), "wrong": figures.error}
-        return classes(name, figures.error.shape, masks, "right")
-
-    found = [state(STATE, as_found)]
-    if corrected is not as_found:
-        found.append(state(CORRECTED, corrected))
+        errors[CORRECTED] = state(corrected)
     if corrected.cause_masks is not None:
-        found.append(classes(ROUNDING, corrected.error.shape, corrected.cause_masks.masks, "none"))
+        errors[ROUNDING] = _classes(corrected.cause_masks.masks, "none")
     if np.isfinite(as_found.image.position).any():
-        found += _displacements(displacement(as_found.image, as_found.answer.camera))
-    return tuple(found)
+        errors |= _displacements(displacement(as_found.image, as_found.answer.camera))
+    layers = [
+        (TRUTH, "what it should show", image_channels(as_found.answer, scene)),
+        (IMAGE, "image, upright", image_channels(as_found.image)),
+        (ERROR, "errors of the image", errors),
+    ]
+    return InspectedHogel.of(aperture, words, layers)

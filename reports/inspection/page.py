@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -27,8 +26,11 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Plate
 
-PAGE = "inspect.html"
-"""Name of the page."""
+PAGE, FILE = "inspect.html", "inspect-{}x{}.js"
+"""Names of the page, and of a file beside it by column and row."""
+
+_BESIDE_START = 'takeStream("'
+"""Beginning of a file beside the page."""
 
 MAX_PAGE_BYTES = 18_000_000
 """Largest size of the page. It shall pass through a mail server as an attachment: the usual limit is 25 MB,
@@ -101,89 +103,59 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
     room = MAX_PAGE_BYTES - len(_rendered(shown, hogels, keys, {}).encode())
     within: dict[str, str] = {}
     for key, text in zip(keys, streams, strict=True):
-        if key and len(_payload(key, text)) <= room:
+        size = len(f'<script type="application/json" id="stream-{key}">"{text}"</script>\n')
+        if key and size <= room:
             within[key] = text
-            room -= len(_payload(key, text))
+            room -= size
     (folder / PAGE).write_text(_rendered(shown, hogels, keys, within), encoding="utf-8")
     for one, key, text in zip(hogels, keys, streams, strict=True):
         if key and key not in within:
-            (folder / _file_name(one)).write_text(_beside(key, text), encoding="ascii")
+            # Pages on a disk may run scripts from there, and read nothing else.
+            beside = folder / FILE.format(*one.aperture)
+            beside.write_text(f'{_BESIDE_START}{key}","{text}");\n', encoding="ascii")
 
 
 def remove_inspection(folder: Path) -> None:
     """Remove the page of an earlier run from a folder, and the files beside it."""
-    named = _named_hogels(folder)
-    if named is None:
-        return  # there is none, or it is not ours to remove
-    for name in (PAGE, *_own_files(folder, named)):
-        (folder / name).unlink(missing_ok=True)
+    for path in _earlier(folder):
+        path.unlink(missing_ok=True)
 
 
 @contextmanager
 def replacing_inspection(folder: Path) -> Iterator[None]:
     """Remove the files beside the page of an earlier run that the page that takes its place does not need.
 
-    They are removed when the block has ended, which puts the new page there; none are where it fails. Files
-    that the earlier page does not name, or that hold something else by now, stay.
+    They are removed when the block has ended, which puts the new page there; none are where it fails.
     """
-    before = _own_files(folder, _named_hogels(folder) or ())
+    before = _earlier(folder)[1:]
     yield
-    now = {one.file for one in _named_hogels(folder) or ()}
-    for name in before:
-        if name not in now:
-            (folder / name).unlink(missing_ok=True)
+    page = (folder / PAGE).read_text(encoding="utf-8") if before else ""
+    for path in before:
+        if f'"{path.name}"' not in page:
+            path.unlink(missing_ok=True)
 
 
-def _named_hogels(folder: Path) -> Sequence[PageHogel] | None:
-    """Return the hogels of the page in a folder; None where there is no page of ours."""
+def _earlier(folder: Path) -> list[Path]:
+    """Return the page of an earlier run, and the files with streams beside it; none where it is not ours."""
+    found = [folder / PAGE]
     try:
-        text = (folder / PAGE).read_text(encoding="utf-8")
-        return _HOGELS.validate_python(json.loads(_element(text, "data"))["hogels"])
-    except (OSError, KeyError, ValueError):
-        return None
-
-
-def _own_files(folder: Path, hogels: Sequence[PageHogel]) -> list[str]:
-    """Return the names of the files beside a page that hold what the page says of them."""
-    found = []
-    for one in hogels:
-        if one.file is None or one.file != Path(one.file).name:
-            continue
-        start = _beside_start(one.key).encode("ascii")
-        with suppress(OSError), (folder / one.file).open("rb") as file:
-            if file.read(len(start)) == start:
-                found.append(one.file)
+        _element(found[0].read_text(encoding="utf-8"), "data")
+    except (OSError, ValueError):
+        return []
+    for path in folder.glob("inspect-*x*.js"):
+        with suppress(OSError), path.open("rb") as file:
+            # Others of such a name belong to somebody else.
+            if file.read(len(_BESIDE_START)) == _BESIDE_START.encode():
+                found.append(path)
     return found
-
-
-def _payload(key: str, text: str) -> str:
-    """Return the element that holds a stream, or more than that."""
-    return f'<script type="application/json" id="stream-{key}">"{text}"</script>\n'
-
-
-def _beside(key: str, text: str) -> str:
-    """Return a file beside the page: pages on a disk may run scripts from there, and read nothing else."""
-    return f'{_beside_start(key)}{text}");\n'
-
-
-def _beside_start(key: str) -> str:
-    """Return how the file begins that holds the stream of a key."""
-    return f'takeStream("{key}","'
-
-
-_BESIDE = re.compile(r'takeStream\("([0-9a-f]+)","([\w+/=]*)"\);')
-
-
-def _file_name(hogel: InspectedHogel) -> str:
-    return "inspect-{}x{}.js".format(*hogel.aperture)
 
 
 def _rendered(
     shown: Inspection, hogels: Sequence[InspectedHogel], keys: Sequence[str], within: dict[str, str]
 ) -> str:
     nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
-    first = np.cumsum([0, *(len(part.faces) for part in shown.scene.objects)]).tolist()
-    cells = shown.plate_map.cells
+    scene, cells = shown.scene, shown.plate_map.cells
+    first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
     data = {
         "hogels": [
             PageHogel(
@@ -192,17 +164,14 @@ def _rendered(
                 words=one.words,
                 layers=one.layers,
                 key=key,
-                file=_file_name(one) if key and key not in within else None,
+                file=FILE.format(*one.aperture) if key and key not in within else None,
             )
             for one, key in zip(hogels, keys, strict=True)
         ],
         # An object by its name, and the number of its first triangle.
-        "objects": [
-            {"name": part.name, "first": number}
-            for part, number in zip(shown.scene.objects, first, strict=False)
-        ],
-        "units": shown.scene.units,
-        "plate": shown.scene.plate.hogels,
+        "objects": [{"name": p.name, "first": n} for p, n in zip(scene.objects, first, strict=False)],
+        "units": scene.units,
+        "plate": scene.plate.hogels,
         "map_words": shown.plate_map.words,
         "in_percent": shown.plate_map.words.startswith("Share"),
         "cells": [[None if np.isnan(x) else float(f"{x:.4g}") for x in row] for row in cells],
@@ -219,9 +188,6 @@ def _rendered(
     return html_page("inspect.html.j2", {}, values, nonce=nonce)
 
 
-_HOGELS = TypeAdapter(list[PageHogel])
-
-
 def read_inspection(page: Path) -> list[InspectedHogel]:
     """Return the hogels of a page, with the bits that they were written with.
 
@@ -230,35 +196,35 @@ def read_inspection(page: Path) -> list[InspectedHogel]:
     InputError
         The file cannot be read or is no inspection page, or a file beside it is missing.
     """
+
+    def stream(one: PageHogel) -> bytes:
+        if not one.key:
+            return b""
+        if one.file is None:
+            return base64.b64decode(json.loads(_element(text, f"stream-{one.key}")))
+        beside = (page.parent / one.file).read_text(encoding="ascii")
+        found = re.fullmatch(rf'takeStream\("{one.key}","([\w+/=]*)"\);\n', beside)
+        if found is None:
+            raise ValueError(f"{one.file} belongs to another page")
+        return base64.b64decode(found[1])
+
     try:
         text = page.read_text(encoding="utf-8")
-        data: dict[str, Any] = json.loads(_element(text, "data"))
-        found = _HOGELS.validate_python(data["hogels"])
+        hogels = TypeAdapter(list[PageHogel]).validate_python(json.loads(_element(text, "data"))["hogels"])
         return [
             InspectedHogel(
                 aperture=one.aperture,
                 size=one.size,
                 words=one.words,
                 layers=one.layers,
-                stream=base64.b64decode(_stream(page, text, one)),
+                stream=stream(one),
             )
-            for one in found
+            for one in hogels
         ]
     except OSError as error:
         raise InputError(f"{page}: cannot be read ({error.strerror}); write it again") from error
     except (KeyError, ValueError) as error:
         raise InputError(f"{page}: is no inspection page that this version has written") from error
-
-
-def _stream(page: Path, text: str, hogel: PageHogel) -> str:
-    if not hogel.key:
-        return ""
-    if hogel.file is None:
-        return str(json.loads(_element(text, f"stream-{hogel.key}")))
-    found = _BESIDE.match((page.parent / hogel.file).read_text(encoding="ascii"))
-    if found is None or found[1] != hogel.key:
-        raise ValueError(f"{hogel.file} belongs to another page")
-    return found[2]
 
 
 def _element(text: str, identifier: str) -> str:

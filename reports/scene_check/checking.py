@@ -11,7 +11,6 @@ import numpy as np
 
 from xfrustum.compare.extent import (
     ObjectExtent,
-    Visibility,
     extents,
     heights,
     length,
@@ -30,34 +29,21 @@ FILES = tuple(f"{view.value}.svg" for view in View)
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectCheck:
-    """One object, as it is known before it is drawn.
-
-    Attributes
-    ----------
-    normals, colors, textures
-        What its vertices and triangles have to be shaded with, and where that comes from, in words.
-    """
+    """One object, as it is known before it is drawn."""
 
     extent: ObjectExtent
-    normals: str
-    colors: str
-    textures: str
+    #: What it has to be shaded with, and where that comes from: `normals`, `colors` and `textures`, in words.
+    looks: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneCheck(Shown):
-    """A scene, as it is known before it is drawn.
-
-    Attributes
-    ----------
-    seen
-        Whether any aperture of the plate can show anything; true of a scene without objects.
-    """
+    """A scene, as it is known before it is drawn."""
 
     scene: Scene
     objects: tuple[ObjectCheck, ...]
     warnings: tuple[str, ...]
-    seen: bool
+    seen: bool  #: whether any aperture of the plate can show anything; true of a scene without objects
 
     def view(self, view: View | str) -> str:
         """Return the `side` or the `top` view as an SVG document."""
@@ -72,13 +58,13 @@ class SceneCheck(Shown):
         units = self.scene.units
         rows = [
             (
-                Path(one.extent.name).name,
-                f"{one.extent.triangles:,}",
-                " x ".join(map(digits, one.extent.size)),
-                f"{digits(one.extent.low[2])} to {digits(one.extent.high[2])}",
-                f"{one.extent.sight.apertures:,}",
+                Path(one.name).name,
+                f"{one.triangles:,}",
+                " x ".join(map(digits, one.size)),
+                f"{digits(one.low[2])} to {digits(one.high[2])}",
+                f"{one.sight.apertures:,}",
             )
-            for one in self.objects
+            for one in (checked.extent for checked in self.objects)
         ]
         head = ("object", "triangles", f"size, {units}", f"heights, {units}", "apertures that see it")
         return (Table(head=head, rows=rows), Table(rows=[("warning", line) for line in self.warnings]))
@@ -88,24 +74,21 @@ class SceneCheck(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return everything but the pictures, as `check --json` prints it."""
-        objects = [
-            vars(one.extent) | {"size": one.extent.size, **{name: getattr(one, name) for name in _WORDS}}
-            for one in self.objects
-        ]
         scene = self.scene
-        found = {
-            "scene": scene.name,
-            "units": scene.units,
-            "plate": scene.plate,
-            "reach": scene.frustum.reach,
-        }
-        told = {"objects": objects, "warnings": self.warnings, "seen": self.seen}
-        ready: dict[str, Any] = json_ready(found | told)
-        return ready
-
-
-_WORDS = ("normals", "colors", "textures")
-"""Fields of `ObjectCheck` in words."""
+        content: dict[str, Any] = json_ready(
+            {
+                "scene": scene.name,
+                "units": scene.units,
+                "plate": scene.plate,
+                "reach": scene.frustum.reach,
+                "objects": [
+                    {**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects
+                ],
+                "warnings": self.warnings,
+                "seen": self.seen,
+            }
+        )
+        return content
 
 
 def check(scene: Scene) -> SceneCheck:
@@ -128,7 +111,7 @@ def check(scene: Scene) -> SceneCheck:
     return SceneCheck(
         scene=scene,
         objects=tuple(
-            ObjectCheck(extent=extent, normals=_normals(part), colors=_colors(part), textures=_textures(part))
+            ObjectCheck(extent=extent, looks=_looks(part))
             for extent, part in zip(found, scene.objects, strict=True)
         ),
         warnings=tuple(dict.fromkeys(told)),
@@ -137,13 +120,7 @@ def check(scene: Scene) -> SceneCheck:
 
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
-    """Write side.svg and top.svg into a folder, both or none.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
+    """Write side.svg and top.svg into a folder, both or none; InputError where that cannot be."""
     with Staging(out, FILES) as staging:
         for view, name in zip(View, FILES, strict=True):
             (staging.folder / name).write_text(checked.view(view), encoding="utf-8")
@@ -162,71 +139,61 @@ def table(checked: SceneCheck) -> str:
     if not checked.objects:
         lines.append("no objects: the true image of nothing is nothing")
     for one in checked.objects:
-        extent = one.extent
-        lines += ["", f"object {extent.number}: {extent.name}"]
+        extent, sight = one.extent, one.extent.sight
+        seen = f"none of {sight.of:,} apertures"
+        if sight.apertures == sight.of:
+            seen = f"all {sight.of:,} apertures"
+        elif sight.columns is not None and sight.rows is not None:
+            seen = (
+                f"{sight.apertures:,} of {sight.of:,} apertures, columns {sight.columns[0]} to "
+                f"{sight.columns[1]}, rows {sight.rows[0]} to {sight.rows[1]}; "
+                f"{'the middle one too' if sight.middle else 'not the middle one'}, "
+                f"{sum(sight.corners)} of 4 corners"
+            )
         share = extent.share_in_reach
-        rows = (
-            ("triangles", f"{extent.triangles:,}"),
-            ("size", " x ".join(length(side) for side in extent.size) + f" {units}"),
-            ("height", heights(extent.low[2], extent.high[2], units)),
-            ("in the reach", "no area" if share is None else f"{100 * share:.4g} % of its surface"),
-            ("seen by", _seen_by(extent.sight)),
-            ("normals", one.normals),
-            ("colors", one.colors),
-            ("textures", one.textures),
-        )
-        lines += [f"  {name:<12}  {value}" for name, value in rows]
+        rows = {
+            "triangles": f"{extent.triangles:,}",
+            "size": " x ".join(length(side) for side in extent.size) + f" {units}",
+            "height": heights(extent.low[2], extent.high[2], units),
+            "in the reach": "no area" if share is None else f"{100 * share:.4g} % of its surface",
+            "seen by": seen,
+            **one.looks,
+        }
+        lines += ["", f"object {extent.number}: {extent.name}"]
+        lines += [f"  {name:<12}  {value}" for name, value in rows.items()]
     return "\n".join(lines)
 
 
-def _seen_by(found: Visibility) -> str:
-    """Say which apertures see an object."""
-    if found.columns is None or found.rows is None:
-        return f"none of {found.of:,} apertures"
-    if found.apertures == found.of:
-        return f"all {found.of:,} apertures"
-    (left, right), (top, bottom) = found.columns, found.rows
-    middle = "the middle one too" if found.middle else "not the middle one"
-    return (
-        f"{found.apertures:,} of {found.of:,} apertures, columns {left} to {right}, rows {top} to {bottom}; "
-        f"{middle}, {sum(found.corners)} of 4 corners"
-    )
+def _looks(part: SceneObject) -> dict[str, str]:
+    """Say what a mesh has to be shaded with: normals, colors of its own, and pictures on triangles."""
 
+    def of(some: int, total: int, what: str) -> str:
+        return f"all {what}" if some == total else f"{some:,} of {total:,} {what}"
 
-def _normals(part: SceneObject) -> str:
-    """Say which vertices have normals to shade with, and who made them."""
-    found = part.vertex_normals
-    usable = 0 if found is None else int(np.isfinite(found).all(axis=1).sum())
-    if usable == 0:
-        return "none: every triangle is flat"
+    made = part.vertex_normals
+    usable = 0 if made is None else int(np.isfinite(made).all(axis=1).sum())
     who = {
         NormalsMade.NONE: "of the mesh",
         NormalsMade.SOME: "of the mesh, and where it has none made by smooth = true",
         NormalsMade.ALL: "made by smooth = true",
     }
-    return f"{who[part.normals_made]}, at {_of(usable, len(part.vertices), 'vertices')}"
+    normals = f"{who[part.normals_made]}, at {of(usable, len(part.vertices), 'vertices')}"
 
+    colors = "none: its material's"
+    if part.vertex_colors is not None:
+        different = bool((part.vertex_colors != part.vertex_colors[0]).any())
+        colors = f"of the mesh, {'one per vertex' if different else 'the same at all vertices'}"
 
-def _colors(part: SceneObject) -> str:
-    """Say whether the mesh has colors of its own."""
-    colors = part.vertex_colors
-    if colors is None:
-        return "none: its material's"
-    different = bool((colors != colors[0]).any())
-    return "of the mesh, one per vertex" if different else "of the mesh, the same at all vertices"
-
-
-def _textures(part: SceneObject) -> str:
-    """Say how many pictures the mesh has, how large, and on how many triangles."""
     number, uv = part.texture_of_triangle, part.uv
     coordinates = uv is not None and bool(np.isfinite(uv).any())
-    if number is None or uv is None or not part.textures:
-        return "none, though it has texture coordinates" if coordinates else "none"
-    shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
-    sizes = ", ".join(dict.fromkeys(f"{picture.shape[1]} x {picture.shape[0]}" for picture in part.textures))
-    count = f"{len(part.textures)} picture{'s' if len(part.textures) > 1 else ''} of {sizes} pixels"
-    return f"{count}, on {_of(shown, len(part.faces), 'triangles')}"
-
-
-def _of(some: int, total: int, what: str) -> str:
-    return f"all {what}" if some == total else f"{some:,} of {total:,} {what}"
+    textures = "none, though it has texture coordinates" if coordinates else "none"
+    if number is not None and uv is not None and part.textures:
+        shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
+        sizes = ", ".join(dict.fromkeys(f"{one.shape[1]} x {one.shape[0]}" for one in part.textures))
+        pictures = counted(len(part.textures), "picture")
+        textures = f"{pictures} of {sizes} pixels, on {of(shown, len(part.faces), 'triangles')}"
+    return {
+        "normals": normals if usable else "none: every triangle is flat",
+        "colors": colors,
+        "textures": textures,
+    }

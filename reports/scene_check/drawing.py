@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -67,18 +66,11 @@ _TITLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class PictureFrame:
-    """The rectangle of space that a view shows, in one scale in both directions.
+    """The rectangle of space that a view shows, in one scale in both directions."""
 
-    Attributes
-    ----------
-    box
-        Left, bottom, right and top, scene units: z to the right, and x or y upward.
-    scale
-        Pixels per scene unit.
-    """
-
+    #: Left, bottom, right and top, scene units: z to the right, and x or y upward.
     box: tuple[float, float, float, float]
-    scale: float
+    scale: float  #: pixels per scene unit
 
     @classmethod
     def of(cls, scene: Scene, view: View) -> PictureFrame:
@@ -158,78 +150,75 @@ def draw_view(scene: Scene, view: View) -> str:
     """
     from xfrustum.reports.common.templates_environment import svg_picture  # noqa: PLC0415 - loads plotly
 
-    frame, (toward, back) = PictureFrame.of(scene, view), scene.frustum.reach
-    objects = list(_objects(scene, frame, view))
+    frame, frustum, axis = PictureFrame.of(scene, view), scene.frustum, view.axis
+    toward, back = frustum.reach
+    plate, ends, half_plate = frame.x(0.0), (frame.x(-back), frame.x(toward)), scene.plate.size[axis] / 2
+    frusta = []
+    middle, *corners = shown_apertures(scene)
+    for aperture in (*corners, middle):  # the middle one last
+        for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
+            low, high = aside_of_frusta(frustum, [aperture], axis, (end, end))
+            places = [(0.0, (aperture.x, aperture.y)[axis]), (end, low), (end, high)]
+            points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
+            frusta.append({"points": points, "color": color, "middle": aperture == middle})
+    lines = [(end, frame.box[1], frame.box[3], SOFT, 1.5) for end in (-back, toward)]
+    if frustum.screen is not None:
+        center, half = frustum.screen.center[axis], frustum.screen.size[axis] / 2
+        lines.append((frustum.screen.height, center - half, center + half, SCREEN, 3))
+    lines.append((0.0, -half_plate, half_plate, INK, 4))
+    objects = []
+    for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
+        shapes, (lowest, highest) = outlines(part, frame, view), box(part)
+        found: dict[str, Any]
+        found = {"name": f"{number} {Path(part.name).name}", "color": color, "ring": None, "away": ""}
+        if not shapes:  # outside the picture
+            found["away"] = heights(lowest[2], highest[2], scene.units)
+        else:
+            every = np.concatenate([np.array(outline) for outline in shapes])
+            least, most = every.min(axis=0), every.max(axis=0)
+            if max(most - least) < SMALL_PX:
+                found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
+        paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in outline) for outline in shapes)
+        objects.append({**found, "path": "".join(f"M{path}Z" for path in paths)})
     title, subtitle = _TITLES[view]
-    marks = [(-back, f"reach {length(back)}"), (0.0, "plate"), (toward, f"reach {length(toward)}")]
-    plate, ends = frame.x(0.0), (frame.x(-back), frame.x(toward))
     values = {
         "scene": scene,
         "title": title,
         "subtitle": subtitle,
-        "axis": "xy"[view.axis],
+        "axis": "xy"[axis],
         "halves": [
             {"x": ends[0], "width": plate - ends[0], "color": C_COLOR, "text": plate - 8},
             {"x": plate, "width": ends[1] - plate, "color": C_STAR_COLOR, "text": plate + 8},
         ],
-        "frusta": list(_frusta(scene, frame, view)),
+        "frusta": frusta,
         "objects": objects,
-        "uprights": list(_uprights(scene, frame, view)),
+        # The ends of the reach, the projection screen and the plate.
+        "uprights": [
+            {
+                "x": frame.x(z),
+                "low": frame.y(low),
+                "high": frame.y(high),
+                "color": color,
+                "width": width,
+                "dashed": color == SOFT,
+            }
+            for z, low, high, color, width in lines
+        ],
         "ticks": [
             [(frame.x(z), _signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
             [(frame.y(across), _signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
         ],
-        "marks": _spread([(frame.x(z), words) for z, words in marks]),
-        "screen": scene.frustum.screen is not None,
+        # The outer labels keep away from the middle one as far as their texts need.
+        "marks": [
+            (min(ends[0], plate - 60), f"reach {length(back)}"),
+            (plate, "plate"),
+            (max(ends[1], plate + 60), f"reach {length(toward)}"),
+        ],
+        "screen": frustum.screen is not None,
         "more": max(0, len(scene.objects) - len(objects)),
         "height": 540 + 18 * len(objects),
     }
     return svg_picture("scene-view.svg.j2", {"printable": _printable}, values) + "\n"
-
-
-def _frusta(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
-    """Yield the two halves of the frusta that are shown, the middle one last."""
-    toward, back = scene.frustum.reach
-    middle, *corners = shown_apertures(scene)
-    for aperture in (*corners, middle):
-        for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
-            low, high = aside_of_frusta(scene.frustum, [aperture], view.axis, (end, end))
-            places = [(0.0, (aperture.x, aperture.y)[view.axis]), (end, low), (end, high)]
-            points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
-            yield {"points": points, "color": color, "middle": aperture == middle}
-
-
-def _uprights(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
-    """Yield the ends of the reach, the projection screen and the plate."""
-    toward, back = scene.frustum.reach
-    plate, screen = scene.plate.size[view.axis] / 2, scene.frustum.screen
-    lines = [(end, frame.box[1], frame.box[3], SOFT, 1.5) for end in (-back, toward)]
-    if screen is not None:
-        middle, half = screen.center[view.axis], screen.size[view.axis] / 2
-        lines.append((screen.height, middle - half, middle + half, SCREEN, 3))
-    for z, low, high, color, width in (*lines, (0.0, -plate, plate, INK, 4)):
-        ends = {"low": frame.y(low), "high": frame.y(high)}
-        yield {"x": frame.x(z), **ends, "color": color, "width": width, "dashed": color == SOFT}
-
-
-def _objects(scene: Scene, frame: PictureFrame, view: View) -> Iterator[dict[str, Any]]:
-    """Yield the outlines of the first objects, or where those lie that are outside the picture."""
-    for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
-        shapes = outlines(part, frame, view)
-        low, high = box(part)
-        found = {"name": f"{number} {Path(part.name).name}", "color": color, "ring": None, "away": ""}
-        if not shapes:
-            found["away"] = heights(low[2], high[2], scene.units)
-        else:
-            points = np.concatenate([np.array(outline) for outline in shapes])
-            least, most = points.min(axis=0), points.max(axis=0)
-            if max(most - least) < SMALL_PX:
-                found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
-        yield {**found, "path": "".join(map(_path, shapes))}
-
-
-def _path(outline: Outline) -> str:
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in outline) + "Z"
 
 
 def _ticks(low: float, high: float) -> list[float]:
@@ -238,12 +227,6 @@ def _ticks(low: float, high: float) -> list[float]:
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
     return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
-
-
-def _spread(labels: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    """Move the outer of three labels away from the middle one, as far as their texts need."""
-    (left, back), (middle, plate), (right, toward) = labels
-    return [(min(left, middle - 60), back), (middle, plate), (max(right, middle + 60), toward)]
 
 
 def _signed(value: float) -> str:

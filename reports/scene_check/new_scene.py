@@ -11,10 +11,10 @@ from pathlib import Path
 
 from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.files.patches import load_patches
-from xfrustum.scenes.model.scene import SceneObject
 
 FOV_DEG = 60.0
 """Full angle of both axes, that of the built-in scenes."""
@@ -42,28 +42,19 @@ class Place(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class NewScene:
-    """A scene file that was written.
-
-    Attributes
-    ----------
-    mesh
-        Box of the mesh as its file has it: lengths along x, y and z.
-    size
-        Its lengths in scene units.
-    warning
-        What was placed otherwise, or cannot be drawn where it was asked for; None where nothing was.
-    """
+    """A scene file that was written."""
 
     path: Path
-    mesh: tuple[float, float, float]
+    mesh: tuple[float, ...]  #: lengths of the mesh's box along x, y and z, as its file has it
     scale: float
-    translate: tuple[float, float, float]
-    size: tuple[float, float, float]
+    translate: tuple[float, ...]
+    size: tuple[float, ...]  #: lengths of the box in scene units
     plate: tuple[float, float]
     hogels: tuple[int, int]
     reach: float
     units: str
     heights: tuple[float, float]
+    #: What was placed otherwise, or cannot be drawn where it was asked for; None where nothing was.
     warning: str | None = None
 
     @property
@@ -108,47 +99,30 @@ def new_scene(
         be written.
     """
     mesh = Path(mesh)
-    if place is not None:
-        place = _place(place)
+    asked = None if place is None else choice(Place, place, "place")
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
     if out.exists() and not force:
         raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
     if size is not None and not (math.isfinite(size) and size > 0):
         raise InputError(f"size {size} must be a positive length")
-    written = _fitted(mesh, out, _units(mesh, units), size, place)
+    if units == "":
+        raise InputError("units must be a text that is not empty")
+    named = units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
+    written = _fitted(mesh, out, named, size, asked)
     with Staging(out.parent, (out.name,)) as staging:
         (staging.folder / out.name).write_text(_text(written, mesh), encoding="utf-8")
         staging.commit()
     return written
 
 
-def _place(place: Place | str) -> Place:
-    try:
-        return Place(place)
-    except ValueError as error:
-        raise InputError(f"place {place!r} is not one of {', '.join(Place)}") from error
-
-
-def _units(mesh: Path, units: str | None) -> str:
-    if units is not None:
-        if not units:
-            raise InputError("units must be a text that is not empty")
-        return units
-    return "m" if mesh.suffix.lower() in (".gltf", ".glb") else "units"
-
-
-def _read(mesh: Path) -> SceneObject:
-    return load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
-
-
 def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place | None) -> NewScene:
     """Choose everything from the box about a mesh."""
-    part = _read(mesh)
+    part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
     low, high = box(part)
-    own = _sides(low, high)
+    own = tuple(b - a for a, b in zip(low, high, strict=True))
     if not max(own) > 0:
         raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
-    scale = 1.0 if size is None else _digits(size / max(own))
+    scale = 1.0 if size is None else float(f"{size / max(own):.6g}")
     width, height, depth = (side * scale for side in own)
     flat = depth <= PLATE_ROUNDING * max(width, height)
     place = asked or (Place.BEHIND if flat else Place.THROUGH)
@@ -157,12 +131,26 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place 
     # From there on the middle aperture, of a plate no larger than the object, sees all of its nearest side.
     gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
     middle = {Place.THROUGH: 0.0, Place.BEHIND: -(gap + depth / 2), Place.BEFORE: gap + depth / 2}[place]
-    center = [scale * (a + b) / 2 for a, b in zip(low, high, strict=True)]
-    x, y, z = (_digits(to - c, longest) for to, c in zip((0.0, 0.0, middle), center, strict=True))
+    # Six digits of the longest side, and no negative zero.
+    decimals = 5 - math.floor(math.log10(longest))
+    x, y, z = (
+        round(to - scale * (a + b) / 2, decimals) + 0.0
+        for to, a, b in zip((0.0, 0.0, middle), low, high, strict=True)
+    )
     bottom, top = scale * low[2] + z, scale * high[2] + z
     plate = _round_up(ROOM * max(width, longest / 4)), _round_up(ROOM * max(height, longest / 4))
-    pitch = max(plate) / HOGELS
-    counted = in_plate(replace(part, vertices=scale * part.vertices + [x, y, z]))
+    columns, rows = (max(1, 2 * round((side * HOGELS / max(plate) - 1) / 2) + 1) for side in plate)
+    warning = None
+    if flat and asked is None:
+        warning = (
+            "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
+            "no plan holds (--before places it on the viewer's side)"
+        )
+    elif count := in_plate(replace(part, vertices=scale * part.vertices + [x, y, z])):
+        warning = (
+            f"{count:,} triangles lie in the plate, within rounding: displacement is undefined there, and "
+            "no plan holds for apertures that show them; give --behind or --before, or another translate"
+        )
     return NewScene(
         path=out,
         mesh=own,
@@ -170,32 +158,12 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place 
         translate=(x, y, z),
         size=(width, height, depth),
         plate=plate,
-        hogels=(_odd(plate[0] / pitch), _odd(plate[1] / pitch)),
+        hogels=(columns, rows),
         reach=_round_up(ROOM * max(-bottom, top, longest / 2)),
         units=units,
         heights=(bottom, top),
-        warning=_warning(flat, asked, counted),
+        warning=warning,
     )
-
-
-def _warning(flat: bool, asked: Place | None, in_plate: int) -> str | None:
-    """Say that a flat mesh was put behind the plate, or what lies in the plate."""
-    if flat and asked is None:
-        return (
-            "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
-            "no plan holds (--before places it on the viewer's side)"
-        )
-    if in_plate:
-        return (
-            f"{in_plate:,} triangles lie in the plate, within rounding: displacement is undefined there, and "
-            "no plan holds for apertures that show them; give --behind or --before, or another translate"
-        )
-    return None
-
-
-def _sides(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, float, float]:
-    x, y, z = (b - a for a, b in zip(low, high, strict=True))
-    return x, y, z
 
 
 def _round_up(value: float) -> float:
@@ -206,17 +174,6 @@ def _round_up(value: float) -> float:
     return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
 
 
-def _digits(value: float, of: float | None = None) -> float:
-    """Return a number in six digits; in as many as matter beside another one, where there is one."""
-    if of is None:
-        return float(f"{value:.6g}")
-    return round(value, 5 - math.floor(math.log10(of))) + 0.0
-
-
-def _odd(count: float) -> int:
-    return max(1, 2 * round((count - 1) / 2) + 1)
-
-
 def _quoted(text: str) -> str:
     """Write a text as a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -224,7 +181,6 @@ def _quoted(text: str) -> str:
 
 def _text(new: NewScene, mesh: Path) -> str:
     """Return the scene file."""
-    low, high = new.heights
     relative = Path(os.path.relpath(mesh.absolute(), new.path.absolute().parent)).as_posix()
     shown = " x ".join(length(side) for side in new.mesh)
     vector = ", ".join(repr(value) for value in new.translate)
@@ -245,7 +201,7 @@ reach = [{new.reach!r}, {new.reach!r}]  # how far surfaces are shown: toward the
 [[object]]
 mesh = {_quoted(relative)}  # relative to this file
 scale = {new.scale!r}  # the mesh itself is {shown}
-translate = [{vector}]  # then it lies {heights(low, high, new.units)}
+translate = [{vector}]  # then it lies {heights(*new.heights, new.units)}
 # rotate_deg = [0.0, 0.0, 0.0]  # about x, then y, then z; after scale and before translate
 # smooth = true  # normals for a mesh that has none
 """

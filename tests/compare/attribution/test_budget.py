@@ -22,8 +22,9 @@ from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget import CHAIN, LINK_COLORS, command, table, write_budget
+from xfrustum.reports.budget import CHAIN, command, table, write_budget
 from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
@@ -216,8 +217,9 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path
     }
     assert json.loads((tmp_path / "budget" / "budget.json").read_text()) == json_ready(numbers)
     page = (tmp_path / "budget" / "index.html").read_text()
-    for link, color in zip(numbers["links"], LINK_COLORS, strict=True):
+    for link in numbers["links"]:
         row = next(row for row in page.split("<tr>") if f"<td>{link['name']}</td>" in row)
+        color = CAUSE_COLORS[link["name"]]
         assert f'fill="{color}"' in row
         assert f">{link['pixels']:,}</td>" in row
         assert f">{link['surface']:,}</td>" in row
