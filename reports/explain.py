@@ -1,7 +1,7 @@
 """`xfrustum explain`: what a scene calls for, what bounds errors at each depth, and what a viewer sees.
 
-The answer comes from the scene alone: `scenes.model.effects` decides what is in sight and whether leaving it
-out changes a bit, and closed forms say what near offset, depth buffer, shear and band limiting do.
+The answer comes from the scene alone: `scenes.model.effects` decides what an image may show and whether
+leaving it out changes a bit, and closed forms say what near offset, depth buffer, shear and band limiting do.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins, require_seen
+from xfrustum.compare.extent import depth_bins, require_seen
 from xfrustum.compare.prediction.band_limiting import (
     LEVEL,
     band_limit,
@@ -32,15 +32,7 @@ from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import (
-    ALL_EFFECTS,
-    Decision,
-    Effect,
-    Question,
-    SlabContent,
-    decide,
-    slab_contents,
-)
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Shown, Table, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
@@ -69,9 +61,6 @@ PROCEDURE = (
 RENDERERS = ("raster", "reference")
 """Names of the renderers whose costs are measured."""
 
-SINGLE_SAMPLE = Sampling()
-
-
 # Costs ---------------------------------------------------------------------------------------------------
 
 Cost = dict[str, Any]
@@ -79,8 +68,6 @@ Cost = dict[str, Any]
 it is `resolved` from zero, and the median of the image `without` it."""
 
 Image = Callable[[], object]
-Wanted = tuple[Sampling, frozenset[Effect] | None]
-"""Sampling and effects of an image that is timed; None for the effects that the scene calls for."""
 
 
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
@@ -117,49 +104,43 @@ def _seconds(image: Image) -> float:
 
 def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, Cost]:
     """Return the cost by renderer of an effect, added to those used or taken away, or of a setting."""
-    scene, repeat = plan.scene, plan.repeat
-    asked, transport = scene.sampling, scene.transport
-    if name in ("shadows", "interreflection"):
-        from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415 - only where measured
+    # Renderers are loaded only where something is measured.
+    from xfrustum.raster import Rasterizer  # noqa: PLC0415
+    from xfrustum.reference import Reference  # noqa: PLC0415
+    from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415
 
-        tracer = PathTracer(scene)
-        few = Transport(samples=MEASURED_PATHS, **{name: True})
+    scene, repeat, asked = plan.scene, plan.repeat, plan.scene.sampling
+    if name in ("shadows", "interreflection"):
+        tracer, few = PathTracer(scene), Transport(samples=MEASURED_PATHS, **{name: True})
         found = cost(lambda: tracer.render(plan.aperture, few), lambda: None, repeat)
-        factor = transport.samples / MEASURED_PATHS
+        factor = scene.transport.samples / MEASURED_PATHS
         longer = {key: factor * found[key] for key in ("seconds", "spread")}
         return {"reference": found | longer | {"interval": tuple(factor * end for end in found["interval"])}}
-    finer = {
-        "antialiasing": replace(asked, aperture=1)
-        if (asked.supersample > 1 or asked.multisample > 1)
-        else Sampling(supersample=2),
-        "band-limiting": Sampling(aperture=asked.aperture if asked.aperture > 1 else 4),
-    }
-    if name in finer:
-        return _measured(plan, (finer[name], None), (SINGLE_SAMPLE, None))
-    one = ALL_EFFECTS if name == "all" else used | {Effect(name)}
-    other = used if name == "all" else used - {Effect(name)}
-    # A true line meets the same surface first, whichever cameras would draw it.
-    renderers = RENDERERS if (one ^ other) - {Effect.C, Effect.C_STAR} else RENDERERS[:1]
-    return _measured(plan, (SINGLE_SAMPLE, one), (SINGLE_SAMPLE, other), renderers)
+    # Sampling and effects of both images; None for the effects that the scene calls for.
+    one: tuple[Sampling, frozenset[Effect] | None]
+    other: tuple[Sampling, frozenset[Effect] | None] = Sampling(), None
+    renderers: Sequence[str] = RENDERERS
+    if name == "antialiasing":
+        smooth = asked.supersample > 1 or asked.multisample > 1
+        one = replace(asked, aperture=1) if smooth else Sampling(supersample=2), None
+    elif name == "band-limiting":
+        one = Sampling(aperture=asked.aperture if asked.aperture > 1 else 4), None
+    else:
+        more = ALL_EFFECTS if name == "all" else used | {Effect(name)}
+        fewer = used if name == "all" else used - {Effect(name)}
+        one, other = (Sampling(), more), (Sampling(), fewer)
+        # A true line meets the same surface first, whichever cameras would draw it.
+        renderers = RENDERERS if (more ^ fewer) - {Effect.C, Effect.C_STAR} else RENDERERS[:1]
 
-
-def _measured(
-    plan: EffectsPlan, one: Wanted, other: Wanted, renderers: Sequence[str] = RENDERERS
-) -> dict[str, Cost]:
-    """Return the cost of one image beyond another, by renderer; these are loaded only here."""
-    from xfrustum.raster import Rasterizer  # noqa: PLC0415 - only where measured
-    from xfrustum.reference import Reference  # noqa: PLC0415 - likewise
-
-    def image(renderer: str, wanted: Wanted) -> Image:
-        sampling, effects = wanted
+    def image(renderer: str, sampling: Sampling, effects: frozenset[Effect] | None) -> Image:
         if renderer == "reference":
-            reference = Reference(plan.scene, plan.tracer, effects)
+            reference = Reference(scene, plan.tracer, effects)
             return lambda: reference.trace(plan.aperture, sampling)
-        rasterizer = stack.enter_context(Rasterizer(plan.scene, effects))
+        rasterizer = stack.enter_context(Rasterizer(scene, effects))
         return lambda: rasterizer.render(plan.aperture, plan.settings, normals=False, sampling=sampling)
 
     with ExitStack() as stack:
-        return {name: cost(image(name, one), image(name, other), plan.repeat) for name in renderers}
+        return {by: cost(image(by, *one), image(by, *other), repeat) for by in renderers}
 
 
 # What a scene calls for ----------------------------------------------------------------------------------
@@ -172,45 +153,24 @@ class Row:
     name: str
     used: bool
     reason: str
-    objects: tuple[int, ...] = ()
+    objects: tuple[int, ...] = ()  #: those that call for it, and those that would if an image could show them
     out_of_sight: tuple[int, ...] = ()
     costs: dict[str, Cost] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class EffectsPlan(Shown):
-    """The effects that one image will have, decided before anything runs, and their measured costs.
-
-    Attributes
-    ----------
-    slabs
-        Slabs of both cameras, from the back.
-    left_out
-        Cost of all local effects beyond those used, by renderer; empty if not measured.
-    """
+    """The effects that one image will have, decided before anything runs, and their measured costs."""
 
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
     tracer: str
     rows: tuple[Row, ...]
-    slabs: tuple[SlabContent, ...]
+    slabs: tuple[SlabContent, ...]  #: of both cameras, from the back
     depths: dict[str, Any]
-    left_out: dict[str, Cost]
-    repeat: int
-
-    @property
-    def drawn(self) -> tuple[SlabContent, ...]:
-        """The slabs that have something in them, of the cameras that are used."""
-        used = {row.name for row in self.rows if row.used}
-        return tuple(slab for slab in self.slabs if slab.triangles and slab.camera.value in used)
-
-    @property
-    def passes(self) -> tuple[tuple[Camera, tuple[float, float], str], ...]:
-        """Camera, heights and what is drawn of each of the rasterizer's passes, in order."""
-        reflects = any(row.used for row in self.rows if row.name == Effect.REFLECTION)
-        kinds = ("surfaces", "reflections") if reflects else ("surfaces",)
-        return tuple((slab.camera, slab.heights, kind) for kind in kinds for slab in self.drawn)
+    left_out: dict[str, Cost] = field(default_factory=dict)  #: cost of all local effects beyond those used
+    repeat: int = 0
 
     def _said(self) -> str:
         column, row = self.aperture.index
@@ -262,65 +222,52 @@ def explain(
         raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
-    rows = [_local(one) for one in decide(scene, question=question)] + _settings_of(scene, repeat > 0)
+    rows = [
+        Row(
+            name=one.effect,
+            used=one.used,
+            reason=one.reason,
+            objects=one.objects,
+            out_of_sight=one.out_of_sight,
+        )
+        for one in decide(scene, question=question)
+    ]
     plan = EffectsPlan(
         scene=scene,
         aperture=aperture,
         settings=settings,
         tracer=tracer,
-        rows=tuple(rows),
+        rows=(*rows, *_rows_of_settings(scene, repeat > 0)),
         slabs=slab_contents(scene, settings),
         depths=depths(scene, aperture, settings),
-        left_out={},
         repeat=repeat,
     )
     if not repeat:
         return plan
-    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
-    names, costs = [*(row.name for row in rows), "all"], {}
+    used = frozenset(Effect(row.name) for row in rows if row.used)
+    names, costs = [*(row.name for row in plan.rows), "all"], {}
     with progress_bar(len(names), "explain", "effect", shown=progress) as bar:
         for name in names:
             costs[name] = _costs(plan, name, used)
             bar.update()
-    measured = tuple(replace(row, costs=costs[row.name]) for row in rows)
+    measured = tuple(replace(row, costs=costs[row.name]) for row in plan.rows)
     return replace(plan, rows=measured, left_out=costs["all"])
 
 
-def _local(one: Decision) -> Row:
-    return Row(
-        name=one.effect,
-        used=one.used,
-        reason=one.reason,
-        objects=one.objects,
-        out_of_sight=one.out_of_sight,
-    )
-
-
-def _settings_of(scene: Scene, measured: bool) -> list[Row]:
-    """Return the rows of what changes the picture and therefore is simulated only if it is asked for."""
+def _rows_of_settings(scene: Scene, measured: bool) -> Iterator[Row]:
+    """Yield the rows of what changes the picture and therefore is simulated only if it is asked for."""
     sampling, transport = scene.sampling, scene.transport
-    side, many = sampling.supersample, sampling.multisample
+    side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
     paths = f"{transport.samples} light paths a pixel"
-    points = f"{side} x {side} points a pixel and {many} coverage samples are asked for"
-    rows = (
-        ("antialiasing", side > 1 or many > 1, points, "2 x 2 points a pixel"),
-        (
-            "band-limiting",
-            sampling.aperture > 1,
-            f"{sampling.aperture} sub-apertures are asked for",
-            "4 sub-apertures",
-        ),
+    smooth = f"{side} x {side} points a pixel and {many} coverage samples are asked for"
+    for name, used, asked, cheap in (
+        ("antialiasing", side > 1 or many > 1, smooth, "2 x 2 points a pixel"),
+        ("band-limiting", points > 1, f"{points} sub-apertures are asked for", "4 sub-apertures"),
         ("shadows", transport.shadows, f"asked for, with {paths}", paths),
         ("interreflection", transport.interreflection, f"asked for, with {paths}", paths),
-    )
-    return [
-        Row(
-            name=name,
-            used=used,
-            reason=asked if used else f"not asked for{f'; the cost is that of {cheap}' if measured else ''}",
-        )
-        for name, used, asked, cheap in rows
-    ]
+    ):
+        unasked = f"not asked for{f'; the cost is that of {cheap}' if measured else ''}"
+        yield Row(name=name, used=used, reason=asked if used else unasked)
 
 
 # What bounds errors at each depth --------------------------------------------------------------------------
@@ -332,9 +279,19 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     The near offset displaces what lies below the first cut, and a fit makes that less: without an own one the
     first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
     """
-    bins, corner = depth_bins(scene, [aperture]), math.hypot(*scene.frustum.resolution) / 2
-    contrast = contrast_of(scene, [aperture])
+    bins, film, screen = (
+        depth_bins(scene, [aperture]),
+        np.array(scene.frustum.resolution),
+        scene.frustum.screen,
+    )
+    corner, contrast = math.hypot(*film) / 2, contrast_of(scene, [aperture])
     fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
+    sheared = 0.0
+    if screen is not None:
+        # A shear of n per depth moves the film by (W/2 kx/tx, H/2 ky/ty) pixels; k/t is the distance from
+        # aperture to the screen's middle, in half sizes of the screen.
+        away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
+        sheared = float(np.hypot(*(film / 2 * away)))
     rows, nears = [], list(settings.slabs)
     for one in bins:
         sections = settings.sections(scene.frustum.reach[1 if one.behind else 0])
@@ -343,20 +300,33 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         if displaced:
             nears.append(one.nearest * TOLERANCE_PX / max(corner * of_fit - TOLERANCE_PX, TOLERANCE_PX))
         moved = settings.near / (one.nearest + settings.near) if displaced else 0.0
+        # The farthest content is ordered in the slab that draws it. The first slab's camera has stepped back;
+        # those of the others stand in the aperture.
+        low, high = next((ends for ends in sections if one.farthest <= ends[1]), sections[-1])
+        back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
+        w = np.array([one.farthest + back])
+        separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
         band = band_limit(scene, one, contrast)
-        row = {name: getattr(one, name) for name in ("heights", "nearest", "farthest", "triangles", "share")}
         rows.append(
             {
                 "side": "behind" if one.behind else "before",
-                **row,
+                "heights": one.heights,
+                "nearest": one.nearest,
+                "farthest": one.farthest,
+                "triangles": one.triangles,
+                "share": one.share,
                 "near_px": corner * moved * of_fit,
-                "shear_px": _shear_px(scene, aperture) * moved,
-                "separation": _separation(one, sections, settings),
+                "shear_px": sheared * moved,
+                "separation": float(separation[0]),
                 "blur_px": band.blur_px[::-1],
                 "sub_apertures": band.sub_apertures,
             }
         )
     counts, blurs = [row["sub_apertures"] for row in rows], [widest_blur(scene, one) for one in bins]
+    errors = {
+        count: max((error_bound(count, blur, contrast) for blur in blurs), default=0.0) / LEVEL
+        for count in EXAMPLE_SUB_APERTURES
+    }
     return {
         "rows": rows,
         "near": settings.near,
@@ -365,33 +335,8 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         "contrast": contrast,
         "sub_apertures": None if None in counts else max((count for count in counts if count), default=1),
         "cuts": settings.slabs,
-        "band_errors": [
-            {
-                "sub_apertures": count,
-                "levels": max((error_bound(count, blur, contrast) for blur in blurs), default=0.0) / LEVEL,
-            }
-            for count in EXAMPLE_SUB_APERTURES
-        ],
+        "band_errors": [{"sub_apertures": count, "levels": levels} for count, levels in errors.items()],
     }
-
-
-def _separation(content: DepthBin, sections: Sequence[tuple[float, float]], settings: DoubleFrustum) -> float:
-    """Return the smallest separation ordered at a bin's farthest content, in the slab that draws it."""
-    low, high = next((one for one in sections if content.farthest <= one[1]), sections[-1])
-    # The first slab's camera has stepped back; those of the others stand in the aperture.
-    back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
-    w = np.array([content.farthest + back])
-    return float(smallest_separation(w, near, high + back, settings.depth, settings.mapping)[0])
-
-
-def _shear_px(scene: Scene, aperture: Aperture) -> float:
-    """Return the length of (W/2 kx/tx, H/2 ky/ty): pixels by which a shear of n per depth moves the film."""
-    screen = scene.frustum.screen
-    if screen is None:
-        return 0.0
-    # k/t is the distance from aperture to the screen's middle, in half sizes of the screen.
-    away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
-    return float(np.hypot(*(np.array(scene.frustum.resolution) / 2 * away)))
 
 
 # As JSON -------------------------------------------------------------------------------------------------
@@ -399,17 +344,49 @@ def _shear_px(scene: Scene, aperture: Aperture) -> float:
 
 def summary(plan: EffectsPlan) -> dict[str, Any]:
     """Return the object that `explain --json` prints."""
-    sampling, scene = plan.scene.sampling, plan.scene
+    sampling, scene, cameras = plan.scene.sampling, plan.scene, (Effect.C, Effect.C_STAR)
+
+    def by_renderer(costs: dict[str, Cost], name: str) -> dict[str, Any]:
+        """Return a number of the cost by each renderer; None where it was not measured or means nothing."""
+        return {one: costs[one][name] if one in costs else None for one in RENDERERS}
+
+    effects = [
+        {
+            **{name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")},
+            "cost_s": by_renderer(row.costs, "seconds"),
+            "spread_s": by_renderer(row.costs, "spread"),
+            "interval_s": by_renderer(row.costs, "interval"),
+            "resolved": by_renderer(row.costs, "resolved"),
+        }
+        for row in plan.rows
+    ]
+    objects = []
+    for number, part in enumerate(scene.objects):
+        z, rows = part.vertices[:, 2], [row for row in plan.rows if number in row.objects]
+        called = {
+            "number": number,
+            "name": part.name,
+            "heights": (float(z.min()), float(z.max())),
+            "in_sight": any(row.name in cameras for row in rows),
+            "effects": [row.name for row in rows if row.used and row.name not in cameras],
+        }
+        objects.append(called)
+    # The rasterizer's passes: slabs that have something in them, of the cameras that are used.
+    used = {row.name for row in plan.rows if row.used}
+    drawn = [slab for slab in plan.slabs if slab.triangles and slab.camera.value in used]
+    kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
     found = {
         "scene": {"name": scene.name, "hash": scene.content_hash},
         "aperture": plan.aperture.index,
-        "effects": [_effect(row) for row in plan.rows],
-        "objects": list(_objects(plan)),
+        "effects": effects,
+        "objects": objects,
         "depths": plan.depths,
-        "cameras": list(dict.fromkeys(slab.camera for slab in plan.drawn)),
+        "cameras": list(dict.fromkeys(slab.camera for slab in drawn)),
         "slabs": [asdict(slab) for slab in plan.slabs],
         "passes": [
-            {"camera": camera, "heights": heights, "draws": kind} for camera, heights, kind in plan.passes
+            {"camera": slab.camera, "heights": slab.heights, "draws": kind}
+            for kind in kinds
+            for slab in drawn
         ],
         "samples": {
             "pixel": sampling.supersample**2,
@@ -418,40 +395,14 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
         },
         "transport": scene.transport,
         "tracer": plan.tracer,
-        "image_s": _by_renderer(plan.left_out, "without"),
-        "left_out_s": _by_renderer(plan.left_out, "seconds"),
-        "left_out_interval_s": _by_renderer(plan.left_out, "interval"),
+        "image_s": by_renderer(plan.left_out, "without"),
+        "left_out_s": by_renderer(plan.left_out, "seconds"),
+        "left_out_interval_s": by_renderer(plan.left_out, "interval"),
         "repeat": plan.repeat,
         "procedure": PROCEDURE,
     }
     ready: dict[str, Any] = json_ready(found)
     return ready
-
-
-def _effect(row: Row) -> dict[str, Any]:
-    told = {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
-    numbers = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
-    return told | {key: _by_renderer(row.costs, name) for key, name in numbers.items()}
-
-
-def _by_renderer(costs: dict[str, Cost], name: str) -> dict[str, Any]:
-    """Return a number of the cost by each renderer; None where it was not measured or means nothing."""
-    return {one: costs[one][name] if one in costs else None for one in RENDERERS}
-
-
-def _objects(plan: EffectsPlan) -> Iterator[dict[str, Any]]:
-    """Yield each object with the local effects that it calls for."""
-    cameras = (Effect.C, Effect.C_STAR)
-    for number, part in enumerate(plan.scene.objects):
-        z = part.vertices[:, 2]
-        rows = [row for row in plan.rows if number in row.objects]
-        yield {
-            "number": number,
-            "name": part.name,
-            "heights": (float(z.min()), float(z.max())),
-            "in_sight": any(row.name in cameras for row in rows),
-            "effects": [row.name for row in rows if row.used and row.name not in cameras],
-        }
 
 
 # As text -------------------------------------------------------------------------------------------------
@@ -467,7 +418,7 @@ def table(plan: EffectsPlan) -> str:
     text = [*_columns(lines), ""]
     for one in told["objects"]:
         low, high = map(digits, one["heights"])
-        called = (", ".join(one["effects"]) or "no effect") if one["in_sight"] else "out of sight"
+        called = (", ".join(one["effects"]) or "no effect") if one["in_sight"] else "not seen"
         text.append(f"object {one['number']}, {one['name']}, heights {low} to {high} {units}: {called}")
     text += ["", *_by_depth(plan), ""]
     for slab in plan.slabs:
@@ -475,20 +426,17 @@ def table(plan: EffectsPlan) -> str:
         side = "behind" if slab.camera is Camera.C else "before"
         content = {0: "empty, skipped", 1: "1 triangle"}.get(slab.triangles, f"{slab.triangles:,} triangles")
         text.append(f"slab {low} to {high} {units} {side} the plate, camera {slab.camera}: {content}")
-    kinds = [kind for *_, kind in plan.passes]
+    kinds = [one["draws"] for one in told["passes"]]
     samples, transport = told["samples"], told["transport"]
     asked = [name for name in ("shadows", "interreflection") if transport[name]]
     text += [
         f"passes: {kinds.count('surfaces')} of surfaces, {kinds.count('reflections')} of reflections",
         f"samples: {samples['pixel']} a pixel, {samples['multisample']} of coverage, {samples['aperture']} "
-        f"over "
-        "the aperture",
+        "over the aperture",
         f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}",
     ]
-    for name, cost_of_all in plan.left_out.items():
-        text.append(
-            f"{name} {_duration(cost_of_all['without'])} an image, all effects besides {_time(cost_of_all)}"
-        )
+    for name, every in plan.left_out.items():
+        text.append(f"{name} {_duration(every['without'])} an image, all effects besides {_time(every)}")
     if plan.left_out:
         text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
     return "\n".join(text)
@@ -503,29 +451,27 @@ def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
 
 def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     """Yield the content of the frustum by depth, and what bounds its errors."""
-    found, units = plan.depths, plan.scene.units
+    found, units, (column, row) = plan.depths, plan.scene.units, plan.aperture.index
     cuts = f"cut at {', '.join(map(digits, found['cuts']))} {units}" if found["cuts"] else "without cuts"
     yield (
-        f"what lies in the frustum of aperture {plan.aperture.column},{plan.aperture.row} by depth, hidden "
-        f"surfaces "
-        f"included; near {digits(found['near'])} {units}, {cuts}, {plan.settings.depth_label}:"
+        f"what lies in the frustum of aperture {column},{row} by depth, hidden surfaces included; near "
+        f"{digits(found['near'])} {units}, {cuts}, {plan.settings.depth_label}:"
     )
     lines: list[tuple[str, ...]] = [
         (f"|z| ({units})", "surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
     ]
-    for row in found["rows"]:
-        least, largest = (digits(one) if math.isfinite(one) else "any" for one in row["blur_px"])
-        lines.append(
-            (
-                f"{digits(row['nearest'])} to {digits(row['farthest'])} {row['side']}",
-                percent(row["share"]),
-                f"{digits(row['near_px'])} px",
-                f"{digits(row['shear_px'])} px",
-                f"{digits(row['separation'])} {units}",
-                f"{least} to {largest} px",
-                "over 65,536" if row["sub_apertures"] is None else f"{row['sub_apertures']:,}",
-            )
+    for one in found["rows"]:
+        least, largest = (digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"])
+        cells = (
+            f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
+            percent(one["share"]),
+            f"{digits(one['near_px'])} px",
+            f"{digits(one['shear_px'])} px",
+            f"{digits(one['separation'])} {units}",
+            f"{least} to {largest} px",
+            _points(one["sub_apertures"]),
         )
+        lines.append(cells)
     yield from _columns(lines)
     within = f"within {digits(found['tolerance_px'])} px"
     if found["largest_near"] is None:
@@ -533,12 +479,15 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     else:
         largest = digits(found["largest_near"])
         yield f"near up to {largest} {units} keeps all of it {within}; for the plate ask `xfrustum plan`"
-    used, enough = plan.scene.sampling.aperture, found["sub_apertures"]
     errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
     yield (
-        f"band limiting: {used:,} sub-apertures are used; edges may be off by so many levels of 8 bits: "
-        f"{', '.join(errors)}; {'over 65,536' if enough is None else f'{enough:,}'} keep them under one"
+        f"band limiting: {plan.scene.sampling.aperture:,} sub-apertures are used; edges may be off by so "
+        f"many levels of 8 bits: {', '.join(errors)}; {_points(found['sub_apertures'])} keep them under one"
     )
+
+
+def _points(count: int | None) -> str:
+    return "over 65,536" if count is None else f"{count:,}"
 
 
 def _time(found: Cost | None) -> str:
@@ -567,27 +516,20 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
         A surface within the reach lies behind the viewer.
     """
     # Eyes are measured with the reference, which takes longer to load than all the rest takes to answer.
-    from xfrustum.compare.eye.noticeable import (  # noqa: PLC0415
-        Display,
-        Viewer,
-        display_limits,
-        require_before_viewer,
-        surface_content,
-    )
+    from xfrustum.compare.eye import noticeable  # noqa: PLC0415
     from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding  # noqa: PLC0415
 
-    viewer, display, content = Viewer(distance=distance), Display.of(scene), surface_content(scene)
-    require_before_viewer(scene, content, viewer)
+    viewer, display = noticeable.Viewer(distance=distance), noticeable.Display.of(scene)
+    content = noticeable.surface_content(scene)
+    noticeable.require_before_viewer(scene, content, viewer)
     requirement = EyeRequirement(viewer=viewer, display=display, content=content)
     found, noticed = requirement.limits_with(settings), requirement.noticed(settings)
     binds = binding(found)
     return {
-        "limits": display_limits(scene, viewer),
+        "limits": noticeable.display_limits(scene, viewer),
         "near": settings.near,
         "near_limits": found,
-        "largest_unseen_near": math.inf
-        if binds is None or binds.largest_near is None
-        else binds.largest_near,
+        "largest_unseen_near": math.inf if binds is None else binds.largest_near,
         "stereo_change_arcsec": noticed[STEREO][0] if STEREO in noticed else None,
         "crack_arcmin": noticed[CRACK][0] if CRACK in noticed else None,
         "seen": any(there > allowed for there, allowed, _ in noticed.values()),
@@ -598,21 +540,18 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
 def viewer_table(record: dict[str, Any], units: str) -> str:
     """Return the same as lines of text."""
     limits, near, largest = record["limits"], record["near"], record["largest_unseen_near"]
-    unseen = (
-        f"up to n = {digits(largest)} {units}"
-        if 0 < largest < math.inf
-        else "at any n"
-        if largest
-        else "at no n"
+    unseen = f"up to n = {digits(largest)} {units}" if largest else "at no n"
+    before, behind = (
+        "any depth" if math.isinf(depth) else f"{digits(depth)} {units}"
+        for depth in (limits.before, limits.behind)
     )
     lines = [
         f"for a viewer at {digits(limits.viewer.distance)} {units}:",
         f"  a hogel is seen under {digits(limits.pitch_arcmin)}', its pixels under "
-        f"{digits(limits.pixel_arcmin)}'; the "
-        f"eye resolves {digits(limits.viewer.acuity_arcmin)}'",
-        f"  depth of field: {_depth(limits.before, units)} before the plate, {_depth(limits.behind, units)} "
-        f"behind it",
-        f"  a near offset n, a gap of 2 n at the plate, is not seen {unseen}",
+        f"{digits(limits.pixel_arcmin)}'; the eye resolves {digits(limits.viewer.acuity_arcmin)}'",
+        f"  depth of field: {before} before the plate, {behind} behind it",
+        f"  a near offset n, a gap of 2 n at the plate, is not seen "
+        f"{'at any n' if math.isinf(largest) else unseen}",
         f"  n = {digits(near)} {units} is {'seen' if record['seen'] else 'not seen'}",
     ]
     names = {
@@ -625,7 +564,3 @@ def viewer_table(record: dict[str, Any], units: str) -> str:
     if record["stereo_change_arcsec"] is None:
         lines.append(f"    whether two eyes see it is not known: how long is one of the scene's {units}?")
     return "\n".join(lines)
-
-
-def _depth(depth: float, units: str) -> str:
-    return "any depth" if math.isinf(depth) else f"{digits(depth)} {units}"

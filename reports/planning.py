@@ -11,7 +11,7 @@ import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, PlateResult, depth_buffers, plan
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers, plan
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
@@ -79,14 +79,8 @@ def make_viewer_plan(
 ) -> tuple[Plan, EyeRequirement]:
     """Plan how to draw a plate so that a viewer notices nothing, and measure the plan; see `make_plan`.
 
-    Parameters
-    ----------
-    requirement
-        Requirement whose separation, where it has one, and share of pixels wrong by depth are kept.
-
-    Returns
-    -------
-    The plan, and the requirement that it was made for.
+    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are kept. The
+    requirement that the plan was made for is returned besides.
     """
     scouted = _scouted(scene, progress)
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong)
@@ -144,15 +138,20 @@ def table(
 ) -> str:
     """Return a plan as aligned lines that end in the command that draws so.
 
-    Parameters
-    ----------
-    exceeded
-        What a replay to a viewer's eyes shows beyond what is required; None where nothing was replayed.
+    `exceeded` is what a replay to a viewer's eyes shows beyond what is required; None where nothing was
+    replayed.
     """
     lines = [_filled(made.reason)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
-        return "\n".join([*lines, *([] if made.plate is None else [_no_share(made.plate)])])
+        if (known := made.plate) is not None:
+            blocked = f", at {known.hopeless} of them because a surface lies in the aperture"
+            none = (
+                f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
+                f"{known.scouted} that were looked through{blocked if known.hopeless else ''}."
+            )
+            lines.append(_filled(none))
+        return "\n".join(lines)
     cuts = ", ".join(f"{height:g}" for height in made.slabs)
     cuts = f"{cuts} {scene.units}" if cuts else "none"
     lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
@@ -171,9 +170,12 @@ def table(
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    return "\n".join(
-        [*lines, _answer(made, apertures, requirement, exceeded), "", command(made, scene, apertures)]
+    draw = (
+        raster_command(scene, apertures[0], settings)
+        if made.plate is None
+        else plate_command(scene, settings)
     )
+    return "\n".join([*lines, _answer(made, apertures, requirement, exceeded), "", draw])
 
 
 def _answer(
@@ -213,26 +215,7 @@ def _answer(
     return _filled(" ".join(sentences))
 
 
-def _no_share(known: PlateResult) -> str:
-    """Say that a near holds at none of the apertures that were looked through."""
-    blocked = (
-        f", at {known.hopeless} of them because a surface lies in the aperture" if known.hopeless else ""
-    )
-    return _filled(
-        f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
-        f"{known.scouted} that were looked through{blocked}."
-    )
-
-
 def _filled(text: str) -> str:
     """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
     kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
     return textwrap.fill(kept, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " ")
-
-
-def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
-    """Return the command that draws as planned: the plate, or the first of some apertures."""
-    assert made.settings is not None
-    if made.plate is not None:
-        return plate_command(scene, made.settings)
-    return raster_command(scene, apertures[0], made.settings)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial import cKDTree
 
-from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, ChosenAperture, Look, scout
+from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, ChosenAperture, scout
 from xfrustum.reports.common.figure_style import style
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.arrays import Floats, Mask
@@ -75,48 +76,20 @@ def choices(auto: AutoApertures | None) -> tuple[ChoiceRecord, ...] | None:
     return None if auto is None else tuple(ChoiceRecord.of(one) for one in auto.chosen)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LookRecord:
-    """What the coarse film of one aperture shows: the numbers of `compare.scout.Look`."""
-
-    aperture: tuple[int, int]
-    nearest: float
-    pixels_per_near: float
-    outline_widths: float
-
-    @classmethod
-    def of(cls, look: Look) -> LookRecord:
-        """Return how a look is written; infinite numbers become null."""
-        return cls(
-            aperture=look.aperture.index,
-            nearest=look.nearest,
-            pixels_per_near=look.pixels_per_near,
-            outline_widths=look.outline_widths,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoutRecord:
-    """The scout of a plate: how many apertures were looked through along how many lines, and the choice."""
-
-    hogels: int
-    scouted: int
-    blocked: int
-    lines: int
-    chosen: tuple[ChoiceRecord, ...]
-    looks: tuple[LookRecord, ...]
-
-    @classmethod
-    def of(cls, auto: AutoApertures) -> ScoutRecord:
-        """Return how a scout is written."""
-        return cls(
-            hogels=math.prod(auto.scout.scene.plate.hogels),
-            scouted=len(auto.scout.looks),
-            blocked=auto.blocked,
-            lines=FILM_PIXELS**2,
-            chosen=tuple(ChoiceRecord.of(one) for one in auto.chosen),
-            looks=tuple(LookRecord.of(look) for look in auto.scout.looks),
-        )
+def scout_record(auto: AutoApertures) -> dict[str, Any]:
+    """Return how the scout of a plate is written: what was looked through, and what was chosen."""
+    looks = auto.scout.looks
+    names = ("nearest", "pixels_per_near", "outline_widths")
+    return {
+        "hogels": math.prod(auto.scout.scene.plate.hogels),
+        "scouted": len(looks),
+        "blocked": auto.blocked,
+        "lines": FILM_PIXELS**2,
+        "chosen": choices(auto),
+        "looks": [
+            {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names} for one in looks
+        ],
+    }
 
 
 def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
@@ -153,21 +126,10 @@ def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
 def plate_map(
     plate: Plate, values: Floats, title: str, *, known: Mask | None = None, logarithmic: bool = False
 ) -> go.Figure:
-    """Draw a number over the plate, in the proportions of the plate itself, row 0 at the top.
+    """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
 
-    Parameters
-    ----------
-    plate
-        The plate.
-    values
-        (rows, columns) the number in each cell; blank where it is NaN.
-    title
-        What the number is.
-    known
-        Cells of which something is known; the others have the value of the nearest of them. Those with a
-        value by default.
-    logarithmic
-        Whether the color scale is.
+    The number is blank where it is NaN. Cells that are not `known`, by default those without a value, have
+    the value of the nearest of those that are. The color scale may be `logarithmic`.
     """
     known = np.isfinite(values) if known is None else known
     if known.any() and not known.all():
@@ -184,8 +146,15 @@ def plate_map(
         customdata=values,
         hovertemplate="column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
         colorscale="Viridis",
-        colorbar={"thickness": 12, "outlinewidth": 0, **(_decades(shown) if logarithmic else {})},
+        colorbar={"thickness": 12, "outlinewidth": 0},
     )
+    if logarithmic and (exponents := shown[np.isfinite(shown)]).size:
+        # Powers of ten, or five ticks spread evenly where these are few.
+        ticks = np.arange(np.ceil(exponents.min()), np.floor(exponents.max()) + 1)
+        if len(ticks) <= 2:
+            ticks = np.linspace(exponents.min(), exponents.max(), 5)
+        words = [digits(float(10**tick)) for tick in ticks]
+        figure.update_traces(colorbar={"tickvals": ticks.tolist(), "ticktext": words})
     style(figure)
     figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
     figure.update_layout(height=120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)))
@@ -195,17 +164,6 @@ def plate_map(
     pitch_ratio = height / rows / (width / columns)
     figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")
     return figure
-
-
-def _decades(logarithms: Floats) -> dict[str, Sequence[float] | Sequence[str]]:
-    """Return the labels of a logarithmic color bar: powers of ten, five spread evenly where these are few."""
-    known = logarithms[np.isfinite(logarithms)]
-    if not known.size:
-        return {}
-    ticks = np.arange(np.ceil(known.min()), np.floor(known.max()) + 1)
-    if len(ticks) <= 2:
-        ticks = np.linspace(known.min(), known.max(), 5)
-    return {"tickvals": ticks.tolist(), "ticktext": [digits(float(10**tick)) for tick in ticks]}
 
 
 def mark(figure: go.Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int) -> None:

@@ -68,12 +68,12 @@ class DepthShift:
 class Loss:
     """How one view differs from the one that it stands for, in numbers."""
 
-    judged: int  # pixels that are no ties, and of these
-    wrong: int | None  # those with a wrong surface; None where the shown view does not say what it shows
+    judged: int  #: pixels that are no ties, and of these
+    wrong: int | None  #: those with a wrong surface; None where the shown view does not say what it shows
     fraction: float | None
-    displacement_arcmin: Quantiles | None  # angle between where a point is shown and where it belongs
-    depth_error: Quantiles | None  # distance in depth of points of one object on the same ray, scene units
-    flip: float | None  # mean FLIP at the eye's pixels per degree; None where there are no colors
+    displacement_arcmin: Quantiles | None  #: angle between where a point is shown and where it belongs
+    depth_error: Quantiles | None  #: distance in depth of points of one object on the same ray, scene units
+    flip: float | None  #: mean FLIP at the eye's pixels per degree; None where there are no colors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -106,8 +106,8 @@ class Views(Brief):
 
     true: EyeImage
     replayed: EyeImage
-    drawn: EyeImage | None  # None where no renderer is judged
-    taken: Replay  # the pixels of hogels that the eye is shown
+    drawn: EyeImage | None  #: None where no renderer is judged
+    taken: Replay  #: the pixels of hogels that the eye is shown
 
     @property
     def eye(self) -> Eye:
@@ -227,10 +227,10 @@ def _angle(a: Floats, b: Floats) -> Floats:
 class Disparity:
     """How far off two eyes see surface points that both are shown."""
 
-    matched: int  # pixels of the left eye whose surface point the right eye is shown too
-    disparity_arcmin: Quantiles | None  # absolute error of the disparity
-    depth: DepthShift | None  # shown minus true distance from the eyes that follows, scene units
-    change_arcsec: DepthShift | None = None  # shown minus true disparity, negative where seen too far away
+    matched: int  #: pixels of the left eye whose surface point the right eye is shown too
+    disparity_arcmin: Quantiles | None  #: absolute error of the disparity
+    depth: DepthShift | None  #: shown minus true distance from the eyes that follows, scene units
+    change_arcsec: DepthShift | None = None  #: shown minus true disparity, negative where seen too far away
 
 
 def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Disparity, Disparity | None]:

@@ -74,8 +74,8 @@ class Viewer:
     """
 
     distance: float
-    acuity_arcmin: float = ACUITY_ARCMIN  # smallest angle
-    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC  # and smallest difference of disparity that it tells
+    acuity_arcmin: float = ACUITY_ARCMIN  #: smallest angle
+    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC  #: and smallest difference of disparity that it tells
     eyes_apart_mm: float = EYES_APART_MM
     pupil_mm: float = PUPIL_MM
 
@@ -92,11 +92,11 @@ class Display:
     """What of a plate decides how fine it shows; of both axes the coarser one counts."""
 
     frustum: Frustum
-    size: tuple[float, float]  # of the plate, scene units
-    pitch: float  # of the hogels, scene units
-    pixel: float  # slope between the directions of neighboring pixels of a hogel
-    diffraction: float  # wavelength over pitch; 0 where the length of the scene's unit is not known
-    millimeters: float | None  # length of the scene's unit; None where it is not known
+    size: tuple[float, float]  #: of the plate, scene units
+    pitch: float  #: of the hogels, scene units
+    pixel: float  #: slope between the directions of neighboring pixels of a hogel
+    diffraction: float  #: wavelength over pitch; 0 where the length of the scene's unit is not known
+    millimeters: float | None  #: length of the scene's unit; None where it is not known
 
     @classmethod
     def of(cls, scene: Scene) -> Display:
@@ -128,12 +128,12 @@ class DisplayLimits:
     """
 
     viewer: Viewer
-    pixel_arcmin: float  # angle between the directions of neighboring pixels of a hogel
-    pitch_arcmin: float  # angle under which a hogel is seen
-    diffraction_arcmin: float | None  # no hogel holds finer angles
+    pixel_arcmin: float  #: angle between the directions of neighboring pixels of a hogel
+    pitch_arcmin: float  #: angle under which a hogel is seen
+    diffraction_arcmin: float | None  #: no hogel holds finer angles
     behind: float
     before: float
-    rays_per_pupil: float | None  # pixels of a hogel that a pupil catches along an axis
+    rays_per_pupil: float | None  #: pixels of a hogel that a pupil catches along an axis
     near_stereo: float | None
     near_crack: float
 
@@ -195,7 +195,7 @@ class Content:
 
     before: tuple[float, float] | None
     behind: tuple[float, float] | None
-    through: bool  # whether a surface runs through the plate
+    through: bool  #: whether a surface runs through the plate
 
     @property
     def _sides(self) -> list[tuple[float, tuple[float, float]]]:

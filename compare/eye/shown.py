@@ -81,11 +81,11 @@ def _camera_lines(
 class DrawnHogel:
     """The image of one hogel by any renderer; None for what it does not say."""
 
-    index: tuple[int, int]  # column and row on the plate
-    color: NDArray[Any] | None = None  # (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
+    index: tuple[int, int]  #: column and row on the plate
+    color: NDArray[Any] | None = None  #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
     triangle: Numbers | None = None
     object: Numbers | None = None
-    position: NDArray[np.floating] | None = None  # (H, W, 3) surface points, scene units
+    position: NDArray[np.floating] | None = None  #: (H, W, 3) surface points, scene units
 
 
 class Collector:

@@ -135,9 +135,9 @@ class SheetPair:
     """Two sheets of one camera, parallel to the plate and a separation apart along z, scene units."""
 
     camera: ModelCamera
-    heights: Floats  # (N,) |z| of the farther sheet, for each of the pair's cells row by row
+    heights: Floats  #: (N,) |z| of the farther sheet, for each of the pair's cells row by row
     separation: float
-    loser_first: bool  # whether the sheet that must not show is drawn first
+    loser_first: bool  #: whether the sheet that must not show is drawn first
 
     def objects(self, rows: Indices, columns: Indices, cells: int) -> list[SceneObject]:
         """Return both sheets in drawing order, over the cells in some rows and columns of the film."""
@@ -156,8 +156,8 @@ class SheetFilm:
 
     scene: Scene
     aperture: Aperture
-    pair: Indices  # (H, W) number of the pair that each pixel belongs to
-    shown: Indices  # (H, W) number of the object that it must show
+    pair: Indices  #: (H, W) number of the pair that each pixel belongs to
+    shown: Indices  #: (H, W) number of the object that it must show
 
     @classmethod
     def of(

@@ -85,16 +85,16 @@ class PlateResult:
     """What is known of a plan all over the plate; counts are of hogels."""
 
     hogels: int
-    scouted: int  # looked through
-    measured: int = 0  # drawn and judged
-    sampled: int = 0  # in the last random sample
-    beyond: int = 0  # of the last sample, beyond the tolerance
-    worst: HogelResult | None = None  # nearest to what is allowed, or farthest beyond it; None without a plan
-    hopeless: int  # looked through, and at which no near at all would keep to the tolerance
-    set_aside: int  # others for which the plan was not made, since there is none for them and all others
+    scouted: int  #: looked through
+    measured: int = 0  #: drawn and judged
+    sampled: int = 0  #: in the last random sample
+    beyond: int = 0  #: of the last sample, beyond the tolerance
+    worst: HogelResult | None = None  #: nearest to what is allowed, or farthest beyond; None without a plan
+    hopeless: int  #: looked through, and at which no near at all would keep to the tolerance
+    set_aside: int  #: others for which the plan was not made, since there is none for them and all others
     share_beyond_at_most: float = 1.0
-    confidence: float = 1.0  # probability that the bound holds; 1 where every hogel was measured
-    hopeless_apertures: tuple[Index, ...]  # `MAX_LISTED_APERTURES` of each kind at most
+    confidence: float = 1.0  #: probability that the bound holds; 1 where every hogel was measured
+    hopeless_apertures: tuple[Index, ...]  #: `MAX_LISTED_APERTURES` of each kind at most
     set_aside_apertures: tuple[Index, ...]
 
     @property
@@ -128,7 +128,7 @@ class Plan(Shown):
     slabs: tuple[float, ...] = ()
     depth: DepthFormat | None = None
     mapping: DepthMapping | None = None
-    predicted: Quality | None = None  # at the worst aperture
+    predicted: Quality | None = None  #: at the worst aperture
     measured: Quality | None = None
     within: bool = False
     reason: str

@@ -99,8 +99,8 @@ class Attempt:
 
     settings: DoubleFrustum
     predicted: Quality
-    near_excess: float  # of displacement and wrong surfaces, or of what eyes see
-    depth_excess: float  # of pixels wrong by depth and of separation
+    near_excess: float  #: of displacement and wrong surfaces, or of what eyes see
+    depth_excess: float  #: of pixels wrong by depth and of separation
 
     @property
     def excess(self) -> float:
@@ -133,9 +133,9 @@ class Outcome:
     """Result of a search: attempts that hold, the cheapest first, and those that failed with one cut less."""
 
     choices: Sequence[DepthBuffer]
-    finest: float  # smallest separation that any choice orders at the farthest surface, however it is cut
+    finest: float  #: smallest separation that any choice orders at the farthest surface, however it is cut
     holding: Sequence[Attempt]
-    failed: Sequence[Attempt]  # with the most cuts there may be where none holds; empty where none was tried
+    failed: Sequence[Attempt]  #: with the most cuts there may be where none holds; empty where none was tried
 
 
 class Search:

@@ -48,8 +48,8 @@ class NearLimit:
 
     name: str
     largest_near: float | None
-    allowed: float  # arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
-    hidden_by: str  # `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
+    allowed: float  #: arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
+    hidden_by: str  #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,8 +55,8 @@ class Errors:
     """What settings get wrong at a hogel, or at the worst of some: measured, or predicted at most."""
 
     displacement_p99_px: float  # 0 where nothing is displaced, infinite where it is undefined
-    surface_fraction: float  # share of judged pixels that show the wrong surface
-    depth_wrong: float  # share whose wrong surface is charged to depth; predicted for the unluckiest order
+    surface_fraction: float  #: share of judged pixels that show the wrong surface
+    depth_wrong: float  #: share whose wrong surface is charged to depth; predicted for the unluckiest order
 
     def beyond(self, tolerance_px: float) -> bool:
         """Return whether a hogel is beyond a tolerance; see `compare.beyond`."""
@@ -95,11 +95,11 @@ class Requirement:
     SEEN_BY_EYES: ClassVar[bool] = False
     """Whether eyes judge near, and not pixels: then the largest near that they cannot see is planned."""
 
-    tolerance_px: float = TOLERANCE_PX  # largest 99th percentile of displacement
+    tolerance_px: float = TOLERANCE_PX  #: largest 99th percentile of displacement
     separation: float | None = (
         None  # of ordered sheets, scene units; None: `SEPARATION_PER_REACH` of the reach
     )
-    max_wrong: float = MAX_DEPTH_WRONG  # largest share of judged pixels that are wrong by depth
+    max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
 
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)

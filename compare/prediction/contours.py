@@ -52,12 +52,12 @@ class Contours:
     seam front and back are interchangeable.
     """
 
-    front: Indices  # (N,) pixels of the flattened image: the surface nearer to the viewer
-    back: Indices  # (N,) and what lies behind it
-    normal: Floats  # (N, 2) unit vectors from front to back, columns to the right and rows down
-    length: Floats  # (N,) length of the contour that the step stands for, px
-    kind: NDArray[np.int8]  # (N,) `Kind`
-    resolution: tuple[int, int]  # W, H in pixels
+    front: Indices  #: (N,) pixels of the flattened image: the surface nearer to the viewer
+    back: Indices  #: (N,) and what lies behind it
+    normal: Floats  #: (N, 2) unit vectors from front to back, columns to the right and rows down
+    length: Floats  #: (N,) length of the contour that the step stands for, px
+    kind: NDArray[np.int8]  #: (N,) `Kind`
+    resolution: tuple[int, int]  #: W, H in pixels
 
     @cached_property
     def places(self) -> Floats:
@@ -79,7 +79,7 @@ class _Steps:
     heights are equal, and rounding decides which is in front.
     """
 
-    before: Indices  # pixels of the flattened image
+    before: Indices  #: pixels of the flattened image
     after: Indices
     kind: NDArray[np.int8]
     oriented: Floats

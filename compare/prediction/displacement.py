@@ -22,8 +22,8 @@ from xfrustum.scenes.plate.frustum import Frustum
 class TruePoints:
     """Surface points at the places on the film where the truth shows them."""
 
-    height: Floats  # (...) signed z, scene units; NaN where there is no surface off the plate
-    from_middle: Floats  # (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v
+    height: Floats  #: (...) signed z, scene units; NaN where there is no surface off the plate
+    from_middle: Floats  #: (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v
     camera: HogelCamera
 
     @classmethod

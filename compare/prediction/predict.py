@@ -36,13 +36,13 @@ class Separations:
 class Prediction:
     """The errors that one choice of settings is expected to have; shares are of the judged pixels."""
 
-    displacement_px: Spread | None  # None where no surface off the plate is drawn
-    silhouettes: float  # wrong surface along silhouettes because of displacement
-    snapped: float  # wrong surface along silhouettes because edges snap to subpixels
-    depth: float  # wrong surface because of the depth buffer
-    outside: float  # shown is what belongs outside the film
+    displacement_px: Spread | None  #: None where no surface off the plate is drawn
+    silhouettes: float  #: wrong surface along silhouettes because of displacement
+    snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
+    depth: float  #: wrong surface because of the depth buffer
+    outside: float  #: shown is what belongs outside the film
     separation: Separations
-    culled: float = 0.0  # culling leaves the true surface out
+    culled: float = 0.0  #: culling leaves the true surface out
 
     @property
     def surface_fraction(self) -> float:
@@ -56,7 +56,7 @@ class LinkPrediction:
     """The errors that one link of the chain is expected to add; None where no closed form is known."""
 
     displacement_rms_px: float | None
-    surface_pixels: float | None  # judged pixels with a wrong surface that are charged to the link
+    surface_pixels: float | None  #: judged pixels with a wrong surface that are charged to the link
 
 
 class Predictor:

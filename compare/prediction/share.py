@@ -50,9 +50,9 @@ beside the error, and the difference quotient of `_misordered` would lose it in 
 class Stacks:
     """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
 
-    judged: int  # pixels whose truth is no tie
-    distance: Mapping[Camera, Floats]  # (N,) |z| of the surfaces that it shows in judged pixels
-    gap: Mapping[Camera, Floats]  # (N,) distance to the next one on the same line, see `Reference.gaps`
+    judged: int  #: pixels whose truth is no tie
+    distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
+    gap: Mapping[Camera, Floats]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
 
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
@@ -72,10 +72,10 @@ class Slab:
     """One camera's slab and its depth buffer (docs/method.md, "Splitting"); lengths in scene units."""
 
     camera: Camera
-    low: float  # |z| between which the camera draws
+    low: float  #: |z| between which the camera draws
     high: float
-    step: float  # by which the camera stands back from the aperture
-    near: float  # distances of the planes from the camera
+    step: float  #: by which the camera stands back from the aperture
+    near: float  #: distances of the planes from the camera
     far: float
 
 
@@ -217,9 +217,9 @@ class _Table:
     """
 
     first: int
-    step: Floats  # distance of neighboring stored values
-    error: Floats  # standard deviation of the difference of two surfaces' depths
-    doubtful: Floats  # differences below which two depths may be ordered wrongly
+    step: Floats  #: distance of neighboring stored values
+    error: Floats  #: standard deviation of the difference of two surfaces' depths
+    doubtful: Floats  #: differences below which two depths may be ordered wrongly
 
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
         """Return where two depths, so far apart at w, may be ordered wrongly, and their rows."""

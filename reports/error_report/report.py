@@ -29,7 +29,7 @@ from xfrustum.reports.inspection.page import (
     replacing_inspection,
     write_inspection,
 )
-from xfrustum.reports.scout import ScoutRecord
+from xfrustum.reports.scout import scout_record
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits
@@ -211,7 +211,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
                 "pictures_s": measured.times_s["pictures"],
             },
             "shading": measured.light and measured.light.record,
-            "scout": ScoutRecord.of(measured.auto) if measured.auto else None,
+            "scout": scout_record(measured.auto) if measured.auto else None,
             "left_out": () if measured.options.causes else LEFT_OUT,
         }
     )
