@@ -38,10 +38,6 @@ def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) ->
     return image.color
 
 
-def with_resolution(scene: Scene, resolution: tuple[int, int]) -> Scene:
-    return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
-
-
 def boxes(picture: NDArray[Any], n: int) -> Floats:
     height, width = picture.shape[0] // n, picture.shape[1] // n
     return np.asarray(picture.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64))
@@ -50,7 +46,8 @@ def boxes(picture: NDArray[Any], n: int) -> Floats:
 @pytest.mark.parametrize("n", [2, 3])
 def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(n: int) -> None:
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
-    larger = with_resolution(scene, (n * RESOLUTION[0], n * RESOLUTION[1]))
+    film = replace(scene.frustum, resolution=(n * RESOLUTION[0], n * RESOLUTION[1]))
+    larger = replace(scene, frustum=film)
     with Rasterizer(scene) as raster, Rasterizer(larger) as fine:
         np.testing.assert_allclose(color(raster, supersample=n), boxes(color(fine), n), atol=SINGLE)
 
@@ -166,14 +163,6 @@ def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -
         np.testing.assert_array_equal(raster.render_color(place, SETTINGS, Sampling(**sampling)), expected)
 
 
-def test_multisampling_mixes_reflections_as_supersampling_does() -> None:
-    scene = dressed_scene("car", RESOLUTION)
-    with Rasterizer(scene) as raster:
-        exact = color(raster, supersample=8).astype(np.float64)
-        four, one = (np.abs(color(raster, multisample=n) - exact).mean() for n in (FOUR, 1))
-    assert four < one
-
-
 @pytest.mark.parametrize("sampling", [{"multisample": FOUR}, {"supersample": 3}])
 def test_what_is_hidden_reflects_nothing_in_any_sample(sampling: dict[str, int]) -> None:
     """Mirrors in a white surrounding look like a white surface: as much light, in the same samples."""
@@ -214,23 +203,6 @@ def test_what_a_pixel_shows_is_that_at_its_center_however_finely_it_is_sampled(a
     assert not np.array_equal(fine.color, plain.color)
     np.testing.assert_array_equal(same.color, fine.color)
     np.testing.assert_array_equal(once.color, plain.color)
-
-
-def test_finer_sampling_is_not_paid_for_where_nobody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = dressed_scene("asymmetric", RESOLUTION)
-    drawn = []
-    with Rasterizer(scene) as raster:
-        assert raster._drawing is not None
-        draw = raster._drawing.draw
-
-        def counted(*arguments: Any, color: bool, **how: Any) -> None:
-            drawn.append(color)
-            draw(*arguments, color=color, **how)
-
-        monkeypatch.setattr(raster._drawing, "draw", counted)
-        raster.render(scene.plate.middle, SETTINGS)
-        raster.render(scene.plate.middle, SETTINGS, color=False, sampling=Sampling(aperture=8))
-    assert drawn == [True, False]
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])

@@ -22,7 +22,7 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.exr import read_image
 
 
-def sized(width: int, height: int) -> Scene:
+def on_film(width: int, height: int) -> Scene:
     return view("crossing", (width, height))
 
 
@@ -41,17 +41,14 @@ def write_scene(folder: Path, resolution: int) -> Path:
     return path
 
 
-def test_a_side_longer_than_the_device_draws_is_refused_with_the_limit() -> None:
-    longest = longest_side()
-    with pytest.raises(InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"):
-        Rasterizer(sized(longest + 1, 8))
-
-
 def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The longest sides that the device has, in both directions at once: it is the device or the memory."""
-    scene, out = write_scene(tmp_path, longest_side()), tmp_path / "raster.exr"
+    longest = longest_side()
+    with pytest.raises(InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"):
+        Rasterizer(on_film(longest + 1, 8))
+    scene, out = write_scene(tmp_path, longest), tmp_path / "raster.exr"
     assert main(["raster", str(scene), "--near", "1", "--out", str(out)]) == 2
     said = capfd.readouterr().err
     assert said.startswith("xfrustum: error: ")
@@ -83,7 +80,7 @@ def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() ->
 
 
 def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, needed = sized(64, 48), capacity.PIXEL_BYTES * 64 * 48
+    scene, needed = on_film(64, 48), capacity.PIXEL_BYTES * 64 * 48
     monkeypatch.setattr(capacity, "free_memory", lambda: needed - 1)
     with pytest.raises(InputError, match=r"image of 64 x 48 pixels needs about .* GiB are free"):
         Rasterizer(scene)
@@ -93,25 +90,18 @@ def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.Monkey
 
 
 def test_a_large_truth_is_foretold_and_a_small_one_is_not() -> None:
-    assert forecast(sized(512, 512), transported=False) is None
-    text = forecast(sized(16000, 16000), transported=False)
+    assert forecast(on_film(512, 512), transported=False) is None
+    text = forecast(on_film(16000, 16000), transported=False)
     assert text is not None
     assert "16000 x 16000 are 256.0 million pixels" in text
     # Bands of 2^19 pixels at most, 32 rows, however many processors share them.
     assert "traced in 500 bands" in text
     assert f"at most {16000**2 * FILE_BYTES / 2**30:.1f} GiB" in text
-
-
-def test_samples_and_light_paths_count_as_pixels_do() -> None:
-    scene = sized(512, 512)
-    averaged = replace(scene, sampling=Sampling(supersample=2, aperture=16))
-    text = forecast(averaged, transported=False)
-    assert text is not None
-    assert "each is the mean of 64 samples" in text
-    lit = replace(scene, transport=Transport(shadows=True, samples=100))
-    text = forecast(lit, transported=True)
-    assert text is not None
-    assert "each is the mean of 100 light paths" in text
+    # Samples and light paths count as pixels do.
+    averaged = replace(on_film(512, 512), sampling=Sampling(supersample=2, aperture=16))
+    assert "each is the mean of 64 samples" in str(forecast(averaged, transported=False))
+    lit = replace(on_film(512, 512), transport=Transport(shadows=True, samples=100))
+    assert "each is the mean of 100 light paths" in str(forecast(lit, transported=True))
 
 
 def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
