@@ -398,6 +398,8 @@ def test_light_is_linear_and_nothing_is_clipped() -> None:
 
     once = lit(*LIGHTS)
     assert once.max() > 0.3
-    brighter = [replace(light, color=tuple(1024 * part for part in light.color)) for light in LIGHTS]
+    brighter = [
+        replace(one, color=(1024 * one.color[0], 1024 * one.color[1], 1024 * one.color[2])) for one in LIGHTS
+    ]
     np.testing.assert_array_equal(lit(*brighter), once * 1024)
     np.testing.assert_allclose(sum(lit(light) for light in LIGHTS), once, atol=2.0**-21)

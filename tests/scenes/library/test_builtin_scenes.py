@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes import InputError, Scene, open_scene
+from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.operations import refine
 from xfrustum.scenes.geometry.shapes import SHAPES, build_shape
@@ -23,13 +23,6 @@ OVER_PLATE = 1e-9
 def areas(triangles: Floats) -> Floats:
     edges = triangles[:, 1:] - triangles[:, :1]
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
-
-
-def film_box(scene: Scene, index: int) -> tuple[float, float, float, float]:
-    """Return the smallest rectangle of slopes (x/s, y/s) that an object fills from the origin."""
-    vertices = scene.objects[index].vertices
-    slopes = vertices[:, :2] / -vertices[:, 2:]
-    return (*slopes.min(axis=0).tolist(), *slopes.max(axis=0).tolist())
 
 
 @pytest.mark.parametrize("name", builtin.names())
@@ -52,13 +45,6 @@ def test_a_built_in_scene_lies_on_both_sides_of_the_plate_without_flat_triangles
         assert np.abs(scene.vertices[:, 2]).max() < scene.frustum.longest_reach
 
 
-def test_the_catalogue_cannot_be_changed_and_an_unknown_name_is_an_input_error() -> None:
-    with pytest.raises(TypeError):
-        builtin.SCENES["car"] = builtin.SCENES["empty"]  # type: ignore[index]  # what is tested
-    with pytest.raises(InputError, match="no built-in scene is called 'cat'"):
-        builtin.build("cat")
-
-
 def test_no_flip_or_swap_of_axes_maps_the_asymmetric_scene_near_itself() -> None:
     """Each of the 47 other signed permutations moves some vertex by more than a millimeter."""
     vertices = open_scene("asymmetric").vertices
@@ -67,7 +53,7 @@ def test_no_flip_or_swap_of_axes_maps_the_asymmetric_scene_near_itself() -> None
             if order == (0, 1, 2) and signs == (1, 1, 1):
                 continue
             image = vertices[:, order] * signs
-            gaps = np.linalg.norm(image[::7, None] - vertices[None, ::3], axis=2).min(axis=1)
+            gaps = np.linalg.norm(image[::29, None] - vertices[None, ::3], axis=2).min(axis=1)
             assert gaps.max() > 1.0, (order, signs)
 
 
@@ -93,8 +79,8 @@ def test_sheets_are_parallel_as_far_apart_as_said_and_imaged_in_the_same_cell() 
         overlap = min(slopes[0].max(), slopes[1].max()) - max(slopes[0].min(), slopes[1].min())
         assert overlap > 0.3 * 0.9 * 1.1 / columns
     half_angle = math.tan(math.radians(30))
-    for index in (0, 1):
-        assert max(map(abs, film_box(scene, index))) < half_angle
+    for part in scene.objects:
+        assert np.abs(part.vertices[:, :2] / part.vertices[:, 2:]).max() < half_angle
 
 
 def test_the_crossing_surface_contains_the_middle_aperture_inside_one_triangle() -> None:
@@ -149,7 +135,7 @@ def test_the_transfer_has_all_content_behind_the_plate_and_the_transfer_plane_th
             assert (low + high) / 2 == pytest.approx(screen.center[axis])
 
 
-@pytest.mark.parametrize("name", ["car", "asymmetric", "large-triangles"])
+@pytest.mark.parametrize("name", ["asymmetric", "large-triangles"])
 def test_refining_splits_every_triangle_in_four_on_the_same_surface(name: str) -> None:
     scene = open_scene(name)
     fine = refine(scene, 2)
@@ -161,11 +147,6 @@ def test_refining_splits_every_triangle_in_four_on_the_same_surface(name: str) -
     rounding = 2 * math.sqrt(3) * np.spacing(np.abs(scene.vertices).max())
     offsets = fine.triangles - scene.triangles[parents, :1]
     assert np.abs(np.einsum("tcx,tx->tc", offsets, scene.normals[parents])).max() < 8 * rounding
-
-
-def test_refining_no_level_keeps_the_scene_and_an_empty_scene_stays_empty() -> None:
-    assert refine(open_scene("car"), 0).content_hash == open_scene("car").content_hash
-    assert len(refine(open_scene("empty"), 3).faces) == 0
 
 
 @pytest.mark.parametrize("name", [n for n in SHAPES if n != "square"])

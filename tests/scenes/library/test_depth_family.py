@@ -23,8 +23,7 @@ def one_side(ratio: float) -> SeenScene:
     return SeenScene(scene=scene, aperture=scene.plate.middle)
 
 
-@pytest.mark.parametrize("camera", [Camera.C, Camera.C_STAR])
-@pytest.mark.parametrize("ratio", [CAR_RATIO, 30.0, 1000.0])
+@pytest.mark.parametrize(("ratio", "camera"), [(CAR_RATIO, Camera.C), (1000.0, Camera.C_STAR)])
 def test_surfaces_reach_from_the_nearest_to_the_farthest_height_of_their_side(
     ratio: float, camera: Camera
 ) -> None:
@@ -55,8 +54,8 @@ def test_the_middle_aperture_does_not_see_the_nearest_cars() -> None:
     assert nearest[0] > 5 * nearest[1]
 
 
-@pytest.mark.parametrize("distance", [1e-2, 1e-4])
-def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance(distance: float) -> None:
+def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance() -> None:
+    distance = 1e-3
     seen = depth_family.car_through_plate(distance, SIZE)
     truth = Reference(seen.scene).trace(seen.aperture)
     heights = np.abs(truth.height[truth.covered]) / REACH

@@ -13,18 +13,17 @@ from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.globes import GLOBES, REACH, globes
 
 
-@pytest.mark.parametrize("triangles", [1000, 4000, 10_000, 100_000, 1_000_000])
+@pytest.mark.parametrize("triangles", [1000, 10_000, 100_000])
 def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
     scene = globes(triangles, (8, 8))
     assert len(scene.faces) == triangles
     # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
     assert np.abs(scene.vertices[:, 2]).max() < REACH
-
-
-def test_globes_lie_before_across_and_behind_the_plate() -> None:
-    low, high = globes(1000, (8, 8)).height_ranges
-    assert (low > 0).any() and (high < 0).any() and ((low < 0) & (high > 0)).any()
+    ends = [
+        np.sign([part.vertices[:, 2].min(), part.vertices[:, 2].max()]).tolist() for part in scene.objects
+    ]
+    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
 
 
 def test_every_vertex_lies_on_its_ellipsoid_whatever_the_number() -> None:

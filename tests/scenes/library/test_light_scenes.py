@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from xfrustum.scenes import open_scene
-from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL, Appearance
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.library import builtin
@@ -66,16 +66,6 @@ def test_no_flip_or_swap_of_axes_leaves_the_surroundings_as_they_are() -> None:
             assert changed.mean() > 0.01, (order, signs)
 
 
-def test_the_surroundings_have_no_jump_between_neighboring_pixels_but_at_soft_edges() -> None:
-    """The softest edge is 4 degrees wide, a cubic of slope 3/2 at its middle: 5 / 4 * 1.5 a degree."""
-    radiance = surroundings(256).radiance
-    degrees = 180 / 256
-    steepest = 5.0 / 4.0 * 1.5 * degrees
-    for axis in (0, 1):
-        jumps = np.abs(np.diff(radiance, axis=axis, append=radiance[:, :1] if axis else radiance[-1:]))
-        assert jumps.max() <= 1.05 * steepest
-
-
 def test_the_mirror_spheres_are_spheres_with_normals_along_their_radii() -> None:
     scene = open_scene("mirror-sphere")
     assert needed(scene) >= {Effect.C, Effect.C_STAR, Effect.REFLECTION, Effect.SMOOTH_NORMALS}
@@ -124,14 +114,6 @@ def test_the_grating_is_finer_than_the_pitch_in_one_half_and_coarser_in_the_othe
             np.testing.assert_allclose(np.diff(half), period * pitches[axis] / 2, atol=6e-6)
 
 
-def test_the_grating_fills_the_film_where_it_is_compared() -> None:
-    """The front bars fill the film of 60 degrees, -17 to 17 at their height; the others reach beyond it."""
-    front, behind = open_scene("grating").objects
-    half = math.tan(math.radians(30))
-    assert np.ptp(front.vertices[:, 0]) > 2 * half * GRATING_HEIGHT
-    assert np.ptp(behind.vertices[:, 0]) > 2 * half * -BACKDROP_HEIGHT * 0.95
-
-
 def test_the_studio_shows_every_kind_of_material() -> None:
     scene = open_scene("car-studio")
     assert [part.material for part in scene.objects] == ["paint", "glass", "tire", "metal", "metal"]
@@ -140,8 +122,3 @@ def test_the_studio_shows_every_kind_of_material() -> None:
     plain = open_scene("car")
     assert len(scene.faces) == len(plain.faces)
     np.testing.assert_array_equal(scene.bounds, plain.bounds)
-
-
-def test_an_appearance_without_anything_is_gray_under_one_light() -> None:
-    assert Appearance().lights == (DEFAULT_LIGHT,)
-    assert Appearance().material(None) == DEFAULT_MATERIAL
