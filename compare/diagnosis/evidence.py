@@ -26,44 +26,38 @@ in which outlines are not excused, and for a small second fault. A wrong guess l
 unexplained.
 """
 
+# Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share of those
+# that it makes right. Under the renderer's true conventions there are none: what remains is a small second
+# fault. A fault of one camera or of one object that is blamed on all of them spoils what was right.
 MAX_SPOILED_FRACTION = 0.02
-"""Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share of those
-that it makes right. Under the renderer's true conventions there are none: what remains is a small second
-fault. A fault of one camera or of one object that is blamed on all of them spoils what was right."""
 
+# Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
+# pixels: the share of one hogel is that of all within a few percent.
 MAX_TESTED_HOGELS = 9
-"""Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
-pixels: the share of one hogel is that of all within a few percent."""
 
+# Smallest surplus of pixels that a fault makes right over those that it makes wrong, in standard deviations
+# of this difference if a coin decided each pixel. A fault that gains less does not pay.
 MIN_GAIN_DEVIATIONS = 2.0
-"""Smallest surplus of pixels that a fault makes right over those that it makes wrong, in standard deviations
-of this difference if a coin decided each pixel. A fault that gains less does not pay."""
 
+# Share of wrong pixels, among those that show something, above which gross mistakes are tried: with a scene
+# of ten times the size nearly all are wrong.
 GROSS_WRONG_FRACTION = 0.5
-"""Share of wrong pixels, among those that show something, above which gross mistakes are tried: with a scene
-of ten times the size nearly all are wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
     """Images against which guesses are tested.
 
-    Attributes
-    ----------
-    images
-        Some of the renderer's hogels as read from its files, before any correction, each with the camera of
-        the aperture that its file is named after; at most `MAX_TESTED_HOGELS` of them are tested.
-    nominal
-        Model of the renderer by its author's statements; the pixels that are wrong under it need an
-        explanation.
-    known
-        Wrong pixels of each tested image, for each guess and whether causes excuse them: a cache.
+    `images` are some of the renderer's hogels as read from its files, before any correction, each with the
+    camera of the aperture that its file is named after. `nominal` is the renderer by its author's statements:
+    the pixels that are wrong under it need an explanation.
     """
 
     reference: Reference
     images: Sequence[HogelImage]
     nominal: DrawnModel
     judging: Judging = field(default_factory=Judging)
+    # Wrong pixels of each tested image, for each guess and whether causes excuse them: a cache.
     known: dict[tuple[DrawnModel, bool], list[Mask]] = field(default_factory=dict, repr=False)
 
     def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> Evidence:
@@ -72,7 +66,7 @@ class Evidence:
 
     @property
     def tested(self) -> list[HogelImage]:
-        """The images that are tested, spread evenly over all."""
+        """The images that are tested, spread evenly over all, `MAX_TESTED_HOGELS` at most."""
         count = len(self.images)
         chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
         return [self.images[index] for index in chosen] if count else []
@@ -83,13 +77,9 @@ class Evidence:
         shown = sum(int(_covered(image).sum()) for image in self.tested if shows(image))
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
-    def wrong(self, model: DrawnModel) -> int:
-        """Return the number of pixels that are wrong by a guess, whatever the cause."""
-        return sum(int(mask.sum()) for mask in self._wrong(model))
-
-    def unexplained(self, model: DrawnModel) -> int:
-        """Return the number of pixels that are wrong by a guess and have no known cause."""
-        return sum(int(mask.sum()) for mask in self._wrong(model, explained=True))
+    def wrong(self, model: DrawnModel, *, explained: bool = False) -> int:
+        """Return the number of pixels that are wrong by a guess; if `explained`, without a known cause."""
+        return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
@@ -101,12 +91,12 @@ class Evidence:
         """
         if not self.wrong(self.nominal):
             return None
-        shares = []
-        everywhere = [np.ones_like(image.triangle, dtype=np.bool_) for image in self.tested]
-        for places in (everywhere, [_covered(image) for image in self.tested]):
+        shares, covered = [], [_covered(image) for image in self.tested]
+        asked, left = self._wrong(self.nominal), self._wrong(model, explained=True)
+        for places in ([np.ones_like(one) for one in covered], covered):
             before, after = (
                 sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
-                for masks in (self._wrong(self.nominal), self._wrong(model, explained=True))
+                for masks in (asked, left)
             )
             shares.append(max(0.0, 1.0 - after / before) if before else 1.0)
         return min(shares)
@@ -153,29 +143,29 @@ class Evidence:
         Groups are added to the guess's conventions one after another, each the one that mends most; those
         that are left when none of them pays explain only together.
         """
-        off = [
-            one for one in parameters.GROUPS if getattr(model, one.field) != getattr(self.nominal, one.field)
-        ]
-        if len(off) < 2:
-            return ()
-        left, known = list(off), model.with_parameters(self.nominal.parameters)
-        while left:
-            tried = [(one, replace(known, **{one.field: getattr(model, one.field)})) for one in left]
-            paying = [pair for pair in tried if self.pays(pair[1], known)]
+        known = model.with_parameters(self.nominal.parameters)
+        left = {one.name: {one.field: getattr(model, one.field)} for one in parameters.GROUPS}
+        left = {name: group for name, group in left.items() if replace(known, **group) != known}
+        while len(left) > 1:
+            tried = {name: replace(known, **group) for name, group in left.items()}
+            paying = {name: one for name, one in tried.items() if self.pays(one, known)}
             if not paying:
-                break
-            best, known = min(paying, key=lambda pair: self.wrong(pair[1]))
-            left.remove(best)
-        return tuple(one.name for one in left) if len(left) > 1 else ()
+                return tuple(left)
+            best = min(paying, key=lambda name: self.wrong(paying[name]))
+            known = paying[best]
+            del left[best]
+        return ()
 
     def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
         """Return the wrong pixels of each image by a guess; if `explained`, those without a known cause."""
         key = (model, explained)
         if key not in self.known:
-            found = self.known[key] = []
-            for image in self.tested:
-                wrong = wrong_pixels(self.reference, model, image, self.judging, explained=explained)
-                found.append(model.orientation.applied(wrong))
+            self.known[key] = [
+                model.orientation.applied(
+                    wrong_pixels(self.reference, model, image, self.judging, explained=explained)
+                )
+                for image in self.tested
+            ]
         return self.known[key]
 
 
@@ -192,7 +182,7 @@ def _covered(image: HogelImage) -> Mask:
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield, for each fault of a guess, the guess without this fault."""
     groups: list[tuple[str, ...]] = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
-    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS, ("conjugated",)]
+    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     groups += [("one_camera", *parameters.CAMERA_GROUPS)] if model.one_camera is not None else []
     for fields in groups:

@@ -18,126 +18,90 @@ from scipy.optimize import least_squares, linprog
 
 from xfrustum.compare.diagnosis.claims import Claims, inside_px, outside_px
 from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import FLIPPED, DrawnModel, OneCamera, Recentering
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
-from xfrustum.compare.renderer_model.parameters import CAMERA_GROUPS, SCREEN_GROUPS, places
+from xfrustum.compare.renderer_model.parameters import CAMERA_GROUPS, GROUPS, SCREEN_GROUPS, places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
+# Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
+# bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
-"""Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
-bits that graphics hardware has."""
 
-MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 2500, 16000
-"""Largest numbers of claims used by the search, by the fit and by the intervals. The search tries hundreds of
-guesses and only ranks them; the fit needs more for its precision; the intervals are bounded by the few
-claims nearest to an edge, and are computed once."""
+# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the intervals.
+# The search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the
+# intervals are bounded by the few claims nearest to an edge, and are computed once.
+MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 600, 2500, 16000
 
+# Largest share of claims that may fail under the right guess: damaged pixels, and edges that a renderer's
+# anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of claims exceeds.
 MAX_MISPLACED_FRACTION = 0.01
-"""Largest share of claims that may fail under the right guess: damaged pixels, and edges that a renderer's
-anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of claims
-exceeds."""
 
-NOISE_FACTOR = 2.0
-"""Largest ratio of a simpler guess's noise to the best guess's noise at which the simpler one is as good: the
-comparison has two noises of the same size, one from each guess."""
+# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good: the
+# comparison has two noises of the same size, one from each. And that of the noise on few claims to that on
+# all.
+NOISE_FACTOR = SCREENING_FACTOR = 2.0
 
+# Largest noise of a guess under which the claims hold, in pixels. A convention that is off by more than a
+# pixel explains no image.
 MAX_NOISE_PX = 1.0
-"""Largest noise of a guess under which the claims hold, in pixels. A convention that is off by more than a
-pixel explains no image."""
 
-MIN_SPOILED_FRACTION = 0.1
-"""Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is left out:
-ten times the share that may fail under the right guess."""
+# Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is left out: ten
+# times the share that may fail under the right guess. And the largest share of the hogels that may be left
+# out: a rule that holds in fewer than half of them is no convention.
+MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
-MAX_SPOILED_HOGEL_FRACTION = 0.5
-"""Largest share of the hogels that may be left out: a rule that holds in fewer than half of them is no
-convention."""
-
+# Groups that are fitted first: where they suffice, fewer and better-conditioned numbers are fitted.
 USUAL_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS)
-"""Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
-fitted."""
 
+# Largest number of groups that may be off nominal together; with more of them free, the fit follows noise.
 MAX_GROUPS = 4
-"""Largest number of groups that may be off nominal together; with more of them free, the fit follows
-noise."""
 
-MAX_SCREENED_CLAIMS = 600
-"""Largest number of claims on which a guess is screened before it is fitted to all."""
-
-SCREENING_FACTOR = 2.0
-"""Largest ratio of a guess's noise on the screened claims to the limit for all claims: the noise of fewer
-claims differs from that of all by about its own size."""
-
+# Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
+# are about that far apart. Larger failures count linearly.
 ATTRACTION_PX = 1.0
-"""Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
-are about that far apart. Larger failures count linearly."""
 
+# Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows the same
+# images: a pixel is sampled within itself, and the rest is what a shift must have to be noticed.
 MAX_SAMPLING_PX = 0.5 + parameters.SMALLEST_SHIFT_PX
-"""Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows the same
-images: a pixel is sampled within itself, and the rest is the size that a shift must have to be noticed."""
 
+# Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches.
 CORNER_PITCHES = 0.01
-"""Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches."""
 
+# Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels. The fit is
+# right to a fraction of a pixel, so that edges farther away bound nothing.
 NEIGHBORHOOD_PX = 0.5
-"""Largest distance of an edge from a pixel's center at which it can bound an interval, in pixels. The fit is
-right to a fraction of a pixel, so that edges farther away bound nothing."""
 
+# Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
+# are told apart it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = parameters.SMALLEST_FACTOR * parameters.TOLD_APART_PER_REACH
-"""Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
-are told apart it widens the film by the smallest factor that has a name."""
 
+# Starting points: near, as parts of the reach; the size of the scene, where places on the film change with
+# its inverse, so that larger ones look like the last; the extent of the film, a field of view taken for half
+# of it or half for all; the height of the screen; and the near offset with which every wrong shear is tried
+# besides none: smaller ones move pictures less than a wrong shear does, and larger ones are rare.
+# `MAX_STARTS` are fitted.
 START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
-"""Starting points for near, as parts of the reach."""
+START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
+SHEARED_NEAR, MAX_STARTS = 0.03, 4
 
-START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
-"""Starting points for the size of the scene. Places on the film change with the inverse of the size, so that
-larger sizes than the last one look like it."""
-
-START_FILMS = (0.5, 2.0, 3.0)
-"""Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
-
-START_HEIGHTS = (0.5, 2.0)
-"""Starting points for the height of the projection screen, over that of the scene's."""
-
-SHEARED_NEAR = 0.03
-"""Near offset, as a part of the reach, with which every wrong shear is tried besides none. Smaller offsets
-move pictures less than a wrong shear does, and larger ones are rare."""
-
-MAX_STARTS = 4
-"""Largest number of starting points from the search that are fitted."""
+Found = list[tuple[DrawnModel, tuple[str, ...]]]
+"""Guesses, the preferred one first, each with the names of its groups that were fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
-    """A guess about a renderer that was fitted to claims, with intervals and alternatives.
+    """A guess about a renderer that was fitted to claims, with intervals and alternatives."""
 
-    Attributes
-    ----------
-    model
-        The simplest guess under which the claims hold.
-    low, high
-        (P,) ends of the intervals of the guess's numbers; the nominal value where a number was not free.
-    noise_px
-        Largest distance by which a claim fails under the guess, the worst `MAX_MISPLACED_FRACTION` left out.
-    alternatives
-        Other guesses, as simple, with other groups off nominal, under which the claims hold as well.
-    spoiled
-        Column and row of the hogels that were left out, as their files are named.
-    by_color, by_objects
-        Whether the guess rests on pictures that were registered; and whether these name objects, all of them.
-    """
-
-    model: DrawnModel
-    low: Floats
+    model: DrawnModel  # the simplest guess under which the claims hold
+    low: Floats  # (P,) ends of the intervals of its numbers; the nominal value where a number was not free
     high: Floats
-    noise_px: float = 0.0
-    alternatives: tuple[DrawnModel, ...] = ()
-    spoiled: frozenset[tuple[int, int]] = frozenset()
-    by_color: bool = False
-    by_objects: bool = False
+    noise_px: float = 0.0  # largest failure of a claim, the worst `MAX_MISPLACED_FRACTION` left out
+    alternatives: tuple[DrawnModel, ...] = ()  # as simple, with other groups off nominal
+    spoiled: frozenset[tuple[int, int]] = frozenset()  # hogels that were left out, as their files are named
+    by_color: bool = False  # whether the guess rests on pictures that were registered,
+    by_objects: bool = False  # and whether these name objects, all of them
 
     @property
     def holds(self) -> bool:
@@ -152,7 +116,7 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     """
     fitting = _Fitting(scene=scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
-    found: list[tuple[DrawnModel, tuple[str, ...]]] = [(nominal, ())]
+    found: Found = [(nominal, ())]
     spoiled: frozenset[tuple[int, int]] = frozenset()
     # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
     if fitting.noise(some, nominal) > SNAP_PX:
@@ -186,14 +150,6 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     )
 
 
-def at_corner(scene: Scene, model: DrawnModel) -> bool:
-    """Return whether a guess has the apertures at corners or edges of hogels, half a pitch off center."""
-    offset = np.abs(model.aperture_offset)
-    pitch = np.asarray(scene.plate.size) / scene.plate.hogels
-    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch
-    return bool(off.all() and (offset > CORNER_PITCHES * pitch).any())
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Fitting:
     """The search for the guess under which claims about a scene hold."""
@@ -217,23 +173,17 @@ class _Fitting:
         """
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
-        return tuple(name for name in parameters.GROUP_NAMES if name not in unseen)
+        return tuple(group.name for group in GROUPS if group.name not in unseen)
 
     def freest_groups(self, claims: Claims) -> tuple[str, ...]:
-        """Return the groups that are free together at first.
-
-        Moving the apertures looks like moving the scene with the film: only one of the two is free.
-        """
+        """Return the groups that are free together: to move the apertures is to move scene and film."""
         groups = self.groups(claims)
         return tuple(name for name in groups if name != "aperture-offset" or "scene-offset" not in groups)
 
     def starts(self, claims: Claims) -> list[DrawnModel]:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
-        cap, reach, nominal = (
-            self.scene.frustum.resolution[0] / 2,
-            self.scene.frustum.longest_reach,
-            self.nominal,
-        )
+        cap, reach = self.scene.frustum.resolution[0] / 2, self.scene.frustum.longest_reach
+        nominal = self.nominal
 
         def ranked(models: Iterable[DrawnModel]) -> list[DrawnModel]:
             found = [(self.misfit(claims, model, cap), _changes(model), model) for model in models]
@@ -241,12 +191,10 @@ class _Fitting:
 
         # Step 1: every orientation and order, each with every single other hypothesis.
         several = len(np.unique(claims.hogel, axis=0)) > 1
-        tried = ranked(
-            model
-            for orientation in orientations(claims.size)
-            for order in (orientations(claims.hogels) if several else [UPRIGHT])
-            for model in self._hypotheses(replace(nominal, orientation=orientation, order=order))
-        )
+        orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
+        ways = itertools.product(orientations(claims.size), orders)
+        upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
+        tried = ranked(itertools.chain.from_iterable(map(self._hypotheses, upright)))
         # Step 2: the best conventions, each with all values of near.
         conventions = {
             (one.orientation, one.order, one.recentering, one.one_camera): one for one in reversed(tried[:6])
@@ -266,22 +214,17 @@ class _Fitting:
     def _hypotheses(self, upright: DrawnModel) -> Iterator[DrawnModel]:
         """Yield guesses with one orientation and order, each with a mistake that fits have to start from."""
         reach, nominal = self.scene.frustum.longest_reach, self.nominal
-        for part in {nominal.near / reach, *START_NEARS[::4]}:
-            yield replace(upright, near=reach * part)
-        for side, part in itertools.product((-1, 1), START_NEARS[4::4]):
-            yield replace(upright, near=reach * part, one_camera=OneCamera(side, other_near=nominal.near))
-        for one in FLIPPED:
-            yield replace(upright, one_camera=replace(one, other_near=nominal.near))
-        for scale in START_SCALES:
-            yield replace(upright, scene_scale=scale)
-        for film in START_FILMS:
-            yield replace(upright, fov=(film, film))
-        if not self.scene.frustum.recentered:
-            return
-        for height in START_HEIGHTS:
-            yield replace(upright, screen_height=height)
-        for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, Recentering):
-            if shear is not nominal.recentering:
+        alone = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
+        yield from (replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]})
+        for one, part in itertools.product(alone, START_NEARS[4::4]):
+            yield replace(upright, near=reach * part, one_camera=one)
+        yield from (replace(upright, one_camera=replace(one, other_near=nominal.near)) for one in FLIPPED)
+        yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
+        yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
+        if self.scene.frustum.recentered:
+            yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
+            shears = set(Recentering) - {nominal.recentering}
+            for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, sorted(shears)):
                 yield replace(upright, near=near, recentering=shear)
 
     def fitted(
@@ -302,19 +245,10 @@ class _Fitting:
 
         # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels
         # apart attract each other. The second one, with the scale of snapping, is precise.
-        scaled = np.clip(values[index], low, high) / scales
+        scaled, bounds = np.clip(values[index], low, high) / scales, (low / scales, high / scales)
+        options = {"bounds": bounds, "x_scale": "jac", "loss": "soft_l1", "ftol": 1e-6, "xtol": 1e-7}
         for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
-            scaled = least_squares(
-                failures,
-                scaled,
-                bounds=(low / scales, high / scales),
-                x_scale="jac",
-                loss="soft_l1",
-                f_scale=attraction_px,
-                ftol=1e-6,
-                xtol=1e-7,
-                max_nfev=trials,
-            ).x
+            scaled = least_squares(failures, scaled, f_scale=attraction_px, max_nfev=trials, **options).x
         values[index] = scaled * scales
         return start.with_parameters(values)
 
@@ -351,13 +285,14 @@ class _Fitting:
 
     def simplest(
         self, claims: Claims, starts: Sequence[DrawnModel], counts: Iterable[int], limit_px: float
-    ) -> list[tuple[DrawnModel, tuple[str, ...]]]:
+    ) -> Found:
         """Return the guess with the fewest groups off nominal whose noise keeps a limit, and its groups.
 
         Where several sets with the same number of groups suffice, images cannot tell them apart: the
         preferred one comes first. None is returned where no set suffices.
         """
         few = claims.thinned(MAX_SCREENED_CLAIMS)
+        passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
             (few, True, max(MAX_NOISE_PX, limit_px)),
@@ -365,7 +300,6 @@ class _Fitting:
             (claims, False, limit_px),
         )
         for count in counts:
-            passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
             for free in itertools.combinations(self.groups(claims), count):
                 for start in self._variants(starts, free):
                     key = (free, start.one_camera)
@@ -381,18 +315,17 @@ class _Fitting:
                         if key not in passing or rank < passing[key][0]:
                             passing[key] = rank, model, free
             if passing:
-                found = [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
-                # A picture that is mirrored with the other half is the same, and no explanation of its own.
-                turned = found[0][0].orientation, found[0][0].order
-                return [one for one in found if (one[0].orientation, one[0].order) == turned]
-        return []
+                break
+        found = [(one, free) for _, one, free in sorted(passing.values(), key=lambda found: found[0])]
+        # A picture that is mirrored with the other half is the same, and no explanation of its own.
+        turned = {(one.orientation, one.order) for one, _ in found[:1]}
+        return [(one, free) for one, free in found if (one.orientation, one.order) in turned]
 
     def least_wrong(self, claims: Claims, start: DrawnModel) -> tuple[DrawnModel, tuple[str, ...]]:
-        """Return the best guess with at most one group off nominal, for use where no guess is good."""
+        """Return the best guess with at most one group off nominal, to be told where no guess is good."""
+        sets = ((), *((name,) for name in self.groups(claims)))
         fits = [
-            (self.fitted(claims, variant, free), free)
-            for free in ((), *((name,) for name in self.groups(claims)))
-            for variant in self._variants([start], free)
+            (self.fitted(claims, one, free), free) for free in sets for one in self._variants([start], free)
         ]
         return min(fits, key=lambda found: self.misfit(claims, found[0]))
 
@@ -405,7 +338,13 @@ class _Fitting:
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
         preference = sum(parameters.PREFERENCE.index(name) for name in free)
-        if "aperture-offset" in free and at_corner(self.scene, model):
+        # Apertures at corners or edges of hogels, half a pitch off center, are what a renderer rather does.
+        pitch, offset = (
+            np.divide(self.scene.plate.size, self.scene.plate.hogels),
+            np.abs(model.aperture_offset),
+        )
+        at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
+        if "aperture-offset" in free and at_corner and (offset > CORNER_PITCHES * pitch).any():
             preference = -1
         if "shift" in free and self.scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
             preference += len(parameters.PREFERENCE)
@@ -440,8 +379,8 @@ class _Fitting:
             values = nominal.parameters
             values[index] = spoken.parameters[index]
             model = replace(start, pivot=nominal.pivot, fit=nominal.fit).with_parameters(values)
-            for one in _with_pivots(model) if self.scene.frustum.recentered and model.near else [model]:
-                variants[one] = None
+            both = self.scene.frustum.recentered and model.near
+            variants |= dict.fromkeys(_with_pivots(model) if both else [model])
         return list(variants)
 
 

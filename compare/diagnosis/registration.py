@@ -20,86 +20,59 @@ from skimage.registration import phase_cross_correlation
 
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, GeometryFit
 from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-SUPERSAMPLING = 8
-"""Reference pixels for each pixel of an image, along each side; values between them are interpolated."""
+# Reference pixels for each pixel of an image, along each side; values between them are interpolated. Its
+# picture is wider than the film: a wider field of view finds surfaces there.
+SUPERSAMPLING, PICTURE_FILMS = 8, 1.25
 
-PICTURE_FILMS = 1.25
-"""Width of the reference's picture in widths of the film: a wider field of view finds surfaces there."""
+# Confidence of the intervals, which are estimated from the spread over hogels, and the smallest number of
+# these: two give a spread with one degree of freedom, whose interval at 99 % is 64 standard errors wide to
+# either side. More hogels than the largest number do not change the result.
+INTERVAL_CONFIDENCE, MIN_INTERVAL_HOGELS, MAX_REGISTERED_HOGELS = 0.99, 3, 16
 
-INTERVAL_CONFIDENCE = 0.99
-"""Confidence of the intervals, which are estimated from the spread over hogels."""
-
-MIN_INTERVAL_HOGELS = 3
-"""Smallest number of hogels from which an interval is estimated: two give a spread with one degree of
-freedom, whose interval at 99 % is 64 standard errors wide to either side."""
-
-MAX_REGISTERED_HOGELS = 16
-"""Largest number of hogels used for fitting; more do not change the result."""
-
+# Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no slope; the
+# reference's own pixels are half as large.
 DERIVATIVE_STEP_PX = 0.25
-"""Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no slope; the
-reference's own pixels are half as large."""
 
+# Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
+# smallest shift that has a name (`parameters.SMALLEST_SHIFT_PX`).
 SHIFT_TOLERANCE_PX = 1e-3
-"""Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
-smallest shift that has a name (`parameters.SMALLEST_SHIFT_PX`)."""
 
+# Standard deviation of the filter under which outlines that lie pixels apart still attract each other.
 BLUR_PX = 1.5
-"""Standard deviation of the filter under which outlines that lie pixels apart still attract each other."""
 
+# Largest difference in brightness that is taken for a small error. A pixel with a larger one shows another
+# surface, and how much brighter this surface is says nothing about the geometry.
 MAX_BRIGHTNESS_DIFFERENCE = 0.05
-"""Largest difference in brightness that is taken for a small error. A pixel with a larger one shows another
-surface, and how much brighter this surface is says nothing about the geometry."""
 
+# Added to every fitted parameter, so that scipy's relative steps become absolute.
 PARAMETER_OFFSET = 1e3
-"""Added to every fitted parameter, so that scipy's relative steps become absolute."""
-
-NOMINAL_SHIFT_AND_FOV = np.array([0.0, 0.0, 1.0, 1.0])
-"""Shift (columns, rows) in pixels and factors of the field of view (x, y) where nothing is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pair:
-    """An image, and a finer and wider picture of the same hogel by the reference.
+    """Brightness (H, W) of an image, upright, and a finer and wider picture of the hogel by the reference.
 
-    Attributes
-    ----------
-    image, wide
-        (H, W) brightness of the image, upright; and of the picture, `SUPERSAMPLING` pixels for each pixel.
-    offset
-        (2,) shift of the picture's grid, columns and rows in pixels of the image, less than one of the
-        picture's own pixels. Each hogel has another one: without them, the best shift would always be a whole
-        number of the picture's pixels.
+    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, less than one of
+    the picture's own pixels. Each hogel has another one: without them, the best shift would always be a whole
+    number of the picture's pixels.
     """
 
     image: Floats
     wide: Floats
     offset: Floats
 
-    @classmethod
-    def of(cls, reference: Reference, model: DrawnModel, image: HogelImage, offset: Floats) -> _Pair:
-        """Return an image beside the picture that a model draws of its aperture."""
-        aperture = model.answers(reference.scene, image.camera.aperture)
-        shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
-        wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
-        upright = model.orientation.upright(as_gray(image))
-        return cls(image=upright, wide=as_gray(_alike(wide, image)), offset=offset)
-
     def blurred(self) -> _Pair:
         """Return image and picture after the same filter."""
-        image, wide = (
-            gaussian_filter(self.image, BLUR_PX),
-            gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING),
-        )
-        return replace(self, image=image, wide=wide)
+        wide = gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING)
+        return replace(self, image=gaussian_filter(self.image, BLUR_PX), wide=wide)
 
     def difference(self, values: Floats, order: int = 1) -> Floats:
         """Return the reference's picture at the image's pixels with some shift and fov, minus the image."""
@@ -122,37 +95,38 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     # Step 1: leave out pictures of one brightness, which show nothing to register.
     by_objects = all(image.color is None for image in images)
     images = [image for image in images if np.ptp(as_gray(image)) > 0]
-    values = nominal.parameters
+    values, low, high = nominal.parameters, nominal.parameters, nominal.parameters
+    fit = GeometryFit(model=nominal, low=low, high=high, by_color=True, by_objects=by_objects)
     if not images:
-        return GeometryFit(model=nominal, low=values, high=values, by_color=True, by_objects=by_objects)
+        return fit
     # Step 2: orientation and order by correlation.
     model = _conventions(reference, images, nominal)
-    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
-    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int))
-    # Halton's sequence covers the square evenly, and has no period.
-    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
-    pairs = [
-        _Pair.of(reference, model, images[index], offset)
-        for index, offset in zip(chosen, offsets, strict=True)
-    ]
+    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own. Halton's
+    # sequence covers the square evenly, and has no period.
+    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int)).tolist()
+    pairs = []
+    for index, offset in zip(chosen, Halton(2, scramble=False).random(len(chosen)) - 0.5, strict=True):
+        image, (x, y) = images[index], (offset / SUPERSAMPLING).tolist()
+        aperture = model.answers(reference.scene, image.camera.aperture)
+        shifted = replace(model, shift=(x, y))
+        wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
+        upright = model.orientation.upright(as_gray(image))
+        pairs.append(_Pair(image=upright, wide=_gray(wide, image), offset=offset / SUPERSAMPLING))
     # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
-    best = _least([pair.blurred() for pair in pairs], _start(pairs))
-    best = _closest(pairs, _least(pairs, best))
+    best = _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs)))
+    best = _closest(pairs, best)
     # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose interval holds
     # the nominal value keeps the nominal value.
-    values, low, high = model.parameters, model.parameters, model.parameters
     half = _uncertainty(pairs, best)
     low[:4], high[:4] = best - half, best + half
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
-    fit = GeometryFit(
-        model=model.with_parameters(values), low=low, high=high, by_color=True, by_objects=by_objects
-    )
+    fit = replace(fit, model=model.with_parameters(values))
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
 
 
-def _alike(truth: HogelImage, image: HogelImage) -> HogelImage:
-    """Return a truth with colors where an image has them, else with its objects alone."""
-    return truth if image.color is not None else replace(truth, color=None)
+def _gray(truth: HogelImage, image: HogelImage) -> Floats:
+    """Return the brightness of a truth where an image has colors, else the grays of its objects."""
+    return as_gray(truth if image.color is not None else replace(truth, color=None))
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
@@ -184,44 +158,35 @@ def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: Dr
 
     @cache
     def truth(index: tuple[int, int]) -> Floats:
-        return as_gray(_alike(reference.trace(scene.plate.aperture(*index)), images[0]))
+        return _gray(reference.trace(scene.plate.aperture(*index)), images[0])
 
     best, found = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
     for order, orientation in itertools.product(orders, list(orientations(scene.frustum.resolution))):
-        model = replace(nominal, orientation=orientation, order=order)
-        agreement = sum(
-            _correlation(
-                orientation.upright(as_gray(image)), truth(model.answers(scene, image.camera.aperture).index)
-            )
-            for image in images
-        )
+        model, agreement = replace(nominal, orientation=orientation, order=order), 0.0
+        for image in images:
+            mine = orientation.upright(as_gray(image))
+            its = truth(model.answers(scene, image.camera.aperture).index)
+            # A uniform picture agrees with none.
+            if np.ptp(its) > 0:
+                agreement += float(np.corrcoef(mine.ravel(), its.ravel())[0, 1])
         # Pictures of a symmetric scene agree equally well: the first convention, no change, wins then.
         if agreement > best + 1e-6 * len(images):
             best, found = agreement, model
     return found
 
 
-def _correlation(a: Floats, b: Floats) -> float:
-    """Return the correlation of two pictures, 0 where one of them is uniform."""
-    a, b = a - a.mean(), b - b.mean()
-    norm = float(np.sqrt((a**2).sum() * (b**2).sum()))
-    return float((a * b).sum()) / norm if norm > 0 else 0.0
-
-
 def _start(pairs: Sequence[_Pair]) -> Floats:
     """Return the start values of shift (columns, rows) and fov (x, y), the shift by phase correlation."""
+    nominal = np.array([0.0, 0.0, 1.0, 1.0])
     moved = [
-        phase_cross_correlation(
-            pair.image, pair.difference(NOMINAL_SHIFT_AND_FOV) + pair.image, upsample_factor=20
-        )[0]
+        phase_cross_correlation(pair.image, pair.difference(nominal) + pair.image, upsample_factor=20)[0]
         for pair in pairs
     ]
-    # A picture that moved to the right was sampled to the left.
-    down, right = -np.median(moved, axis=0)
-    # Larger shifts than an eighth of the film are false peaks of the correlation.
-    small = min(pairs[0].image.shape) / 8
-    return np.array([right if abs(right) < small else 0.0, down if abs(down) < small else 0.0, 1.0, 1.0])
+    # A picture that moved to the right was sampled to the left. Larger shifts than an eighth of the film are
+    # false peaks of the correlation.
+    shift = -np.median(moved, axis=0)[::-1]
+    return np.append(np.where(np.abs(shift) < min(pairs[0].image.shape) / 8, shift, 0.0), nominal[2:])
 
 
 def _per_px(pairs: Sequence[_Pair]) -> Floats:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, orientations
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
@@ -27,49 +27,43 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
 """Names of the kinds of damage that lose numbers, as faults."""
 
+# The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
 FIRST_NUMBER = "first"
-"""Name of the damage that loses number 0 alone, where it is stored like nothing; no fault by itself."""
 
-MAX_COMPARED_HOGELS = 3
-"""Largest number of hogels that are compared with the truth; more do not change which damage is found."""
+# Largest number of hogels that are compared with the truth, and approximate number of rows and columns of
+# each, evenly spread; more do not change which damage is found.
+MAX_COMPARED_HOGELS, COMPARED_LINES = 3, 100
 
-COMPARED_LINES = 100
-"""Approximate number of rows and columns of each hogel that are compared with the truth, evenly spread."""
-
+# Smallest share of the pixels that show something for which a kind of damage must account; equal to
+# `evidence.MIN_EXPLAINED_FRACTION`.
 MIN_ACCOUNTED_FRACTION = 0.9
-"""Smallest share of the pixels that show something for which a kind of damage must account; equal to
-`evidence.MIN_EXPLAINED_FRACTION`."""
 
+# Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a
+# factor f repeats 1 - 1 / f of the lines: 15 % at 1.18. In pictures drawn at their own size few lines repeat.
 MIN_REPEATED_FRACTION = 0.15
-"""Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a
-factor f repeats 1 - 1 / f of the lines: 15 % at 1.18. In pictures drawn at their own size few lines
-repeat."""
 
+# Smallest share of pixels with a number between those around them in a resampled picture; fewer are
+# accidents.
 MIN_MIXED_FRACTION = 0.01
-"""Smallest share of pixels with a number between those around them in a resampled picture; fewer are
-accidents."""
 
+# Smallest ratio of the number of different integers in a mixed or compressed picture to that in the truth:
+# values between two numbers are new. Merely wrong numbers, such as those of objects in another order, are as
+# many as the right ones.
 MIN_VALUES_FACTOR = 1.2
-"""Smallest ratio of the number of different integers in a mixed or compressed picture to that in the truth:
-values between two numbers are new. Merely wrong numbers, such as those of objects in another order, are as
-many as the right ones."""
 
+# Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
+# brightness in steps of at most 16, and chroma adds half a step of its own.
 MAX_LOSSY_STEPS = 24
-"""Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
-brightness in steps of at most 16, and chroma adds half a step of its own."""
 
-MIN_SHADES = 3
-"""Smallest number of different gray values in a shaded picture; masks and outlines have fewer."""
+# Smallest number of different gray values in a shaded picture; masks and outlines have fewer. And the
+# smallest correlation of brightness with the truth's at which colored pixels count as a picture of the scene:
+# that of numbers is random.
+MIN_SHADES, MIN_CORRELATION = 3, 0.5
 
-MIN_CORRELATION = 0.5
-"""Smallest correlation of brightness with the truth's within surfaces at which colored pixels count as a
-picture of the scene: that of numbers is random."""
-
-
+# Smallest share of pixels as bright as the truth for pictures to be read as sRGB. Under the right reading
+# nearly all are, but for those beside outlines that have moved; a picture under another light, which is as
+# bright in few, says nothing of its encoding.
 MIN_SAME_COLOR_FRACTION = 0.5
-"""Smallest share of pixels as bright as the truth for pictures to be read as sRGB. Under the right reading
-nearly all are, but for those beside outlines that have moved; a picture under another light, which is as
-bright in few, says nothing of its encoding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,19 +75,39 @@ class Agreement:
     order: Orientation = UPRIGHT
 
 
+@dataclass(frozen=True, kw_only=True)
+class Restoring:
+    """A way to restore damaged numbers with the help of the truth.
+
+    Restored numbers serve the figures after correction only; no image passes because of them. `bits` are the
+    low bits of each number that `OVERFLOW` has kept.
+    """
+
+    kind: str
+    reading: Reading
+    agreement: Agreement = Agreement(share=0.0)
+    bits: int = 24
+
+    def read(self, reference: Reference, image: HogelImage) -> HogelImage:
+        """Return an image with the truth's number wherever the damage explains what is stored instead."""
+        orientation, reading = self.agreement.orientation, self.reading
+        truth = StoredTruth(reference, (image,))
+        beside = truth.beside(image, orientation, self.agreement.order, thinned=False)
+        as_read, name = read_again(image, reading), beside.name(reading)
+        numbers = np.array(orientation.upright(getattr(as_read, name)))
+        # The pixel's own number is tried last, and wins.
+        meant = getattr(beside, name)
+        for mask, number in reversed(list(zip(beside.explained(self), meant, strict=False))):
+            numbers[mask] = number[mask]
+        restored = orientation.applied(numbers)
+        return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Beside:
-    """The stored pixels of an image beside the truth of the same pixels and their neighbors.
+    """The stored bytes (h, w, 3) of an image, upright, beside the truth's numbers (9, h, w) and brightness.
 
-    Attributes
-    ----------
-    rgb
-        (h, w, 3) stored bytes, upright.
-    triangle, object
-        (9, h, w) the truth's numbers; the first of the nine belongs to the pixel itself, the others to its
-        neighbors.
-    gray
-        (h, w) the truth's brightness.
+    The first of the nine numbers belongs to the pixel itself, the others to its neighbors.
     """
 
     rgb: Bytes
@@ -101,45 +115,46 @@ class _Beside:
     object: Numbers
     gray: Floats
 
+    def name(self, reading: Reading) -> str:
+        """Return the name of the numbers that pixels hold by a reading."""
+        return "object" if reading.encoding is Encoding.OBJECT_ID else "triangle"
+
     def shown(self) -> Mask:
         """Return the pixels where the image or the truth shows something, (h, w)."""
         return np.asarray((self.rgb != 0).any(axis=-1) | (self.triangle[0] != NOTHING))
 
     def stored(self, reading: Reading) -> Numbers:
         """Return the integers that the truth would have stored, (9, h, w)."""
-        named = self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
-        return reading.stored(named)
+        return reading.stored(getattr(self, self.name(reading)))
 
     def same(self, reading: Reading) -> Mask:
-        """Return the pixels that store the truth's number of the same pixel or a neighbor, (h, w)."""
-        return np.asarray((reading.packed(self.rgb) == self.stored(reading)).any(axis=0))
+        """Return where pixels store the truth's number of the same pixel or of a neighbor, (9, h, w)."""
+        return np.asarray(reading.packed(self.rgb) == self.stored(reading))
 
     def covers(self) -> Mask:
-        """Return the pixels that are lit where the truth around them shows a surface, and black elsewhere."""
-        lit = (self.rgb != 0).any(axis=-1)
-        return np.asarray(((self.triangle != NOTHING) == lit).any(axis=0))
+        """Return where pixels are lit as the truth around them shows a surface, black as not, (9, h, w)."""
+        return np.asarray((self.triangle != NOTHING) == (self.rgb != 0).any(axis=-1))
 
-    def overflown(self, stated: Reading, bits: int) -> Mask:
-        """Return whether pixels hold the low bits of the truth's numbers, own and neighbors', (9, h, w).
+    def explained(self, damage: Restoring) -> Mask:
+        """Return where damage turns the truth's own and neighbors' numbers into the bytes, (n, h, w).
 
-        Eight bits may be in blue alone, with red and green black, or in all three channels.
+        Where numbers are mixed, n is 1: bytes lie in the range of those around them.
         """
-        low, packed = self.stored(stated) & (2**bits - 1), stated.packed(self.rgb)
-        matching = packed == low
-        return np.asarray(matching | (packed == low * 0x010101) if bits == 8 else matching)
-
-    def between(self, stated: Reading, margin: int) -> Mask:
-        """Return the pixels whose bytes lie in the range of the truth's bytes around them, (h, w)."""
-        around = self.stored(stated)
-        matching = np.ones(around.shape[1:], dtype=np.bool_)
-        for channel, shift in zip(stated.channels, (16, 8, 0), strict=True):
-            parts, byte = around >> shift & 255, self.rgb[..., channel].astype(np.int32)
+        reading, stored = damage.reading, self.stored(damage.reading)
+        packed = reading.packed(self.rgb)
+        if damage.kind == FIRST_NUMBER:
+            meant = getattr(self, self.name(reading))
+            return np.asarray((packed == reading.background) & (meant[:1] == 0))
+        if damage.kind == OVERFLOW:
+            # Eight bits may be in blue alone, with red and green black, or in all three channels.
+            low = stored & (2**damage.bits - 1)
+            return np.asarray((packed == low) | ((damage.bits == 8) & (packed == low * 0x010101)))
+        margin = MAX_LOSSY_STEPS if damage.kind == LOSSY else 0
+        matching = np.ones((1, *stored.shape[1:]), dtype=np.bool_)
+        for channel, shift in zip(reading.channels, (16, 8, 0), strict=True):
+            parts, byte = stored >> shift & 255, self.rgb[..., channel].astype(np.int32)
             matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
         return matching
-
-
-Matching = Callable[[_Beside], Mask]
-"""A function that returns the pixels (h, w) which match the truth in some sense."""
 
 
 class StoredTruth:
@@ -155,9 +170,9 @@ class StoredTruth:
 
     def agreement(self, reading: Reading) -> Agreement:
         """Return the agreement of pixels that store the truth's number of the same pixel or a neighbor."""
-        return self.best(lambda beside: beside.same(reading), background=reading.background)
+        return self.best(partial(_Beside.same, reading=reading), background=reading.background)
 
-    def best(self, matching: Matching, background: int = 0) -> Agreement:
+    def best(self, matching: Callable[[_Beside], Mask], background: int = 0) -> Agreement:
         """Return the conventions under which most pixels that show something match, and their share."""
         scene = self.reference.scene
         best = Agreement(share=0.0)
@@ -168,7 +183,7 @@ class StoredTruth:
                 beside = self.beside(image, orientation, order)
                 some = beside.shown() if not background else beside.triangle[0] != NOTHING
                 shown += int(some.sum())
-                matched += int((matching(beside) & some).sum())
+                matched += int((matching(beside).any(axis=0) & some).sum())
             share = matched / shown if shown else 0.0
             # Where conventions agree equally well, the first one, no change, wins.
             if share > best.share + 1e-6:
@@ -186,11 +201,18 @@ class StoredTruth:
     ) -> _Beside:
         """Return an image's pixels beside the truth's."""
         truth = self.truth(order.index(image.camera.aperture.index, self.reference.scene.plate.hogels))
-        step = max(1, min(truth.triangle.shape) // COMPARED_LINES) if thinned else 1
+        height, width = truth.triangle.shape
+        step = max(1, min(height, width) // COMPARED_LINES) if thinned else 1
+        places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
+
+        def around(numbers: Numbers) -> Numbers:
+            padded = np.pad(numbers, 1, mode="edge")
+            return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
+
         return _Beside(
             rgb=orientation.upright(stored_rgb(image))[::step, ::step],
-            triangle=_around(truth.triangle, step),
-            object=_around(truth.object, step),
+            triangle=around(truth.triangle),
+            object=around(truth.object),
             gray=as_gray(truth)[::step, ::step],
         )
 
@@ -213,110 +235,44 @@ class StoredTruth:
         colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_ACCOUNTED_FRACTION
         if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
             return None
-        linear, encoded = (_same_color(rgb, encoding, gray) for encoding in (Encoding.RGB, Encoding.SRGB))
+        # The shares of pixels that are as bright as the truth in either encoding.
+        linear, encoded = (
+            np.mean(np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0)) <= COLOR_TOLERANCE)
+            for one in (Encoding.RGB, Encoding.SRGB)
+        )
         is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
         return Reading(encoding=Encoding.SRGB if is_encoded else Encoding.RGB)
-
-
-def _same_color(rgb: Bytes, encoding: Encoding, gray: Floats) -> float:
-    """Return the share of pixels (N, 3) that are as bright as the truth (N,) when read in some encoding."""
-    off = radiance(rgb, encoding).mean(axis=-1) - np.clip(gray, 0.0, 1.0)
-    return float((np.abs(off) <= COLOR_TOLERANCE).mean())
-
-
-def _around(numbers: Numbers, step: int) -> Numbers:
-    """Return the numbers of every `step`-th pixel and its neighbors, (9, h, w), the pixel itself first."""
-    height, width = numbers.shape
-    padded = np.pad(numbers, 1, mode="edge")
-    places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
-    return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Restoring:
-    """A way to restore damaged numbers with the help of the truth.
-
-    Restored numbers serve the figures after correction only; no image passes because of them.
-
-    Attributes
-    ----------
-    bits
-        Number of low bits of each number that were kept; only for `OVERFLOW`.
-    """
-
-    kind: str
-    reading: Reading
-    agreement: Agreement
-    bits: int = 24
-
-    def read(self, reference: Reference, image: HogelImage) -> HogelImage:
-        """Return an image with the truth's number wherever the damage explains what is stored instead."""
-        orientation, reading = self.agreement.orientation, self.reading
-        truth = StoredTruth(reference, (image,))
-        beside = truth.beside(image, orientation, self.agreement.order, thinned=False)
-        as_read = read_again(image, reading)
-        name = "object" if reading.encoding is Encoding.OBJECT_ID else "triangle"
-        numbers = np.array(orientation.upright(getattr(as_read, name)))
-        meant = beside.object if name == "object" else beside.triangle
-        if self.kind == FIRST_NUMBER:
-            explained = (reading.packed(beside.rgb) == reading.background) & (meant[0] == 0)
-        elif self.kind == OVERFLOW:
-            explained = beside.overflown(reading, self.bits)
-        else:
-            explained = beside.between(reading, MAX_LOSSY_STEPS if self.kind == LOSSY else 0)
-        explained = explained if explained.ndim > 2 else explained[None]
-        # The pixel's own number is tried last, and wins.
-        for mask, number in reversed(list(zip(explained, meant, strict=False))):
-            numbers[mask] = number[mask]
-        restored = orientation.applied(numbers)
-        return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
-
-
-def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
-    """Return a way to tell number 0 from nothing where both are stored alike."""
-    return Restoring(kind=FIRST_NUMBER, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
     """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
     count = len(truth.reference.scene.faces)
-    for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
-        if count < 2**bits:
-            continue
-        found = truth.best(partial(_any_overflown, stated=stated, bits=bits))
-        if found.share >= MIN_ACCOUNTED_FRACTION:
-            words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
-            fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=f"{words}: others are lost")
-            return fault, Restoring(kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
-    return _mixed(truth, stated)
-
-
-def _any_overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
-    return np.asarray(beside.overflown(stated, bits).any(axis=0))
-
-
-def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find numbers that were averaged with their neighbors, or compressed with loss."""
     stored_as = [image.stored for image in truth.images if isinstance(image, ForeignImage)]
     named_lossy = any(one is not None and one.lossy for one in stored_as)
-    for kind, margin in ((RESAMPLED, 0), (LOSSY, MAX_LOSSY_STEPS)):
-        if kind == RESAMPLED and named_lossy:
+    tried = [Restoring(kind=OVERFLOW, reading=stated, bits=bits) for bits in (8, 16) if count >= 2**bits]
+    tried = tried if stated.encoding is Encoding.TRIANGLE_ID else []
+    tried += [Restoring(kind=kind, reading=stated) for kind in (RESAMPLED, LOSSY)[named_lossy:]]
+    for damage in tried:
+        found = truth.best(partial(_Beside.explained, damage=damage))
+        accounted, restoring = found.share >= MIN_ACCOUNTED_FRACTION, replace(damage, agreement=found)
+        if damage.kind == OVERFLOW:
+            if accounted:
+                words = f"only the low {damage.bits} bits of each number are stored, of {count:,} triangles"
+                words += ": others are lost"
+                return Fault(fault=OVERFLOW, value=float(damage.bits), unit="bits", words=words), restoring
             continue
-        found = truth.best(partial(_Beside.between, stated=stated, margin=margin))
         parts = truth.all_beside(found)
-        mixed = 1 - float(np.concatenate([part.same(stated)[part.shown()] for part in parts]).mean())
+        same = [part.same(stated)[:, part.shown()].any(axis=0) for part in parts]
+        mixed = 1 - float(np.concatenate(same).mean())
         stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
         should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
         new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
-        explained = found.share >= MIN_ACCOUNTED_FRACTION and mixed >= MIN_MIXED_FRACTION and new
-        if explained or (kind == LOSSY and named_lossy):
-            words = {
-                RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
-                "by filtering, resizing or anti-aliasing: numbers have no averages",
-                LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
-            }[kind]
-            fault = Fault(fault=kind, value=mixed, unit="share", words=words)
-            return fault, Restoring(kind=kind, reading=stated, agreement=found)
+        if (accounted and mixed >= MIN_MIXED_FRACTION and new) or (damage.kind == LOSSY and named_lossy):
+            words = f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
+            words += "by filtering, resizing or anti-aliasing: numbers have no averages"
+            if damage.kind == LOSSY:
+                words = "numbers went through lossy compression, such as JPEG: write PNG"
+            return Fault(fault=damage.kind, value=mixed, unit="share", words=words), restoring
     return None
 
 
@@ -324,21 +280,22 @@ def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
     """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
     images = [stated.packed(stored_rgb(image)) for image in truth.images]
     expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
-    shares = [(_repeated(images, axis), _repeated(expected, axis)) for axis in (0, 1)]
-    if any(mine < MIN_REPEATED_FRACTION or its > mine / 2 for mine, its in shares):
+
+    def repeated(images: Sequence[Numbers], axis: int) -> float:
+        """Return the share of rows (axis 0) or columns that repeat the ones before, uniform ones left out."""
+        same = telling = 0
+        for image in images:
+            lines = np.moveaxis(image, axis, 0)
+            several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
+            telling += int(several.sum())
+            same += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
+        return same / telling if telling else 0.0
+
+    shares = [repeated(images, axis) for axis in (0, 1)]
+    usual = [repeated(expected, axis) for axis in (0, 1)]
+    if any(mine < MIN_REPEATED_FRACTION or its > mine / 2 for mine, its in zip(shares, usual, strict=True)):
         return None
-    share = float(np.mean([mine for mine, _ in shares]))
+    share = float(np.mean(shares))
     words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
-    fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
-    return fault, Restoring(kind=RESAMPLED, reading=stated, agreement=truth.agreement(stated))
-
-
-def _repeated(images: Sequence[Numbers], axis: int) -> float:
-    """Return the share of rows (axis 0) or columns that repeat the ones before, uniform ones left out."""
-    repeated = telling = 0
-    for image in images:
-        lines = np.moveaxis(image, axis, 0)
-        several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
-        telling += int(several.sum())
-        repeated += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
-    return repeated / telling if telling else 0.0
+    restoring = Restoring(kind=RESAMPLED, reading=stated, agreement=truth.agreement(stated))
+    return Fault(fault=RESAMPLED, value=share, unit="share", words=words), restoring

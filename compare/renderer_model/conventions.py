@@ -1,6 +1,14 @@
-"""The conventions that a renderer's author may declare: their names, which are checked without more."""
+"""Conventions of a renderer: the names of those that its author may declare, and the symmetries of grids."""
 
 from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
 """Conventions that a renderer's author may declare, so that images are judged by them."""
@@ -9,4 +17,81 @@ ENCODING = "encoding"
 """Name under which `accept` takes all faults of encoding; lost numbers cannot be accepted."""
 
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
-"""Conventions that a renderer's author may declare, so that images are judged by the values found."""
+
+# What was done to an upright picture, and how apertures are counted: by transpose, flip_x, flip_y.
+_WORDS = {
+    (False, False, False): ("upright", "as in the scene"),
+    (False, True, False): ("mirrored left to right", "columns counted from the right"),
+    (False, False, True): ("turned upside down (rows in reverse)", "rows counted from the bottom"),
+    (False, True, True): ("turned by 180 degrees", "columns counted from the right, rows from the bottom"),
+    (True, False, False): ("transposed (rows and columns exchanged)", "column and row exchanged"),
+    (True, True, True): (
+        "transposed about the other diagonal",
+        "column and row exchanged, both counted from the far end",
+    ),
+    (True, False, True): (
+        "turned by 90 degrees counterclockwise",
+        "column and row exchanged, then rows counted from the bottom",
+    ),
+    (True, True, False): (
+        "turned by 90 degrees clockwise",
+        "column and row exchanged, then columns counted from the right",
+    ),
+}
+
+
+@dataclass(frozen=True, order=True)
+class Orientation:
+    """Where cell (column, row) of what was found belongs: exchange the two, then reverse either.
+
+    With `flip_x` columns are counted from the right, with `flip_y` rows from the bottom, after the exchange.
+    """
+
+    transpose: bool = False
+    flip_x: bool = False
+    flip_y: bool = False
+
+    @property
+    def changes(self) -> int:
+        """How many decisions differ from upright."""
+        return self.transpose + self.flip_x + self.flip_y
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """What was done to an upright picture to give the one found, and how apertures are counted."""
+        return _WORDS[self.transpose, self.flip_x, self.flip_y]
+
+    def cells(
+        self, column: NDArray[Any], row: NDArray[Any], size: tuple[int, int]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return where cells belong, on a grid of some columns and rows."""
+        if self.transpose:
+            column, row = row, column
+        return size[0] - 1 - column if self.flip_x else column, size[1] - 1 - row if self.flip_y else row
+
+    def index(self, index: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+        """Return where one cell belongs."""
+        column, row = self.cells(np.array(index[0]), np.array(index[1]), size)
+        return int(column), int(row)
+
+    def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Return a picture (H, W, ..) as it belongs."""
+        return self._flipped(np.swapaxes(picture, 0, 1) if self.transpose else picture)
+
+    def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
+        picture = self._flipped(picture)
+        return np.swapaxes(picture, 0, 1) if self.transpose else picture
+
+    def _flipped(self, picture: NDArray[Any]) -> NDArray[Any]:
+        return picture[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+
+
+UPRIGHT = Orientation()
+
+
+def orientations(size: tuple[int, int]) -> Iterator[Orientation]:
+    """Yield those symmetries that keep a grid of this many columns and rows, the plainest first."""
+    for transpose, flip_y, flip_x in itertools.product((False, True), repeat=3):
+        if not transpose or size[0] == size[1]:
+            yield Orientation(transpose, flip_x, flip_y)

@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
@@ -22,10 +22,9 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class Front(StrEnum):
-    """What became of the half on the viewer's side, which C* draws."""
+    """What became of the half on the viewer's side, which C* draws: the farthest surface must win."""
 
     FARTHEST = "farthest"
-    """The farthest surface wins, as it must."""
     NEAREST = "nearest"
     MISSING = "missing"
 
@@ -45,50 +44,28 @@ class Culled(StrEnum):
 class Recentering(StrEnum):
     """How the cameras of a recentered frustum are sheared; a centered frustum has no shear."""
 
-    RIGHT = "right"
-    """C and C* in opposite directions with respect to the plate (paper, figure 6): both have the shear k."""
-    NONE = "none"
-    """Neither is sheared: each aperture looks straight ahead, and the film keeps its extent."""
-    C_STAR_REVERSED = "C*"
-    """C* has -k: it is sheared the way of C."""
-    C_REVERSED = "C"
-    """C has -k: it is sheared the way of C*."""
-    BOTH_REVERSED = "C and C*"
-    """Both have -k, as for a screen on the other side of the plate."""
+    RIGHT = "right"  # in opposite directions with respect to the plate (paper, figure 6): both have shear k
+    NONE = "none"  # each aperture looks straight ahead, and the film keeps its extent
+    C_STAR_REVERSED = "C*"  # C* has -k: it is sheared the way of C
+    C_REVERSED = "C"  # C has -k: it is sheared the way of C*
+    BOTH_REVERSED = "C and C*"  # both have -k, as for a screen on the other side of the plate
 
     def factor(self, side: int) -> float:
-        """Return the factor of the shear of C (side 1 or 0) or of C* (side -1)."""
-        return _SHEAR_FACTORS[self][side < 0]
-
-
-_SHEAR_FACTORS = {
-    Recentering.RIGHT: (1.0, 1.0),
-    Recentering.NONE: (0.0, 0.0),
-    Recentering.C_STAR_REVERSED: (1.0, -1.0),
-    Recentering.C_REVERSED: (-1.0, 1.0),
-    Recentering.BOTH_REVERSED: (-1.0, -1.0),
-}
-"""Factors of the shear k of C and of C*."""
+        """Return the factor of the shear k of C (side 1 or 0) or of C* (side -1)."""
+        if self is Recentering.NONE:
+            return 0.0
+        alone = Recentering.C_STAR_REVERSED if side < 0 else Recentering.C_REVERSED
+        return -1.0 if self in (Recentering.BOTH_REVERSED, alone) else 1.0
 
 
 @dataclass(frozen=True)
 class OneCamera:
-    """The camera that alone draws otherwise than asked.
+    """The camera that alone draws otherwise than asked; it may be mirrored left to right and upside down."""
 
-    Attributes
-    ----------
-    side
-        1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it.
-    flip_x, flip_y
-        Whether its film is mirrored left to right, and upside down.
-    other_near
-        Near offset of the other camera, scene units.
-    """
-
-    side: int
+    side: int  # 1 for C, which draws what lies behind the plate; -1 for C*, which draws what lies before it
     flip_x: bool = False
     flip_y: bool = False
-    other_near: float = 0.0
+    other_near: float = 0.0  # near offset of the other camera, scene units
 
     @property
     def flipped(self) -> bool:
@@ -106,65 +83,38 @@ FLIPPED = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnModel:
-    """How a plate was drawn.
+    """How a plate was drawn. Lengths are in scene units, pairs and triples along x, y and z."""
 
-    Attributes
-    ----------
-    orientation, order
-        What brings its images upright, and its apertures in order.
-    shift
-        Where in an upright image's pixels it samples: columns to the right and rows down from the
-        pixel's center, in pixels.
-    fov
-        Half-extents of its film over those of the scene, in x and y.
-    pitch
-        Distances between its apertures over those of the scene, in x and y.
-    near
-        Offset of both cameras in scene units; 0 for cameras in the aperture itself.
-    aperture_offset
-        By how much all apertures are moved, x and y, scene units.
-    scene_offset, scene_scale
-        How the scene lies to plate and cameras: a point p of it is drawn where scene_scale p + scene_offset
-        belongs.
-    screen_center, screen_height
-        By how much the center of its projection screen is moved, x and y, scene units; and the screen's
-        height over that of the scene's. Both mean nothing for a centered frustum. A screen at another height
-        keeps its size.
-    recentering
-        How its cameras are sheared; it means nothing for a centered frustum.
-    pivot, fit
-        As in the design; they mean nothing at near 0.
-    front, overlaid
-        What became of the viewer's half, and whether it covers the other.
-    culled
-        Which faces its cameras leave out.
-    back_missing
-        Whether nothing of the half behind the plate is drawn.
-    one_camera
-        The camera to which alone shift, fov and near apply; None where they apply to both.
-    conjugated
-        Whether the lights of the viewer's half are conjugated.
-    """
-
+    # What brings its images upright, and its apertures in order.
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
+    # Where in an upright image's pixels it samples: px to the right and down from the pixel's center.
     shift: tuple[float, float] = (0.0, 0.0)
+    # Half-extents of its film, and distances between its apertures, over those of the scene.
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
+    # Offset of both cameras; 0 for cameras in the aperture itself.
     near: float = 0.0
+    # By how much all apertures are moved; a point p of the scene is drawn where scale p + offset belongs.
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
+    # By how much the projection screen's center is moved, and its height over that of the scene's; a screen
+    # at another height keeps its size. They and the shear mean nothing for a centered frustum.
     screen_center: tuple[float, float] = (0.0, 0.0)
     screen_height: float = 1.0
     recentering: Recentering = Recentering.RIGHT
+    # As in the design; they mean nothing at near 0.
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
+    # How the halves are put together: whether the viewer's covers the other, and what is left out.
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
     back_missing: bool = False
+    # The camera to which alone shift, fov and near apply; None where they apply to both.
     one_camera: OneCamera | None = None
+    # Whether the lights of the viewer's half are conjugated.
     conjugated: bool = True
 
     @property
@@ -216,23 +166,16 @@ class DrawnModel:
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the guess has it."""
-        return replace(
-            aperture,
-            x=aperture.x * self.pitch[0] + self.aperture_offset[0],
-            y=aperture.y * self.pitch[1] + self.aperture_offset[1],
-        )
+        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
+        return replace(aperture, x=float(x), y=float(y))
 
     def frustum(self, scene: Scene) -> Frustum:
         """Return the scene's frustum with the projection screen where the guess has it."""
-        screen = scene.frustum.screen
-        if screen is None or (self.screen_center, self.screen_height) == ((0.0, 0.0), 1.0):
+        screen, (x, y) = scene.frustum.screen, self.screen_center
+        if screen is None or (x, y, self.screen_height) == (0.0, 0.0, 1.0):
             return scene.frustum
-        moved = replace(
-            screen,
-            height=screen.height * self.screen_height,
-            center=(screen.center[0] + self.screen_center[0], screen.center[1] + self.screen_center[1]),
-        )
-        return replace(scene.frustum, screen=moved)
+        center, height = (screen.center[0] + x, screen.center[1] + y), screen.height * self.screen_height
+        return replace(scene.frustum, screen=replace(screen, height=height, center=center))
 
     def pencil(self, scene: Scene, aperture: Aperture, side: int) -> Pencil:
         """Return the lines of C (side 1), of C* (side -1), or of both where they share them (side 0).
@@ -242,24 +185,19 @@ class DrawnModel:
         """
         camera, frustum = self.camera(side), self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
-        factor, one = self.recentering.factor(side), camera.one_camera
+        factor, one, near = self.recentering.factor(side), camera.one_camera, camera.near
         signs = (-1.0 if one and one.flip_x else 1.0, -1.0 if one and one.flip_y else 1.0)
         crossed = replace(
             crossed,
             shear=_products(crossed.shear, (factor, factor)),
             half_extent=_products(_products(crossed.half_extent, camera.fov), signs),
         )
-        fitted = None
-        if self.fit is Fit.SCREEN and frustum.screen is not None:
-            fitted = abs(frustum.screen.height)
-        near = camera.near
+        fitted = abs(frustum.screen.height) if self.fit is Fit.SCREEN and frustum.screen else None
         drawn = stepped_back(crossed, side * near, pivot=self.pivot, fitted=fitted)
         viewer, back = frustum.reach
-        ranges = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}
-        first, last = ranges[side]
+        first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[side]
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
-        width, height = frustum.resolution
-        shift = camera.shift
+        (width, height), shift = frustum.resolution, camera.shift
         sheared = _products((2 * shift[0] / width, -2 * shift[1] / height), drawn.half_extent)
         x, y, z = (
             (place - moved) / self.scene_scale
@@ -277,8 +215,7 @@ class DrawnModel:
         found = np.full((*points.shape[:-1], 2), np.nan)
         plate = self.plate_height
         for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
-            pencil = self.pencil(scene, aperture, side)
-            found[here] = pixel_places(points[here], pencil)
+            found[here] = pixel_places(points[here], self.pencil(scene, aperture, side))
         return found
 
 

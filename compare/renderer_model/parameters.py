@@ -9,52 +9,44 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, auto
 
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 
-SMALLEST_SHIFT_PX = 0.05
-"""Smallest shift that has a name: half of the tenth of a pixel to which a sampling point is asked for."""
+# Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a percent:
+# smaller shifts and factors have no name.
+SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
 
-SMALLEST_FACTOR = 5e-4
-"""Smallest deviation of a factor from one that has a name: half of a tenth of a percent."""
-
+# Distance, as a part of the reach, at which moved apertures and scenes must be seen to move, to have a name.
 TOLD_APART_PER_REACH = 0.1
-"""Distance, as a part of the reach, at which moved apertures and scenes must be seen to move,
-to have a name."""
 
 
-class Kind(StrEnum):
+class Kind(Enum):
     """Kind of a number, which decides its unit and how finely it is searched for."""
 
-    PIXELS = "pixels"
-    """A length on the film."""
-    FACTOR = "factor"
-    """A ratio about one."""
-    SIZE = "size"
-    """A ratio of any magnitude."""
-    OFFSET = "offset"
-    """A length of the scene, of either sign."""
-    SCREEN = "screen"
-    """A length on the projection screen, of either sign."""
-    NEAR = "near"
-    """A length of the scene, not negative, of any magnitude."""
+    PIXELS = auto()  # a length on the film
+    FACTOR = auto()  # a ratio about one
+    SIZE = auto()  # a ratio of any magnitude
+    OFFSET = auto()  # a length of the scene, of either sign
+    SCREEN = auto()  # a length on the projection screen, of either sign
+    NEAR = auto()  # a length of the scene, not negative, of any magnitude
 
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers that tend to be wrong together: their names as faults, and their value where nothing is wrong.
-
-    The name of a group is what users type; the field of `DrawnModel` has _ in place of -.
-    """
+    """Numbers that tend to be wrong together: a name, the axes that each has a number for, and their kind."""
 
     name: str
-    faults: tuple[str, ...]
+    axes: str
     kind: Kind
-    nominal: float
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of its numbers as faults."""
+        return tuple(f"{self.name}-{axis}" for axis in self.axes) or (self.name,)
 
     @property
     def field(self) -> str:
@@ -62,30 +54,21 @@ class Group:
         return self.name.replace("-", "_")
 
 
-def _along(name: str, axes: str) -> tuple[str, ...]:
-    return tuple(f"{name}-{axis}" for axis in axes)
-
-
 GROUPS = (
-    Group("shift", _along("shift", "xy"), Kind.PIXELS, 0.0),
-    Group("fov", _along("fov", "xy"), Kind.FACTOR, 1.0),
-    Group("pitch", _along("pitch", "xy"), Kind.FACTOR, 1.0),
-    Group("near", ("near",), Kind.NEAR, 0.0),
-    Group("aperture-offset", _along("aperture-offset", "xy"), Kind.OFFSET, 0.0),
-    Group("scene-offset", _along("scene-offset", "xyz"), Kind.OFFSET, 0.0),
-    Group("scene-scale", ("scene-scale",), Kind.SIZE, 1.0),
-    Group("screen-center", _along("screen-center", "xy"), Kind.SCREEN, 0.0),
-    Group("screen-height", ("screen-height",), Kind.SIZE, 1.0),
+    Group("shift", "xy", Kind.PIXELS),
+    Group("fov", "xy", Kind.FACTOR),
+    Group("pitch", "xy", Kind.FACTOR),
+    Group("near", "", Kind.NEAR),
+    Group("aperture-offset", "xy", Kind.OFFSET),
+    Group("scene-offset", "xyz", Kind.OFFSET),
+    Group("scene-scale", "", Kind.SIZE),
+    Group("screen-center", "xy", Kind.SCREEN),
+    Group("screen-height", "", Kind.SIZE),
 )
 """All groups, in the order of `DrawnModel.parameters`."""
 
-SCREEN_GROUPS = ("screen-center", "screen-height")
-"""Groups that mean something for recentered frusta alone."""
-
-CAMERA_GROUPS = ("shift", "fov", "near")
-"""Groups that one camera may have off nominal alone."""
-
-GROUP_NAMES = tuple(group.name for group in GROUPS)
+SCREEN_GROUPS = ("screen-center", "screen-height")  # They mean something for recentered frusta alone.
+CAMERA_GROUPS = ("shift", "fov", "near")  # One camera may have them off nominal alone.
 FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
 KINDS = tuple(group.kind for group in GROUPS for _ in group.faults)
 
@@ -113,25 +96,13 @@ def screen_lengths(scene: Scene) -> Floats:
     return np.asarray(np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Table:
-    """For each number (P,): how finely it is searched for, and between which ends.
+    """For each number (P,): how finely it is searched for, and between which ends."""
 
-    Attributes
-    ----------
-    smallest
-        Difference from nominal that is worth a name.
-    scale
-        Size of a small step for the least squares.
-    step
-        Step for derivatives, small against what is to be told apart.
-    low, high
-        Least and largest value.
-    """
-
-    smallest: Floats
-    scale: Floats
-    step: Floats
+    smallest: Floats  # difference from nominal that is worth a name
+    scale: Floats  # a small step for the least squares
+    step: Floats  # for derivatives, small against what is to be told apart
     low: Floats
     high: Floats
 
@@ -148,25 +119,17 @@ def table(scene: Scene, values: Floats) -> Table:
     px = TOLD_APART_PER_REACH * reach * width / frustum.resolution[0]
 
     def row(kind: Kind, value: float) -> tuple[float, ...]:
+        near_scale, near_step = max(0.03 * value, 1e-6 * reach), max(1e-4 * value, 1e-9 * reach)
         return {
             Kind.PIXELS: (SMALLEST_SHIFT_PX, 0.1, 1e-4, -inf, inf),
             Kind.FACTOR: (SMALLEST_FACTOR, 1e-3, 1e-6, 0.01, inf),
             Kind.SIZE: (SMALLEST_FACTOR, 0.03 * value, 1e-6 * value, 1e-6, 1e6),
             Kind.OFFSET: (SMALLEST_SHIFT_PX * px, 1e-2 * reach, 1e-4 * px, -inf, inf),
             Kind.SCREEN: (SMALLEST_SHIFT_PX * on_screen, 0.1 * on_screen, 1e-4 * on_screen, -inf, inf),
-            Kind.NEAR: (
-                0.0,
-                max(0.03 * value, 1e-6 * reach),
-                max(1e-4 * value, 1e-9 * reach),
-                0.0,
-                0.9 * reach,
-            ),
+            Kind.NEAR: (0.0, near_scale, near_step, 0.0, 0.9 * reach),
         }[kind]
 
-    smallest, scale, step, low, high = np.array(
-        [row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]
-    ).T
-    return Table(smallest=smallest, scale=scale, step=step, low=low, high=high)
+    return Table(*np.array([row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]).T)
 
 
 def smallest_named(scene: Scene) -> Floats:

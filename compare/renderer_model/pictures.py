@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from xfrustum.compare.renderer_model.conventions import UPRIGHT
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
-from xfrustum.compare.renderer_model.orientations import UPRIGHT
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.facing import facing
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import Pencil, pixel_places
+from xfrustum.reference.lines.planes import distance_to_triangles, plane_places, triangle_normals
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
@@ -28,27 +29,31 @@ Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2
 once for the renderer's own rounding, once for storing.
 """
 
+# Height of the screen that stands for a film: one unit behind the plate, where slopes are lengths.
 SCREEN_HEIGHT = -1.0
-"""Height of the screen that stands for a film: one unit behind the plate, where slopes are lengths."""
 
+# Smallest distance from a camera's own plane at which points of triangles are looked for, as a part of the
+# reach: in that plane they have no place on the film.
+CAMERA_DISTANCE_PER_REACH = 1e-6
 
-def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
-    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
-    layers = drawn_layers(reference.scene, model, aperture)
-    return as_image(reference, aperture, overlaid(layers))
+# Largest distance from a triangle of a point that is on it, as a part of the reach: a million roundings of
+# doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
+TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
+CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}
+"""Value of `facing` of the triangles that are left out."""
 
 Layers = dict[tuple[Pencil, bool, Culled], Layer]
 """Layers that cameras showed, by their lines, whether the nearest surface won, and the faces left out."""
 
 
-def drawn_layers(
-    scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | None = None
-) -> list[Layer]:
-    """Return what the cameras of a guess show, in drawing order: what comes later covers.
+def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
+    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
+    return as_image(reference, aperture, drawn(reference.scene, model, aperture))
 
-    `known` keeps the layers of one aperture for other guesses about it.
-    """
+
+def drawn(scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | None = None) -> Layer:
+    """Return what the cameras of a guess show; `known` holds layers of this aperture for other guesses."""
     known = {} if known is None else known
 
     def shown(side: int, *, nearest: bool = False) -> Layer:
@@ -59,54 +64,46 @@ def drawn_layers(
         return known[key]
 
     if model.plain and model.one_pencil:
-        return [shown(0)]
+        return shown(0)
     layers = [] if model.back_missing else [shown(1)]
     if model.front is not Front.MISSING:
         layers.append(shown(-1, nearest=model.front is Front.NEAREST))
-    return layers if model.overlaid else layers[::-1]
+    return overlaid(layers if model.overlaid else layers[::-1])
 
 
 def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
     """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
     triangles, film = scene.triangles, unflipped(pencil)
-    drawn = np.arange(len(triangles))
+    kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        drawn = np.flatnonzero(facing(triangles, film) != _CULLED_SIGN[culled])
-        triangles = triangles[drawn]
+        kept = np.flatnonzero(facing(triangles, film) != CULLED_SIGN[culled])
+        triangles = triangles[kept]
     if nearest:
         # Seen through a point mirror in its center, what was last along a line is first.
         low, high = film.s_range
-        mirrored = 2 * np.asarray(film.center) - triangles
-        decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
+        decided = first_surfaces(
+            2 * np.asarray(film.center) - triangles, replace(film, s_range=(-high, -low))
+        )
         decided = replace(decided, s=-decided.s)
     else:
         decided = first_surfaces(triangles, film)
-    shown = Layer.of(film, decided.renumbered(drawn))
-    return _mirrored(shown, pencil)
-
-
-def _mirrored(shown: Layer, pencil: Pencil) -> Layer:
-    """Return a layer with its pixels in the order of a film whose negative half-extents mirror it."""
-    ways = tuple(slice(None, None, 1 if t > 0 else -1) for t in reversed(pencil.half_extent))
-    if all(way.step == 1 for way in ways):
-        return shown
-    width, height = pencil.resolution
-    row, column, number = shown.companions.T
-    row, column = (
-        (height - 1 - row if ways[0].step < 0 else row),
-        (width - 1 - column if ways[1].step < 0 else column),
+    found = Layer.of(film, decided.renumbered(kept))
+    # A film whose half-extents are negative has its pixels in another order.
+    flip_x, flip_y = (extent < 0 for extent in pencil.half_extent)
+    if not (flip_x or flip_y):
+        return found
+    ways, (width, height) = (
+        (slice(None, None, -1 if flip_y else 1), slice(None, None, -1 if flip_x else 1)),
+        (pencil.resolution),
     )
-    return replace(
-        shown,
-        triangle=shown.triangle[ways],
-        certainty=shown.certainty[ways],
+    row, column, number = found.companions.T
+    row, column = height - 1 - row if flip_y else row, width - 1 - column if flip_x else column
+    return Layer(
+        triangle=found.triangle[ways],
+        certainty=found.certainty[ways],
         companions=np.stack((row, column, number), axis=1),
-        position=shown.position[ways],
+        position=found.position[ways],
     )
-
-
-_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}
-"""Value of `facing` of the triangles that are left out."""
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
@@ -127,28 +124,26 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares them with
     C, and needs L* = -L.
     """
-    right = _radiance(Shader(scene), scene, model, answer)
-    if model.conjugated:
-        return replace(answer, color=right)
-    # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
-    lights = [
-        replace(light, direction=(-light.direction[0], -light.direction[1], -light.direction[2]))
-        for light in scene.appearance.lights
-    ]
-    other = replace(scene, appearance=replace(scene.appearance, lights=tuple(lights)))
     front = answer.height > model.plate_height
-    wrong = _radiance(Shader(other), scene, model, answer)
-    return replace(answer, color=np.where(front[..., None], wrong, right))
-
-
-def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImage) -> Singles:
     directions, of_c_star = (
         model.pencil(scene, answer.camera.aperture, side).directions() for side in (1, -1)
     )
-    front = answer.height > model.plate_height
     directions[front] = of_c_star[front]
-    position = answer.position.astype(np.float64)
-    return shader.picture(answer.triangle, position, directions).astype(np.float32)
+
+    def radiance(lit: Scene) -> Singles:
+        shader, position = Shader(lit), answer.position.astype(np.float64)
+        return shader.picture(answer.triangle, position, directions).astype(np.float32)
+
+    color = radiance(scene)
+    if not model.conjugated:
+        # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
+        lights = []
+        for light in scene.appearance.lights:
+            x, y, z = light.direction
+            lights.append(replace(light, direction=(-x, -y, -z)))
+        other = replace(scene, appearance=replace(scene.appearance, lights=tuple(lights)))
+        color = np.where(front[..., None], radiance(other), color)
+    return replace(answer, color=color)
 
 
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:
@@ -171,10 +166,7 @@ def picture_of(
 ) -> HogelImage:
     """Return the reference's picture of an aperture under a model, without its near offset.
 
-    Parameters
-    ----------
-    finer
-        Number of pixels for each pixel, along each side.
+    There are `finer` pixels for each pixel along each side, and the film is `wider` times as wide and high.
     """
     scene = reference.scene
     pencil = replace(model, near=0.0).pencil(scene, aperture, 0)
@@ -188,12 +180,11 @@ def picture_of(
             size=(2 * wider * pencil.half_extent[0], 2 * wider * pencil.half_extent[1]),
         ),
     )
-    there = replace(aperture, x=pencil.center[0], y=pencil.center[1])
     # The plate of the picture is z = 0: where the scene lies higher or lower, it is its objects that move.
     below = np.array([0.0, 0.0, pencil.center[2]])
     moved = tuple(replace(part, vertices=part.vertices - below) for part in scene.objects)
-    objects = moved if below.any() else scene.objects
-    return Reference(replace(scene, frustum=frustum, objects=objects)).trace(there)
+    there = replace(scene, frustum=frustum, objects=moved if below.any() else scene.objects)
+    return Reference(there).trace(replace(aperture, x=pencil.center[0], y=pencil.center[1]))
 
 
 def shows_something(image: HogelImage) -> Mask:
@@ -204,8 +195,7 @@ def shows_something(image: HogelImage) -> Mask:
 
 def colors_differ(answer: HogelImage, image: HogelImage, tolerance: float = COLOR_TOLERANCE) -> Mask:
     """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
-    assert answer.color is not None
-    assert image.color is not None
+    assert answer.color is not None and image.color is not None
     # What is not a number is within no tolerance.
     return np.asarray(~(np.abs(answer.color - image.color) <= tolerance).all(axis=-1))
 
@@ -216,3 +206,70 @@ def as_gray(image: HogelImage) -> Floats:
         return np.asarray(np.nan_to_num(image.color).mean(axis=-1), dtype=np.float64)
     count = int(image.object.max(initial=0)) + 1
     return np.asarray((image.object + 1) / count, dtype=np.float64)
+
+
+def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
+    """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
+
+    They are the image's own where it has them; else they lie where the line that a pixel has by a model
+    meets the triangle that it names. Where the line misses that triangle, the pixel shows no point of it
+    that can be known; the one that the model draws nearest to the pixel's center is taken. A displacement is
+    then at least what it is found to be, and it is not zero.
+    """
+    if np.isfinite(image.position[..., :2]).any():
+        return np.asarray(image.position, dtype=np.float64)
+    upright = model.orientation.upright(image.triangle)
+    aperture = model.answers(scene, image.camera.aperture)
+    points = np.full((*upright.shape, 3), np.nan)
+    rows, columns = np.nonzero((upright >= 0) & (upright < len(scene.faces)))
+    corners = scene.triangles[upright[rows, columns]]
+    best, off = np.full((len(rows), 3), np.nan), np.full(len(rows), np.inf)
+    pencils = {side: model.pencil(scene, aperture, side) for side in (1, -1)}
+    for side, pencil in pencils.items():
+        directions, center = pencil.directions()[rows, columns], np.asarray(pencil.center)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = plane_places(corners, triangle_normals(corners), center, directions)
+            met: Floats = center + s[:, None] * directions
+        ahead = np.isfinite(met).all(axis=1) & (side * (met[:, 2] - model.plate_height) <= 0)
+        distance = np.full(len(rows), np.inf)
+        distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
+        nearer = distance < off
+        best[nearer], off[nearer] = met[nearer], distance[nearer]
+    # The scene's own lengths: where a guess has it larger, the reach is so much shorter in them.
+    reach = scene.frustum.longest_reach / model.scene_scale
+    missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
+    cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
+    nearest, least = np.full((len(missed), 3), np.nan), np.full(len(missed), np.inf)
+    for side, pencil in pencils.items():
+        for first in range(3):
+            ends = corners[missed][:, [first, (first + 1) % 3]]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                point, apart = _nearest_of_edge(ends, pencil, side, cells, CAMERA_DISTANCE_PER_REACH * reach)
+            nearer = apart < least
+            nearest[nearer], least[nearer] = point[nearer], apart[nearer]
+    best[missed] = nearest
+    points[rows, columns] = best
+    return np.asarray(model.orientation.applied(points))
+
+
+def _nearest_of_edge(
+    ends: Floats, pencil: Pencil, side: int, cells: Floats, closest: float
+) -> tuple[Floats, Floats]:
+    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and their distances in pixels."""
+    center = np.asarray(pencil.center)
+    ahead = side * (center[2] - ends[..., 2])
+    # The part of the edge behind the camera is cut off.
+    t = np.clip((closest - ahead[:, 0]) / (ahead[:, 1] - ahead[:, 0]), 0.0, 1.0)
+    cut = ends[:, 0] + t[:, None] * (ends[:, 1] - ends[:, 0])
+    kept = np.where((ahead < closest)[..., None], cut[:, None], ends)
+    s = center[2] - kept[..., 2]
+    drawn = pixel_places(kept, pencil)
+    along = drawn[:, 1] - drawn[:, 0]
+    part = np.einsum("ij,ij->i", cells - drawn[:, 0], along) / np.einsum("ij,ij->i", along, along)
+    part = np.clip(np.nan_to_num(part), 0.0, 1.0)[:, None]
+    # On the film 1/s runs evenly, and so do coordinates over s.
+    weights = (1 - part) / s[:, :1], part / s[:, 1:]
+    point = (weights[0] * kept[:, 0] + weights[1] * kept[:, 1]) / (weights[0] + weights[1])
+    apart = np.linalg.norm(drawn[:, 0] + part * along - cells, axis=1)
+    seen = (ahead >= closest).any(axis=1) & np.isfinite(apart)
+    return point, np.where(seen, apart, np.inf)

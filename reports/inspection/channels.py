@@ -228,10 +228,10 @@ def inspected_figures(
         masks = {"tie, not judged": ~judged_pixels(figures.answer), "wrong": figures.error}
         return _classes(masks, "right")
 
-    words = f"{as_found.limited_words} {percent(as_found.judged_fraction)}"
+    words = f"{as_found.numbers.limited_words} {percent(as_found.numbers.judged_fraction)}"
     errors = {STATE: state(as_found)}
     if corrected is not as_found:
-        words += f", corrected {percent(corrected.judged_fraction)}"
+        words += f", corrected {percent(corrected.numbers.judged_fraction)}"
         errors[CORRECTED] = state(corrected)
     if corrected.cause_masks is not None:
         errors[ROUNDING] = _classes(corrected.cause_masks.masks, "none")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import judge
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.shown_points import shown_points
+from xfrustum.compare.renderer_model.pictures import shown_points
 from xfrustum.reports.verification.sources import LaidOut, Problem, Source, shape_of
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes.errors import InputError
@@ -118,5 +118,5 @@ def _is_right(source: LaidOut, found: Verification) -> bool:
             return False
         points = shown_points(reference.scene, NOMINAL, image)
         figures = judge(reference, NOMINAL, image, points, found.limits.judging, explained=False)
-        wrong, shown = wrong + figures.limited, shown + figures.shown
+        wrong, shown = wrong + figures.numbers.limited, shown + figures.numbers.shown
     return wrong <= MAX_WRONG_IN_RIGHT_READING * shown

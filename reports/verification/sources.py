@@ -19,9 +19,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
+from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import json_object

@@ -50,8 +50,8 @@ JUDGED_WORDS = {
     "coverage": "surfaces, by where something is shown",
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
 }
-"""What is judged, in words, by `Figures.by`; plain pictures are judged by colors unless geometry was asked
-for."""
+"""What is judged, in words, by `HogelNumbers.by`; plain pictures are judged by colors unless geometry was
+asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,20 +113,21 @@ class Limits:
         is asked for. Nor is one asked for where the truth has no outline that a picture could show elsewhere:
         wrong pixels judge it alone.
         """
-        counts = {figures.limited_words: figures.limited}
-        if figures.radiance is not None:
-            counts[COLORS] = figures.radiance
+        numbers = figures.numbers
+        counts = {numbers.limited_words: numbers.limited}
+        if numbers.radiance is not None:
+            counts[COLORS] = numbers.radiance.wrong
         found = []
         for name, count in counts.items():
-            share, single = count / max(figures.shown, 1), count == 1 and self.wrong > 0
+            share, single = count / max(numbers.shown, 1), count == 1 and self.wrong > 0
             held = single or not is_beyond(0.0, share, math.inf, self.wrong)
             found.append(Check(figure=name, value=share, limit=self.wrong, unit="share", held=held))
-        if figures.invalid:
-            share, held = figures.invalid / figures.claimed, not figures.mostly_invalid
+        if numbers.invalid:
+            share, held = numbers.invalid / figures.claimed, 2 * numbers.invalid <= figures.claimed
             found.append(Check(figure=INVALID, value=share, limit=MAX_INVALID_SHARE, unit="share", held=held))
-        spread, limit = figures.displacement_px, self.displacement_px
+        spread, limit = numbers.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
-        excused = value is None and figures.measured_by is MeasuredBy.NO_OUTLINES
+        excused = value is None and numbers.displacement_by is MeasuredBy.NO_OUTLINES
         held = limit is None or excused or not is_beyond(value, 0.0, limit)
         return (*found, Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held))
 

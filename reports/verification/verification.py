@@ -16,7 +16,7 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.shown_points import shown_points
+from xfrustum.compare.renderer_model.pictures import shown_points
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count

@@ -177,7 +177,7 @@ class VerifySession(Session):
         for hogel, figures in self._run.hogels(question, self._job.apertures(block)):
             told = asdict(hogel.told_from(self._job.renderer.named_from))
             del told["aperture"]
-            bad = (None, None) if figures is None else tuple(one.judged_fraction for one in figures)
+            bad = (None, None) if figures is None else tuple(one.numbers.judged_fraction for one in figures)
             rows.append(
                 VerifiedRow(
                     column=hogel.aperture.column,

@@ -50,7 +50,7 @@ class WorstHogels:
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
         """Keep a hogel if it is among the worst; of equals those that came first stay."""
-        badness = (as_found.judged_fraction, corrected.judged_fraction)
+        badness = (as_found.numbers.judged_fraction, corrected.numbers.judged_fraction)
         if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
             return
         shown = {
@@ -61,10 +61,10 @@ class WorstHogels:
         }
         pictured = Pictured(
             aperture=aperture,
-            words=as_found.limited_words,
+            words=as_found.numbers.limited_words,
             badness=badness,
-            fraction=as_found.fraction,
-            corrected_fraction=corrected.fraction,
+            fraction=as_found.numbers.fraction,
+            corrected_fraction=corrected.numbers.fraction,
             pictures={name: _encoded(pixels) for name, pixels in shown.items()},
             inspected=None
             if self.scene is None

@@ -69,14 +69,14 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
     )
     assert hogel.beyond(0.5) == Requirement().missed_by(hogel) == beyond
     if at_plate * 100 <= JUDGED:
-        figures: Any = SimpleNamespace(
+        found: Any = SimpleNamespace(
             shown=JUDGED,
             limited=wrong,
             limited_words="wrong surfaces",
             radiance=None,
             invalid=0,
-            claimed=JUDGED,
             displacement_px=spread(p99),
-            measured_by=MeasuredBy.POINTS,
+            displacement_by=MeasuredBy.POINTS,
         )
+        figures: Any = SimpleNamespace(numbers=found, claimed=JUDGED)
         assert all(check.held for check in Limits().checks(figures)) != beyond

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tests.support.views import view
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import (
     Aperture,

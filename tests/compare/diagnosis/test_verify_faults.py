@@ -11,15 +11,15 @@ import pytest
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.long_tail import kept
-from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.compare.renderer_model.conventions import Orientation
 from xfrustum.reports.verification.verdict import Verification
 
 TURNED = Orientation(True, False, True)
 REVERSED = Orientation(False, True, False)
 
 FAULTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
-    "orientation": ({"orientation": TURNED}, {"orientation": TURNED.words}),
-    "order": ({"order": REVERSED}, {"aperture-order": REVERSED.order_words}),
+    "orientation": ({"orientation": TURNED}, {"orientation": TURNED.words[0]}),
+    "order": ({"order": REVERSED}, {"aperture-order": REVERSED.words[1]}),
     "corners": ({"shift": (-0.5, -0.5)}, {"shift-x": -0.5, "shift-y": -0.5}),
     "fov": ({"fov": (1.01, 1.01)}, {"fov-x": 1.01, "fov-y": 1.01}),
     "aspect": ({"fov": (1.0, 0.99)}, {"fov-y": 0.99}),

@@ -8,7 +8,7 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
-from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.compare.renderer_model.conventions import Orientation
 
 TURNED, EXCHANGED = Orientation(False, True, True), Orientation(True, False, True)
 
@@ -16,7 +16,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
     "nothing": ({}, {}),
     "turned and exchanged": (
         {"orientation": TURNED, "order": EXCHANGED},
-        {"orientation": TURNED.words, "aperture-order": EXCHANGED.order_words},
+        {"orientation": TURNED.words[0], "aperture-order": EXCHANGED.words[1]},
     ),
     "corners": ({"shift": (-0.5, -0.5)}, {"shift-x": -0.5, "shift-y": -0.5}),
     "fov": ({"fov": (0.98, 1.02)}, {"fov-x": 0.98, "fov-y": 1.02}),
@@ -47,5 +47,5 @@ def test_a_picture_turned_about_is_seen_without_numbers() -> None:
     with Faulty(scene=scene, shown="color", orientation=TURNED, order=EXCHANGED) as renderer:
         found = xfrustum.verify(scene, renderer, apertures=[(i, j) for i in (0, 4) for j in (0, 3)])
     named = {fault.fault: fault.value for fault in found.diagnosis.faults}
-    assert named["orientation"] == TURNED.words
-    assert named["aperture-order"] == EXCHANGED.order_words
+    assert named["orientation"] == TURNED.words[0]
+    assert named["aperture-order"] == EXCHANGED.words[1]
