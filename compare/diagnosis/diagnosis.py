@@ -213,6 +213,11 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
     # Step 1: the fitted guess, with the halves put together as the images have them.
     nominal, recentered = evidence.nominal, evidence.reference.scene.frustum.recentered
     model, *others = _composed(evidence, fit.model)
+    if model.one_camera is not None and model.orientation != nominal.orientation:
+        # To turn the picture and one half of it back is to turn the other half alone.
+        turned, *rest = _composed(evidence, replace(fit.model, orientation=nominal.orientation))
+        if evidence.explains(turned):
+            model, others = turned, rest
     if evidence.explains(model):
         also = (*fit.alternatives, *others, *_alike(evidence, model, by_depth=fit.by_color))
         return replace(fit, model=model, alternatives=also)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import xfrustum
-from tests.support.foreign_renderers import Faulty, small
+from tests.support.foreign_renderers import small
 from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
@@ -80,15 +80,6 @@ def verified(scene: Scene, model: DrawnModel) -> Verification:
     return xfrustum.verify(scene, draw)
 
 
-@pytest.mark.slow
-def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> None:
-    scene = small("asymmetric", SIZE)
-    assert verified(scene, DrawnModel(culled=Culled.CLOCKWISE)).passed
-    found = verified(scene, DrawnModel(culled=Culled.COUNTERCLOCKWISE))
-    assert [fault.fault for fault in found.diagnosis.faults] == ["culling"]
-    assert found.summary()["corrected"]["causes"]["unexplained"] == 0
-
-
 def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(tmp_path: Path) -> None:
     file = tmp_path / "sphere.toml"
     file.write_text(SPHERE)
@@ -98,14 +89,6 @@ def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(
         assert fault.fault == "front-nearest"
         assert fault.alternatives == ("culling",)
         assert "or culling: images cannot tell" in fault.words
-
-
-def test_the_film_of_a_full_angle_taken_for_half_of_it_is_found() -> None:
-    scene = small("asymmetric", SIZE)
-    with Faulty(scene=scene, fov=(2.2, 2.2)) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=SOME)
-    assert {f.fault for f in found.diagnosis.faults} == {"fov-x", "fov-y"}
-    assert all(f.value == pytest.approx(2.2, rel=5e-4) for f in found.diagnosis.faults)
 
 
 def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
@@ -137,34 +120,12 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
     assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
 
 
-@pytest.mark.slow
-def test_what_is_wrong_for_no_known_reason_is_not_called_as_asked() -> None:
-    scene = small("asymmetric", SIZE)
-    reference = Reference(scene)
-
-    def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        image = replaced(reference, aperture)
-        return replace(image, triangle=np.full_like(image.triangle, len(scene.faces) - 1))
-
-    found = xfrustum.verify(scene, draw, apertures=SOME)
-    assert not found.passed
-    assert found.summary()["explained"] is False
-
-
 @pytest.mark.parametrize(
     "asked",
     [
-        {"max_wrong": "x"},
-        {"max_displacement_px": "x"},
-        {"max_color": "x"},
-        {"near": "x"},
-        {"near": True},
-        {"encoding": "banana"},
-        {"compare": "banana"},
-        {"apertures": ["x"]},
-        {"apertures": [(0, "x")]},
-        {"apertures": [3]},
-        {"accept": "x"},
+        *({name: "x"} for name in ("max_wrong", "max_displacement_px", "max_color", "near", "accept")),
+        *({"near": True}, {"encoding": "banana"}, {"compare": "banana"}),
+        *({"apertures": [one]} for one in ("x", (0, "x"), 3)),
     ],
 )
 def test_options_that_mean_nothing_are_refused(asked: dict[str, Any]) -> None:

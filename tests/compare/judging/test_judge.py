@@ -68,35 +68,24 @@ def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
     apertures = apertures_of(scene)[:4]
     with Judge(scene) as judge:
         found = list(judge.stream(iter(apertures), SETTINGS, images=True))
+        bare = list(judge.stream(apertures, SETTINGS))
     assert [hogel.aperture for hogel in found] == apertures
+    assert all(hogel.truth is None for hogel in bare)
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
-        for hogel in found:
+        for hogel, numbers in zip(found, bare, strict=True):
             truth = reference.trace(hogel.aperture)
             assert hogel.truth is not None
             assert_same_arrays(hogel.truth, truth)
             assert [one.settings for one in hogel.drawings] == list(SETTINGS)
-            for one in hogel.drawings:
+            for one, other in zip(hogel.drawings, numbers.drawings, strict=True):
                 image = rasterizer.render(hogel.aperture, one.settings, normals=False)
                 assert one.image is not None and isinstance(one.comparison, Comparison)
                 assert_same_arrays(one.image, image)
                 alone = compare_images(truth, image, reference, radiance=shaded)
-                assert one.comparison.numbers == alone.numbers
+                assert one.comparison.numbers == alone.numbers == other.comparison
                 assert_same_arrays(one.comparison.maps, alone.maps)
                 assert (alone.radiance is not None) == shaded
-
-
-def test_numbers_alone_are_the_same_and_keep_no_image() -> None:
-    scene = view("asymmetric-recentered", FILM)
-    apertures = apertures_of(scene)[:2]
-    with Judge(scene) as judge:
-        with_images = list(judge.stream(apertures, SETTINGS, images=True))
-        without = list(judge.stream(apertures, SETTINGS))
-    for one, other in zip(with_images, without, strict=True):
-        assert other.truth is None
-        for kept, bare in zip(one.drawings, other.drawings, strict=True):
-            assert bare.image is None and not isinstance(bare.comparison, Comparison)
-            assert isinstance(kept.comparison, Comparison) and bare.comparison == kept.comparison.numbers
 
 
 def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
@@ -116,26 +105,6 @@ def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
                 assert one.unexplained == int(budget.explanation.unexplained.sum())
                 wrong += sum(cause.surface for cause in one.causes or ())
     assert wrong
-
-
-def test_hogels_are_taken_a_bounded_number_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that memory does not grow with the number of apertures."""
-    monkeypatch.setattr(run, "images_under_way", lambda pixels: 3)
-    scene = view("asymmetric", (16, 16))
-    taken = 0
-
-    def counted() -> Iterator[Aperture]:
-        nonlocal taken
-        for aperture in endless(scene):
-            taken += 1
-            yield aperture
-
-    with Judge(scene) as judge:
-        stream = judge.stream(counted(), SETTINGS[:1])
-        for given in range(1, 20):
-            next(stream)
-            # Three are under way, and one hogel is begun ahead.
-            assert taken <= given + 4
 
 
 def test_closing_a_stream_ends_its_threads() -> None:
@@ -210,12 +179,6 @@ def test_settings_that_make_no_sense_are_refused_before_anything_is_drawn() -> N
             judge.stream([scene.plate.middle], [DoubleFrustum(near=1e9)])
         with pytest.raises(InputError, match="nothing to judge"):
             judge.stream([scene.plate.middle], [])
-
-
-def test_a_tracer_that_there_is_none_of_is_refused() -> None:
-    with pytest.raises(InputError, match="tracer"):
-        Judge(view("asymmetric", (16, 16)), tracer="nobody")
-    assert not threads()
 
 
 def test_times_are_those_of_stages() -> None:

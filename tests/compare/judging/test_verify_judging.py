@@ -284,18 +284,6 @@ def test_wrong_geometry_fails_in_any_shading(
     assert all(hogel.verdict == "fail" for hogel in found.hogels)
 
 
-@pytest.mark.slow
-def test_the_tolerance_of_colors_is_the_users(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
-    def brighter(image: HogelImage) -> Bytes:
-        return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(
-            np.uint8
-        )
-
-    assert verified(hogels["right"], colors).passed
-    assert not verified(hogels["right"], brighter).passed
-    assert verified(hogels["right"], brighter, max_color=0.04).passed
-
-
 def test_options_that_cannot_be_meant_are_refused(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="compare"):
         xfrustum.verify(world, "{i}{j}", compare="shape")
