@@ -34,6 +34,8 @@ from multiprocessing.connection import Connection, Pipe, wait
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol, TypeVar
 
+from tqdm import tqdm
+
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.errors import InputError
 
@@ -68,13 +70,14 @@ class Session(Protocol):
 class Job(ABC):
     """Work in blocks, as it travels to workers: whatever it holds is pickled, scenes included.
 
-    A block is anything small that can be pickled, such as a number. `draws` says whether sessions draw with
-    OpenGL, so that there is one process for each GPU where there are any; `unit` is the word for one of the
-    things that a block consists of, for progress bars.
+    A block is anything small that can be pickled, such as a number.
     """
 
     draws: ClassVar[bool] = True
+    """Whether sessions draw with OpenGL, so that there is one process for each GPU where there are any."""
+
     unit: ClassVar[str] = "hogel"
+    """Word for one of the things that a block consists of, for progress bars."""
 
     @property
     @abstractmethod
@@ -170,6 +173,10 @@ class Engine:
         return max(1, min(usual if self.workers is None else self.workers, blocks))
 
 
+HERE = Engine(workers=1)
+"""This process alone."""
+
+
 class WorkerLostError(InputError):
     """The processes that had a block died, more than once."""
 
@@ -202,21 +209,25 @@ class Workers(ABC):
     def run(self, job: Job, blocks: Iterable[Any], total: int, *, progress: bool = False) -> None:
         """Make all blocks that are not finished, with a bar for so many hogels or other units."""
         with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+            self.make(job, blocks, bar)
 
-            def unfinished() -> Iterator[Any]:
-                for block in blocks:
-                    if job.finished(block):
-                        bar.update(job.size(block))
-                    else:
-                        yield block
+    def make(self, job: Job, blocks: Iterable[Any], bar: tqdm[Any]) -> None:
+        """Make all blocks that are not finished, and tell a bar."""
 
-            try:
-                for block, _ in self.map(job, _make, unfinished()):
-                    if self.elsewhere:
-                        _see(job, block)
+        def unfinished() -> Iterator[Any]:
+            for block in blocks:
+                if job.finished(block):
                     bar.update(job.size(block))
-            except WorkerLostError as error:
-                raise InputError(f"{job.words(error.item)}: {error}") from error
+                else:
+                    yield block
+
+        try:
+            for block, _ in self.map(job, _make, unfinished()):
+                if self.elsewhere:
+                    _see(job, block)
+                bar.update(job.size(block))
+        except WorkerLostError as error:
+            raise InputError(f"{job.words(error.item)}: {error}") from error
 
 
 def _make(session: Session, block: Any) -> None:
@@ -250,58 +261,61 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
         No scheduler answers.
     """
     if engine.scheduler is not None:
-        with _Cluster(engine.scheduler) as cluster:
+        with _cluster(engine.scheduler) as cluster:
             yield cluster
         return
     devices = engine.devices or (_gpus() if draws else ())
     count = engine.process_count(blocks, len(devices) if draws else 0)
-    if count == 1:
-        with _first_device(devices), _ThisProcess() as here:
-            yield here
-    else:
-        with _Processes(count, devices) as processes:
+    if count > 1:
+        processes = _Processes(count, devices)
+        try:
             yield processes
+        finally:  # whatever they are doing
+            for process in processes.all:
+                process.kill()
+        return
+    before = os.environ.get(DEVICE_VARIABLE)
+    if devices:  # as a worker process would
+        os.environ[DEVICE_VARIABLE] = str(devices[0])
+    try:
+        with _OpenSession() as opened:
+            yield _ThisProcess(opened)
+    finally:
+        if before is not None:
+            os.environ[DEVICE_VARIABLE] = before
+        else:
+            os.environ.pop(DEVICE_VARIABLE, None)
 
 
-class _OpenSession:
+class _OpenSession(ExitStack):
     """The one session that a process has open, that of the last job; a context manager that closes it.
 
     OpenGL contexts belong to the thread that made them, and ray tracers keep what they have built.
     """
 
-    def __init__(self) -> None:
-        self._key: object = None
-        self._session: Session | None = None
-        self._stack = ExitStack()
+    _key: object = None
+    _session: Any = None
 
-    def of(self, key: object, job: Callable[[], Job]) -> Session:
+    def of(self, key: object, job: Callable[[], Job]) -> Any:
         """Return the session of the job that is known by an object."""
-        if self._session is None or self._key is not key:
+        if self._key is not key:
+            self._key = self._session = None
             self.close()
-            self._session, self._key = self._stack.enter_context(job().open()), key
+            self._session, self._key = self.enter_context(job().open()), key
         return self._session
-
-    def close(self) -> None:
-        """Close the session."""
-        self._key = self._session = None
-        self._stack.close()
 
 
 class _ThisProcess(Workers):
     """The command itself, which makes one block after the other."""
 
-    def __enter__(self) -> _ThisProcess:
-        self._open = _OpenSession()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
+    def __init__(self, opened: _OpenSession) -> None:
+        self._opened = opened
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
         for item in items:
-            yield item, function(self._open.of(job, lambda: job), item)
+            yield item, function(self._opened.of(job, lambda: job), item)
 
 
 class _Process:
@@ -354,28 +368,18 @@ class _Process:
 
 
 class _Processes(Workers):
-    """Processes of this machine; a context manager that ends them, whatever they are doing.
-
-    A block whose process died is given to another one, once.
-    """
+    """Processes of this machine. A block whose process died is given to another one, once."""
 
     def __init__(self, count: int, devices: tuple[int, ...]) -> None:
         self.count = count
         threads = str(max(1, _processors() // count))
         usual = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, threads)}
         usual["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, sys.path))
-        self._processes = [
+        self.all = [
             _Process({**usual, DEVICE_VARIABLE: str(device)} if devices else usual)
             for device, _ in zip(itertools.cycle(devices or (0,)), range(count), strict=False)
         ]
         self._pickled: tuple[Job, bytes] | None = None
-
-    def __enter__(self) -> _Processes:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for process in self._processes:
-            process.kill()
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
@@ -385,7 +389,7 @@ class _Processes(Workers):
         _, pickled = self._pickled
         # Each item with the times that it has been given out.
         waiting, again = ((item, 1) for item in items), list[tuple[Item, int]]()
-        idle, busy = list(self._processes), dict[Any, tuple[_Process, Item, int]]()
+        idle, busy = list(self.all), dict[Any, tuple[_Process, Item, int]]()
         try:
             while True:
                 while idle and (following := again.pop() if again else next(waiting, None)):
@@ -426,7 +430,15 @@ def serve(descriptor: int) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     connection: Connection[Any, Any] = Connection(descriptor)
     asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(connection, asked), daemon=True).start()
+
+    def listen() -> None:
+        """Take what is asked for, and end this process with the command, even in the middle of a block."""
+        with suppress(EOFError, OSError):
+            while True:
+                asked.put(connection.recv_bytes())
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    threading.Thread(target=listen, daemon=True).start()
     opened, pickled = _OpenSession(), b""
     while True:
         job, function, item = pickle.loads(asked.get())
@@ -438,56 +450,52 @@ def serve(descriptor: int) -> None:
         connection.send(answer)
 
 
-def _listen(connection: Connection[Any, Any], asked: queue.SimpleQueue[bytes]) -> None:
-    """Take what is asked for, and end this process with the command, even in the middle of a block."""
-    with suppress(EOFError, OSError):
-        while True:
-            asked.put(connection.recv_bytes())
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def _portable(error: Exception) -> Exception:
     """Return an error as it can be pickled, with its traceback unless it is the user's."""
+    text = "".join(traceback.format_exception(error))
     if not isinstance(error, InputError):
-        error.add_note("".join(traceback.format_exception(error)))
+        error.add_note(text)
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError("".join(traceback.format_exception(error)))
+        return RuntimeError(text)
     return error
 
 
+@contextmanager
+def _cluster(address: str) -> Iterator[_Cluster]:
+    """Connect to a Dask scheduler that exists."""
+    try:
+        from distributed import Client  # noqa: PLC0415 - a second that no other work may pay for
+    except ImportError as error:
+        raise InputError(
+            "--scheduler needs Dask: pip install '.[cluster]' in the checkout of xfrustum"
+        ) from error
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(
+            f"--scheduler {address}: no scheduler answers there ({' '.join(str(error).split())[:200]}); "
+            "start one with `dask scheduler`, and give its address, such as tls://host:8786"
+        ) from error
+    try:
+        yield _Cluster(client, address)
+    finally:
+        client.close(timeout=CONNECT_S)
+
+
 class _Cluster(Workers):
-    """The workers of a Dask scheduler that exists, which retries and forgets; a context manager."""
+    """The workers of a Dask scheduler, which retries and forgets."""
 
     elsewhere = True
 
-    def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client  # noqa: PLC0415 - a second that no other work may pay for
-        except ImportError as error:
-            raise InputError(
-                "--scheduler needs Dask: pip install '.[cluster]' in the checkout of xfrustum"
-            ) from error
-        try:
-            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(
-                f"--scheduler {address}: no scheduler answers there ({' '.join(str(error).split())[:200]}); "
-                "start one with `dask scheduler`, and give its address, such as tls://host:8786"
-            ) from error
-        self._address = address
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
 
     @property
     def count(self) -> int:  # type: ignore[override]  # it changes
         """Number of threads that run tasks, one of each worker process."""
         return sum(self._client.nthreads().values()) or 1
-
-    def __enter__(self) -> _Cluster:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._client.close(timeout=CONNECT_S)
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
@@ -535,9 +543,8 @@ def _do_in_cluster(
         here = metadata.version("xfrustum")
         if here != version:
             raise InputError(f"has xfrustum {here}, the command {version}: install one version everywhere")
-        return thread.submit(
-            lambda: function(opened.of(pickled, lambda: pickle.loads(pickled)), item)
-        ).result()
+        done = thread.submit(lambda: function(opened.of(pickled, lambda: pickle.loads(pickled)), item))
+        return done.result()
     except InputError as error:
         raise InputError(f"{error} (worker on {socket.gethostname()})") from error
 
@@ -563,21 +570,6 @@ def _gpus() -> tuple[int, ...]:
 
     gpus = gpu_indices()
     return gpus if DEVICE_VARIABLE not in os.environ else tuple(one for one in gpus if one == device_index())
-
-
-@contextmanager
-def _first_device(devices: tuple[int, ...]) -> Iterator[None]:
-    """Let this process draw on the first of some EGL devices, as a worker process would."""
-    before = os.environ.get(DEVICE_VARIABLE)
-    if devices:
-        os.environ[DEVICE_VARIABLE] = str(devices[0])
-    try:
-        yield
-    finally:
-        if before is not None:
-            os.environ[DEVICE_VARIABLE] = before
-        elif devices:
-            os.environ.pop(DEVICE_VARIABLE, None)
 
 
 def _processors() -> int:

@@ -1,4 +1,4 @@
-"""Hogels in blocks, and a folder of Parquet parts: one for each block, each there whole or not at all.
+"""A folder of Parquet parts: one for each block, each there whole or not at all.
 
 A part is written aside and renamed when it is on the disk: a part that is there is a block that is finished,
 whatever happened to the process that wrote it. A part carries a digest of its bytes: one that does not agree
@@ -11,11 +11,10 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
@@ -25,14 +24,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xfrustum.compare.sampling import aperture_at
-from xfrustum.reports.blocks import Job
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, look_hash
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 DESCRIPTION = "_description.json"
 """File beside the parts; readers of Parquet leave out names that begin like this."""
@@ -43,57 +38,9 @@ with zeros in place of the digest."""
 
 _NO_DIGEST = b"0" * 64
 
-MAX_NAMED_VALUES = 3
-"""Values of one part of a description that are told with what they were and what they are now."""
-
-MAX_VALUES_CHARACTERS = 80
-"""Longest text of a value before and now that are told; hashes and longer texts tell a reader nothing."""
-
-PIXELS_PER_BLOCK = 1 << 22
-"""Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
-core, while a task costs a scheduler a few milliseconds."""
-
-PIXELS_PER_HOGEL = 1 << 16
-"""Pixels that take as long as what a hogel costs however small it is: on the car, whose triangles are all
-transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
-
-MIN_BLOCKS = 16
-"""Number of blocks that even a small sample is cut into where it has as many hogels, so that there is
-something for several workers to do."""
-
-
-def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
-    """Return how many hogels a block has; it depends on the work alone, never on the number of workers.
-
-    Parameters
-    ----------
-    hogels
-        Number of all hogels.
-    frustum
-        Frustum whose resolution they have.
-    settings
-        Number of settings that each is judged with.
-    """
-    cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
-    return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class HogelBlock:
-    """Some hogels by their places on the path of `aperture_at`, and the number of their part."""
-
-    number: int
-    places: Sequence[int]
-
-    def apertures(self, plate: Plate) -> list[Aperture]:
-        """Return the hogels of the block, in their order."""
-        return [aperture_at(plate, place) for place in self.places]
-
-
-def hogel_blocks(places: Sequence[int], size: int, first: int = 0) -> Iterator[HogelBlock]:
-    """Yield blocks of so many hogels each, with numbers from the first on; the last may have fewer."""
-    for number, begin in enumerate(range(0, len(places), size), first):
-        yield HogelBlock(number=number, places=places[begin : begin + size])
+MAX_NAMED_VALUES, MAX_VALUES_CHARACTERS = 3, 80
+"""Values of one part of a description that are told with what they were and what they are now, and longest
+text of both: hashes and longer texts tell a reader nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,15 +65,11 @@ class Parts:
     def open(self, description: dict[str, Any]) -> None:
         """Make the folder, or see that it belongs to the same result; several processes may do so at once.
 
-        The description is everything that decides the rows, in JSON's own types.
-
-        Raises
-        ------
-        InputError
-            The folder holds something else, or cannot be written.
+        The description is everything that decides the rows, in JSON's own types. InputError where the folder
+        holds something else.
         """
         path, wanted = self.folder / DESCRIPTION, json.loads(json.dumps(description))
-        with self._writable():
+        with writable(self.out):
             self.folder.mkdir(parents=True, exist_ok=True)
             # In this order: another process writes its description before anything else.
             if any(self.folder.iterdir()) and not os.path.lexists(path):
@@ -170,19 +113,13 @@ class Parts:
         digest = hashlib.sha256(content).hexdigest().encode()
         before, _, after = content.rpartition(_NO_DIGEST)
         path = self.path(number)
-        with self._writable():
+        with writable(self.out):
             if os.path.lexists(path) and not path.is_file():
                 path.unlink()  # such as a pipe, which a file would be written into
             write_file(path, before + digest + after, host=self.out)
 
     def read(self, number: int, columns: list[str] | None = None) -> pa.Table:
-        """Return the rows of a finished block; all columns, or some.
-
-        Raises
-        ------
-        InputError
-            The part is missing, or was damaged since it was found to be finished.
-        """
+        """Return the rows of a finished block; InputError where it has been damaged since."""
         content = self._content(number)
         if content is None:
             raise InputError(
@@ -200,35 +137,31 @@ class Parts:
         without = hashlib.sha256(content[:begin] + _NO_DIGEST + content[end:])
         return content if without.hexdigest().encode() == found[-1][1] else None
 
-    def remove(self, number: int) -> None:
-        """Remove the part of a block, which is unfinished afterwards."""
-        with self._writable():
-            self.path(number).unlink(missing_ok=True)
-
     def write_beside(self, name: str, content: bytes) -> None:
         """Write a file beside the parts, whole or not at all."""
-        with self._writable():
+        with writable(self.out):
             write_file(self.folder / name, content, host=self.out)
 
     def read_beside(self, name: str) -> bytes | None:
         """Return a file beside the parts; None where there is none."""
         return _regular(self.folder / name)
 
-    def remove_beside(self, name: str) -> None:
-        """Remove a file beside the parts, if there is one."""
-        with self._writable():
-            (self.folder / name).unlink(missing_ok=True)
+    def remove(self, name: int | str) -> None:
+        """Remove the part of a block, which is unfinished afterwards, or a file beside the parts."""
+        with writable(self.out):
+            (self.path(name) if isinstance(name, int) else self.folder / name).unlink(missing_ok=True)
 
-    @contextmanager
-    def _writable(self) -> Iterator[None]:
-        """Turn what the file system refuses into an InputError."""
-        try:
-            yield
-        except OSError as error:
-            raise InputError(
-                f"--out {self.out}: cannot write there ({error.strerror or error}); "
-                "free some space or choose another place"
-            ) from error
+
+@contextmanager
+def writable(out: Path) -> Iterator[None]:
+    """Turn what the file system refuses into an InputError about `--out`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"--out {out}: cannot write there ({error.strerror or error}); "
+            "free some space or choose another place"
+        ) from error
 
 
 def scene_description(scene: Scene) -> dict[str, Any]:
@@ -237,27 +170,6 @@ def scene_description(scene: Scene) -> dict[str, Any]:
     hashes = {"content": scene.content_hash, "look": look_hash(scene)}
     described: dict[str, Any] = json_ready({**hashes, **parts, "version": metadata.version("xfrustum")})
     return described
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RowsJob(Job):
-    """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
-
-    scene: Scene
-    parts: Parts
-
-    def finished(self, block: HogelBlock) -> bool:
-        """Return whether a block has its part."""
-        return self.parts.finished(block.number)
-
-    def size(self, block: HogelBlock) -> int:
-        """Return the number of hogels of a block."""
-        return len(block.places)
-
-    def words(self, block: HogelBlock) -> str:
-        """Return the number of a block, and its first aperture."""
-        column, row = aperture_at(self.scene.plate, block.places[0]).index
-        return f"block {block.number} (from aperture {column},{row})"
 
 
 def _regular(path: Path) -> bytes | None:

@@ -16,7 +16,7 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.view import Drawing, stereo_eyes
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.model.eye import Eye, EyeImage
+from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits, percent
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -27,33 +27,18 @@ FILM_COLUMNS = 64
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
-    """What two eyes are shown of drawn hogels, measured.
+    """What two eyes are shown of drawn hogels, measured."""
 
-    Attributes
-    ----------
-    hogels
-        Number of hogels of which pixels were drawn.
-    matched
-        Number of surface points that both eyes are shown.
-    disparity_change_arcsec
-        Largest difference of the changes of disparity of two points, or of one and the plate's border, from
-        the 1st to the 99th percentile; None where both eyes are shown no point.
-    depth
-        By how much farther away than they are points are seen, scene units.
-    wrong, depth_wrong
-        Share of both eyes' judged pixels with a wrong surface, and share of those that are right with exact
-        depth.
-    judged
-        Number of both eyes' judged pixels.
-    """
-
-    hogels: int
-    matched: int
+    hogels: int  #: Number of hogels of which pixels were drawn
+    matched: int  #: Number of surface points that both eyes are shown
+    #: Largest difference of the changes of disparity of two points, or of one and the plate's border, from
+    #: the 1st to the 99th percentile; None where both eyes are shown no point
     disparity_change_arcsec: float | None
-    depth: DepthShift | None
+    depth: DepthShift | None  #: By how much farther away than they are points are seen, scene units
+    #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact depth
     wrong: float
     depth_wrong: float
-    judged: int
+    judged: int  #: Number of both eyes' judged pixels
 
     @property
     def depth_wrong_at_most(self) -> float:
@@ -64,12 +49,7 @@ class Replayed:
 class ReplayWorkbench:
     """Two eyes straight before a scene's plate, what they truly see, and what they are shown.
 
-    Parameters
-    ----------
-    scene, viewer
-        Scene, and its viewer.
-    columns
-        Columns of the films of both eyes; rows follow from the plate.
+    Their films have so many columns; rows follow from the plate.
     """
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
@@ -78,16 +58,15 @@ class ReplayWorkbench:
         width, height = scene.plate.size
         film = (columns, max(1, round(columns * height / width)))
         middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
-        self._views = []
-        for eye in stereo_eyes([middle], eyes_apart(viewer, Display.of(scene))):
-            self._views.append(
-                Views(
-                    true=self._reference.true_view(eye, shaded=False),
-                    replayed=self._reference.replayed(eye, shaded=False),
-                    drawn=None,
-                    taken=self._reference.replay(eye),
-                )
+        self._views = [
+            Views(
+                true=self._reference.true_view(eye, shaded=False),
+                replayed=self._reference.replayed(eye, shaded=False),
+                drawn=None,
+                taken=self._reference.replay(eye),
             )
+            for eye in stereo_eyes([middle], eyes_apart(viewer, Display.of(scene)))
+        ]
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
     @property
@@ -131,10 +110,8 @@ class ReplayWorkbench:
 
     def _drawn(self, settings: DoubleFrustum) -> list[Views]:
         collectors = [Collector(self._scene, view.eye, view.taken, settings) for view in self._views]
-        source = Drawing(self._scene, settings)
-        images: Sequence[EyeImage] = collected(
-            source.hogels(film_parts(view.taken for view in self._views)), collectors
-        )
+        hogels = Drawing(self._scene, settings).hogels(film_parts(view.taken for view in self._views))
+        images = collected(hogels, collectors)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
 
     def _wrong(self, views: Sequence[Views]) -> list[Mask]:
@@ -149,52 +126,30 @@ class ReplayWorkbench:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedRecord:
-    """What `plan --viewer` adds: the key `viewer` of the JSON object.
-
-    Attributes
-    ----------
-    viewer
-        The viewer.
-    pitch_arcmin, pixel_arcmin, diffraction_arcmin
-        Blurs of the display: of pitch, and of pixels and diffraction at the farthest surface.
-    rays_per_pupil
-        Pixels of a hogel that a pupil catches along an axis.
-    limits
-        What the viewer may notice of a near without cuts, and how large near may be for each.
-    limits_with_cuts
-        The same with the plan's cuts; None without a plan, and where it has no cuts.
-    binding
-        Name of the limit that leaves the smallest near; None where no near is noticed.
-    stereo_change_arcsec, crack_arcmin
-        Predicted of the plan: change of disparity, and width of the crack in a surface that runs through the
-        plate. None without a plan, and without such a surface.
-    separation
-        Distance of sheets that must be ordered, scene units.
-    separation_limited_by
-        What decides it; None where it was asked for.
-    measured
-        What a replay of the plan shows to two eyes; None without a plan.
-    noise_arcsec
-        By how much the replay's change of disparity may differ from that of a finer display and finer eyes
-        (`replay_noise_arcsec`); None without a plan.
-    exceeded
-        What the replay shows beyond what is required, in words: empty where nothing, and without a plan.
-    """
+    """What `plan --viewer` adds: the key `viewer` of the JSON object."""
 
     viewer: Viewer
+    #: Blurs of the display: of pitch, and of pixels and diffraction at the farthest surface
     pitch_arcmin: float
     pixel_arcmin: float
     diffraction_arcmin: float
-    rays_per_pupil: float | None
+    rays_per_pupil: float | None  #: Pixels of a hogel that a pupil catches along an axis
+    #: What the viewer may notice of a near without cuts, and how large near may be for each
     limits: tuple[NearLimit, ...]
-    binding: str | None
+    binding: str | None  #: Name of the limit that leaves the smallest near; None where no near is noticed
+    #: Predicted of the plan: change of disparity, and width of the crack in a surface that runs through the
+    #: plate; None without a plan, and without such a surface
     stereo_change_arcsec: float | None
     crack_arcmin: float | None
-    separation: float | None
-    separation_limited_by: str | None
-    measured: Replayed | None
+    separation: float | None  #: Distance of sheets that must be ordered, scene units
+    separation_limited_by: str | None  #: What decides it; None where it was asked for
+    measured: Replayed | None  #: What a replay of the plan shows to two eyes; None without a plan
+    #: The same with the plan's cuts; None without a plan, and where it has no cuts
     limits_with_cuts: tuple[NearLimit, ...] | None = None
+    #: By how much the replay's change of disparity may differ from that of a finer display and finer eyes
+    #: (`replay_noise_arcsec`); None without a plan
     noise_arcsec: float | None = None
+    #: What the replay shows beyond what is required, in words: empty where nothing, and without a plan
     exceeded: tuple[str, ...] = ()
 
 

@@ -31,17 +31,7 @@ DATA = "view.json"
 def quilt_eyes(eye: Eye, tiles: tuple[int, int]) -> tuple[Eye, ...]:
     """Return the eyes of a quilt, from the left: on a line parallel to the plate, at equal steps of angle.
 
-    Parameters
-    ----------
-    eye
-        The eye in the middle.
-    tiles
-        Columns and rows of the quilt.
-
-    Raises
-    ------
-    InputError
-        There are no tiles, or too many.
+    The given eye is in the middle. InputError where there are no tiles, columns by rows, or too many.
     """
     count = tiles[0] * tiles[1]
     if min(tiles) < 1 or count > MAX_TILES:
@@ -59,12 +49,6 @@ def quilt_names(scene: Scene, tiles: tuple[int, int], *, drawn: bool) -> tuple[s
     return (DATA, *(f"{name}_qs{tiles[0]}x{tiles[1]}a{aspect:.4g}.png" for name in pictures))
 
 
-def stitched(pictures: list[Bytes], columns: int) -> Bytes:
-    """Return tiles as one picture: the first at the bottom left, then to the right, then up."""
-    rows = [np.concatenate(pictures[i : i + columns], axis=1) for i in range(0, len(pictures), columns)]
-    return np.concatenate(rows[::-1], axis=0)
-
-
 def write_quilt(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
     eye: Eye,
@@ -77,40 +61,23 @@ def write_quilt(  # noqa: PLR0913 - one parameter per option of the command
 ) -> ViewRecord:
     """Write quilts of the scene, of its replayed truth and of a renderer's hogels, and their numbers.
 
-    Each row of tiles is made by itself, so that memory does not grow with the number of rows.
-
-    Parameters
-    ----------
-    scene, eye, tiles
-        Scene, the eye in the middle, and columns and rows of the quilt.
-    source
-        Hogels of a renderer; None for none.
-    out
-        Folder of the files.
-    effects
-        Effects of light that are evaluated; None for those that the scene calls for.
-    progress
-        Whether to draw bars on standard error.
-
-    Raises
-    ------
-    InputError
-        See `view` and `quilt_eyes`.
+    Each row of tiles is made by itself, so that memory does not grow with the number of rows. See `view`.
     """
-    eyes = quilt_eyes(eye, tiles)
-    names = quilt_names(scene, tiles, drawn=source is not None)
+    eyes, names = quilt_eyes(eye, tiles), quilt_names(scene, tiles, drawn=source is not None)
     with Staging(out, names) as staging:
-        pictures: dict[str, list[Bytes]] = {}
+        # Rows of tiles by picture: the first tile is at the bottom left, then to the right, then up.
+        rows: dict[str, list[Bytes]] = {}
         records = []
         for first in range(0, len(eyes), tiles[0]):
             some = eyes[first : first + tiles[0]]
             found = view(scene, some, source, effects=effects, progress=progress)
             records.append(found.record)
-            for number in range(len(some)):
-                for name, image in images(found, number).items():
-                    pictures.setdefault(name, []).append(shown(image))
-        for name, file in zip(pictures, names[1:], strict=True):
-            (staging.folder / file).write_bytes(png(stitched(pictures[name], tiles[0])))
+            tiled = [images(found, number) for number in range(len(some))]
+            for name in tiled[0]:
+                row = np.concatenate([shown(tile[name]) for tile in tiled], axis=1)
+                rows.setdefault(name, []).append(row)
+        for name, file in zip(rows, names[1:], strict=True):
+            (staging.folder / file).write_bytes(png(np.concatenate(rows[name][::-1], axis=0)))
         record = replace(
             records[0],
             eyes=tuple(one for part in records for one in part.eyes),

@@ -53,11 +53,6 @@ class PlateArray:
     dimensions: tuple[str, ...]
     attributes: Mapping[str, str]
 
-    @property
-    def hogel_bytes(self) -> int:
-        """Bytes of one hogel's image before it is compressed."""
-        return math.prod(self.shape) * self.dtype.itemsize
-
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
@@ -89,26 +84,14 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """The arrays of a store and their division into blocks.
-
-    Attributes
-    ----------
-    plate, frustum, units
-        Plate, frustum and length unit of the scene.
-    content
-        The images that are stored.
-    side
-        Columns and rows of a block.
-    measures
-        Name and unit of each measure of a hogel; none where hogels are not judged.
-    """
+    """The arrays of a store and their division into blocks."""
 
     plate: Plate
     frustum: Frustum
     units: str
     content: PlateContent
-    side: tuple[int, int]
-    measures: tuple[tuple[str, str], ...] = ()
+    side: tuple[int, int]  # columns and rows of a block
+    measures: tuple[tuple[str, str], ...] = ()  # name and unit of each, where hogels are judged
 
     @cached_property
     def arrays(self) -> tuple[PlateArray, ...]:
@@ -131,69 +114,45 @@ class Layout:
             attributes={"long_name": meaning, **({} if units is None else {"units": units})},
         )
 
-    def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], Mapping[str, str]]]:
-        """Yield name, dimension, values and attributes of every coordinate."""
+    def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], str, Mapping[str, str]]]:
+        """Yield name, dimension, values, meaning and unit of every coordinate."""
         columns, rows = self.plate.hogels
         width, height = self.frustum.resolution
-        x = [self.plate.aperture(column, 0).x for column in range(columns)]
-        y = [self.plate.aperture(0, row).y for row in range(rows)]
-        length = {"units": self.units}
-        yield "column", "column", np.arange(columns), {"long_name": "column of the hogel, from the left"}
-        yield "row", "row", np.arange(rows), {"long_name": "row of the hogel, from the top"}
-        yield "x", "column", np.array(x), {"long_name": "x of the aperture", **length}
-        yield "y", "row", np.array(y), {"long_name": "y of the aperture", **length}
-        film = {"units": "1"}
+        x = np.array([self.plate.aperture(column, 0).x for column in range(columns)])
+        y = np.array([self.plate.aperture(0, row).y for row in range(rows)])
         u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
-        yield "u", "u", u, {"long_name": "film coordinate of the pixel's center, to the right", **film}
-        yield "v", "v", v, {"long_name": "film coordinate of the pixel's center, upward", **film}
+        length, film = {"units": self.units}, {"units": "1"}
+        yield "column", "column", np.arange(columns), "column of the hogel, from the left", {}
+        yield "row", "row", np.arange(rows), "row of the hogel, from the top", {}
+        yield "x", "column", x, "x of the aperture", length
+        yield "y", "row", y, "y of the aperture", length
+        yield "u", "u", u, "film coordinate of the pixel's center, to the right", film
+        yield "v", "v", v, "film coordinate of the pixel's center, upward", film
 
     def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
         """Yield the blocks of the hogels that are asked for, in the order in which they are first named.
 
         Rectangles of hogels are gone through block by block, and never listed.
         """
-        if isinstance(apertures, ApertureBlocks):
-            for number in self._touched(apertures):
-                block = self._block(number, ())
-                inside = (
-                    self.plate.aperture(column, row)
-                    for row in block.rows
-                    for column in block.columns
-                    if any(column in some and row in rows for some, rows in apertures.blocks)
-                )
-                yield self._block(number, tuple(inside))
-            return
+        (width, height), hogels = self.side, self.plate.hogels
+        across = -(-hogels[0] // width)
         found: dict[int, list[Aperture]] = {}
-        for aperture in dict.fromkeys(apertures):
-            found.setdefault(self._number(aperture.column, aperture.row), []).append(aperture)
+        if isinstance(apertures, ApertureBlocks):
+            for columns, rows in apertures.blocks:
+                for row in range(rows.start // height, -(-rows.stop // height)):
+                    first, last = columns.start // width, -(-columns.stop // width)
+                    found |= {row * across + column: [] for column in range(first, last)}
+        else:
+            for one in dict.fromkeys(apertures):
+                found.setdefault(one.row // height * across + one.column // width, []).append(one)
         for number, some in found.items():
-            yield self._block(number, tuple(some))
-
-    def _number(self, column: int, row: int) -> int:
-        across = -(-self.plate.hogels[0] // self.side[0])
-        return row // self.side[1] * across + column // self.side[0]
-
-    def _block(self, number: int, apertures: tuple[Aperture, ...]) -> Block:
-        (width, height), (columns, rows) = self.side, self.plate.hogels
-        row, column = divmod(number, -(-columns // width))
-        return Block(
-            number=number,
-            columns=range(column * width, min((column + 1) * width, columns)),
-            rows=range(row * height, min((row + 1) * height, rows)),
-            apertures=apertures,
-        )
-
-    def _touched(self, apertures: ApertureBlocks) -> Iterator[int]:
-        """Yield the numbers of the blocks that have a hogel in any of some rectangles, each once."""
-        seen: set[int] = set()
-        width, height = self.side
-        for columns, rows in apertures.blocks:
-            for row in range(rows.start // height * height, rows.stop, height):
-                for column in range(columns.start // width * width, columns.stop, width):
-                    number = self._number(column, row)
-                    if number not in seen:
-                        seen.add(number)
-                        yield number
+            row, column = divmod(number, across)
+            columns = range(column * width, min((column + 1) * width, hogels[0]))
+            rows = range(row * height, min((row + 1) * height, hogels[1]))
+            inside = some or [
+                one for j in rows for i in columns if (one := self.plate.aperture(i, j)) in apertures
+            ]
+            yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
 
 
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
@@ -202,7 +161,7 @@ def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple
     Its side is a power of two, at most `MAX_BLOCK_SIDE`, and no longer than the plate.
     """
     whole = Layout(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
-    hogel_bytes = sum(array.hogel_bytes for array in whole.arrays)
+    hogel_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in whole.arrays)
     side = MAX_BLOCK_SIDE
     while side > 1 and side * side * hogel_bytes > BLOCK_BYTES:
         side //= 2

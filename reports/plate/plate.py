@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
-from tqdm import tqdm
-
-from xfrustum.reports.blocks import Engine, Job, open_workers
+from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.description import described
 from xfrustum.reports.plate.layout import Block, Layout, default_side
-from xfrustum.reports.plate.measures import JudgedSource, measures_of
-from xfrustum.reports.plate.sources import Drawn, HogelSource, Truths
+from xfrustum.reports.plate.measures import measures_of
+from xfrustum.reports.plate.sources import HogelSource, source_of
 from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
@@ -29,9 +25,6 @@ from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 Span = tuple[int, int] | None
 """First and last index; None for all."""
-
-HERE = Engine(workers=1)
-"""This process alone."""
 
 MOST_WORKERS = 1024
 """Number of blocks from which on they do not bound the number of processes."""
@@ -57,6 +50,7 @@ class PlateFiles:
 class PlateJob(Job):
     """A plate that is drawn block by block; parameters as for `write_plate`. Settings are None for truths."""
 
+    name = "plate"
     scene: Scene
     settings: DoubleFrustum | None
     content: PlateContent
@@ -64,11 +58,6 @@ class PlateJob(Job):
     layout: Layout
     free: bool
     judge: bool = False
-
-    @property
-    def name(self) -> str:
-        """Word for the work."""
-        return "plate"
 
     def finished(self, block: Block) -> bool:
         """Return whether all hogels of a block that are asked for are there."""
@@ -86,14 +75,10 @@ class PlateJob(Job):
     def open(self) -> Iterator[PlateSession]:
         """Open what draws or traces the hogels, and the store, or make it.
 
-        Raises
-        ------
-        InputError
-            See `source_of` and `open_store`: a process with another device than the one that made the store
-            is refused, for instance.
+        A process with another device than the one that made the store is refused.
         """
         with source_of(self.scene, self.settings, self.content, judge=self.judge) as source:
-            yield PlateSession(source, open_store(self.out, self.layout, described(source), free=self.free))
+            yield PlateSession(source, open_store(self.out, self.layout, source.description, free=self.free))
 
 
 @lru_cache(1)
@@ -109,14 +94,35 @@ class PlateSession:
     source: HogelSource
     store: PlateStore
 
+    def layout(self) -> Layout:
+        """Return the layout of the store; the question that makes a worker open the store, or make it."""
+        return self.store.layout
+
     def make(self, block: Block) -> None:
         """Draw what is missing of a block."""
-        draw(self.source, Drawing(store=self.store), [block])
+        self.draw([replace(block, apertures=self.store.missing(block)[0])])
 
+    def draw(self, blocks: Iterable[Block], done: Callable[[int], object] = lambda hogels: None) -> None:
+        """Draw blocks as one stream of hogels; each block is written while the next one is drawn."""
+        begun: deque[Block] = deque()
 
-def layout_found(session: PlateSession) -> Layout:
-    """Return the layout of the store; the question that makes a worker open the store, or make it."""
-    return session.store.layout
+        def asked() -> Iterator[Aperture]:
+            for block in blocks:
+                begun.append(block)
+                yield from block.apertures
+
+        drawn: dict[Aperture, PlateHogel] = {}
+        writing: Future[None] | None = None
+        with ThreadPoolExecutor(1, thread_name_prefix="plate") as pool:
+            for hogel in self.source.hogels(asked()):
+                drawn[hogel.aperture] = hogel
+                if len(drawn) == len(begun[0].apertures):
+                    if writing is not None:
+                        writing.result()
+                    writing, drawn = pool.submit(self.store.write, begun.popleft(), drawn), {}
+                done(1)
+            if writing is not None:
+                writing.result()
 
 
 def write_plate(  # noqa: PLR0913 - one parameter per option of the command
@@ -153,12 +159,9 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     judge
         Whether every hogel is traced too, and its measures are stored beside its pixels.
     check
-        Whether to read through every hogel that is there; without it, only its layout is looked at. What
-        is damaged is drawn again.
+        Whether this process reads every hogel that is there in full; what is damaged is drawn again.
     engine
         Where blocks are drawn: by processes of this machine, by a cluster, or in parts.
-    progress
-        Whether to draw a bar on standard error.
 
     Raises
     ------
@@ -166,112 +169,53 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         See `source_of` and `open_store`; the block is none; no scheduler answers, or a worker has another
         device than the one that began the plate.
     """
-    content, out = content or PlateContent(), Path(out)
+    content, out, part = content or PlateContent(), Path(out), engine.part
     asked = scene.plate.apertures() if apertures is None else apertures
     chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
+    layout = layout_of(scene, content, block, judged=judge)
     job = PlateJob(
         scene=scene,
         settings=settings,
         content=content,
         out=out,
-        layout=layout_of(scene, content, block, judged=judge),
+        layout=layout,
         free=block is None,
         judge=judge,
     )
-
-    def blocks(layout: Layout) -> Iterator[Block]:
-        # Made anew for each use: a plate has millions of hogels.
-        return engine.part.of(layout.blocks(chosen))
-
-    def hogels(layout: Layout) -> int:
-        whole = engine.part.everything
-        return len(chosen) if whole else sum(len(one.apertures) for one in blocks(layout))
-
-    some = sum(1 for _ in islice(blocks(job.layout), MOST_WORKERS))
+    drawn = broken = 0
+    some = sum(1 for _ in islice(part.of(layout.blocks(chosen)), MOST_WORKERS))
     with open_workers(engine, some, draws=settings is not None) as workers:
+        layout = workers.ask(job, PlateSession.layout)
+        store = PlateStore(out, layout)
+
+        def blocks() -> Iterator[Block]:
+            # Made anew for each use: a plate has millions of hogels.
+            return part.of(layout.blocks(chosen))
+
+        def unfinished(done: Callable[[int], object]) -> Iterator[Block]:
+            nonlocal drawn, broken
+            for one in blocks():
+                missing, damaged = store.missing(one, check=check)
+                drawn, broken = drawn + len(missing), broken + damaged
+                done(len(one.apertures) - len(missing))
+                if missing:
+                    yield replace(one, apertures=missing)
+
+        total = len(chosen) if part.everything else sum(len(one.apertures) for one in blocks())
         if workers.count == 1 and not workers.elsewhere:
-            with job.open() as session:
-                total = hogels(session.store.layout)
-                with progress_bar(total, job.name, job.unit, shown=progress) as bar:
-                    work = Drawing(store=session.store, check=check, bar=bar)
-                    draw(session.source, work, blocks(session.store.layout))
+            with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+                workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
         else:
-            job = replace(job, layout=workers.ask(job, layout_found))
-            work, total = Drawing(store=PlateStore(out, job.layout)), hogels(job.layout)
-            work.drawn = sum(1 for _ in work.missing(blocks(job.layout)))
-            workers.run(job, blocks(job.layout), total, progress=progress)
+            deque(unfinished(lambda hogels: None), maxlen=0)
+            workers.run(replace(job, layout=layout), blocks(), total, progress=progress)
     return PlateFiles(
         out=out,
-        drawn=work.drawn,
-        found=total - work.drawn,
-        damaged=work.damaged,
-        notes=(f"{out}: {work.damaged} damaged hogels were drawn again",) if work.damaged else (),
+        drawn=drawn,
+        found=total - drawn,
+        damaged=broken,
+        notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
         table=out.with_suffix(".parquet") if judge else None,
     )
-
-
-@dataclass(kw_only=True)
-class Drawing:
-    """Blocks that are being drawn into a store, in their order, and how many hogels that are."""
-
-    store: PlateStore
-    check: bool = False
-    bar: tqdm[Any] | None = None
-    drawn: int = 0
-    damaged: int = 0
-    begun: deque[tuple[Block, int]] = field(default_factory=deque)
-
-    def missing(self, blocks: Iterable[Block]) -> Iterator[Aperture]:
-        """Yield the hogels of some blocks that are missing; `begun` are their blocks, with how many."""
-        for block in blocks:
-            missing, damaged = self.store.missing(block, check=self.check)
-            self.damaged += damaged
-            self.told(len(block.apertures) - len(missing))
-            if missing:
-                self.begun.append((block, len(missing)))
-                yield from missing
-
-    def told(self, hogels: int) -> None:
-        """Let the bar know of hogels that are there."""
-        if self.bar is not None:
-            self.bar.update(hogels)
-
-
-def draw(source: HogelSource, work: Drawing, blocks: Iterable[Block]) -> None:
-    """Draw what is missing of some blocks as one stream; each block is written while the next is drawn."""
-    drawn: dict[Aperture, PlateHogel] = {}
-    writing: Future[None] | None = None
-    with ThreadPoolExecutor(1, thread_name_prefix="plate") as pool:
-        for hogel in source.hogels(work.missing(blocks)):
-            drawn[hogel.aperture] = hogel
-            block, count = work.begun[0]
-            if len(drawn) == count:
-                if writing is not None:
-                    writing.result()
-                writing = pool.submit(work.store.write, block, drawn)
-                work.begun.popleft()
-                work.drawn += count
-                drawn = {}
-            work.told(1)
-        if writing is not None:
-            writing.result()
-
-
-def source_of(
-    scene: Scene, settings: DoubleFrustum | None, content: PlateContent, *, judge: bool = False
-) -> HogelSource:
-    """Return what makes the hogels of a scene: with settings they are drawn, without they are traced.
-
-    Raises
-    ------
-    InputError
-        Truths are to be judged; or see `Drawn` and `Truths`.
-    """
-    if settings is None:
-        if judge:
-            raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")
-        return Truths(scene, content)
-    return (JudgedSource if judge else Drawn)(scene, settings, content)
 
 
 def layout_of(
@@ -293,13 +237,7 @@ def layout_of(
 
 
 def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:
-    """Return the apertures of some rectangles, each given by its columns and rows.
-
-    Raises
-    ------
-    InputError
-        One reaches beyond the plate.
-    """
+    """Return the apertures of some rectangles, each given by its columns and rows on the plate."""
     found = []
     for block in blocks:
         (left, right), (top, bottom) = (

@@ -21,7 +21,7 @@ from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts import Pixels, PlateShape
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
-from xfrustum.scenes.files.plate_files import PlateRows, Plates, empty_row, whole_plate
+from xfrustum.scenes.files.plate_files import PlateRows, empty_row
 
 LAYOUT_ATTRIBUTE = "xfrustum:converted"
 """Attribute of groups that were converted, which says from what; groups that `plate` draws have another."""
@@ -41,17 +41,7 @@ def is_group(place: Path) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroupRows:
-    """The pixels of a plate in a Zarr group, read row by row.
-
-    Attributes
-    ----------
-    place
-        Folder of the group.
-    stored, array
-        Array of the group, and its name.
-    shape, levels, dtype
-        As in `PlateRows`.
-    """
+    """The pixels of a plate in a Zarr group, read row by row; shape, levels and type as in `PlateRows`."""
 
     place: Path
     stored: zarr.Array[Any]
@@ -61,13 +51,7 @@ class GroupRows:
     dtype: np.dtype[Any]
 
     def row(self, number: int) -> Pixels:
-        """Return the pixels of a row of hogels.
-
-        Raises
-        ------
-        InputError
-            The group cannot be read, or a number of a triangle is too large for pixels.
-        """
+        """Return the pixels of a row of hogels; numbers of triangles as in `--encoding triangle-id`."""
         pixels = empty_row(self)
         for column in range(self.shape.hogels[0]):
             try:
@@ -81,27 +65,10 @@ class GroupRows:
         return pixels
 
 
-def read_plate(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArray]:
-    """Return all pixels of a plate in a Zarr group, and the array that they come from; see `open_plate`."""
-    rows = open_plate(place, array)
-    return whole_plate(rows), rows.array
-
-
 def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
-    """Return the pixels of a plate in a Zarr group, and the array that they come from, to be read by rows.
+    """Return the pixels of a plate in a Zarr group, to be read by rows: colors if it has any, else numbers.
 
-    Parameters
-    ----------
-    place
-        Folder of the group.
-    array
-        Array to be read; None for colors where there are any, else for numbers of triangles. Numbers become
-        pixels as in `--encoding triangle-id`.
-
-    Raises
-    ------
-    InputError
-        The folder is no plate, or its arrays are of another kind.
+    Raises InputError where the folder is no plate, or its arrays are of another kind.
     """
     group = open_group(place)
     try:
@@ -151,20 +118,10 @@ def write_group(
     description: dict[str, object],
     done: Callable[[], object] = lambda: None,
 ) -> None:
-    """Write a plate into a new Zarr group with one chunk for each hogel.
+    """Write a plate into a new Zarr group with a chunk for each hogel, after each of which `done` is called.
 
-    Parameters
-    ----------
-    plate
-        Pixels: 8 bits or floating point as colors; 8 bits as numbers of triangles.
-    place
-        Folder that does not exist.
-    array
-        Array to be written.
-    description
-        Attribute of the group that says where the plate comes from.
-    done
-        Function that is called after each hogel.
+    Pixels of 8 bits or floating point are colors; numbers of triangles are packed in 8 bits. The description
+    says where the plate comes from.
     """
     group = zarr.create_group(place, attributes={LAYOUT_ATTRIBUTE: description})
     shape = plate.shape.array if array is PlateArray.COLOR else plate.shape.array[:4]
@@ -185,13 +142,7 @@ def write_group(
 
 
 def packed(triangle: Numbers) -> Bytes:
-    """Return numbers (.., -1 for nothing) as pixels (.., 3): red * 65536 + green * 256 + blue is number + 1.
-
-    Raises
-    ------
-    InputError
-        A number takes more than 24 bits.
-    """
+    """Return numbers (.., -1 for nothing) as pixels (.., 3): number + 1 is 65536 red + 256 green + blue."""
     number = triangle.astype(np.int64) + 1
     if number.max(initial=0) >= 1 << 24:
         raise InputError("numbers of triangles above 16,777,214 do not fit into pictures of 8 bits")

@@ -1,119 +1,168 @@
-"""Sources of a plate's hogels: many at once, one after the other with finer sampling, or truths."""
+"""Sources of a plate's hogels: drawn, drawn and judged, or traced; and what decides their pixels."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from types import TracebackType
-from typing import Self
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from importlib import metadata
+from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.metrics.left_out import transported
+from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
 from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.rasterizer import Rasterizer, normals_of
 from xfrustum.reference import Reference
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.plate.measures import JudgedPlateHogel, MeasuredHogel
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-
-class HogelSource(ABC):
-    """Anything that makes the hogels of a scene; a context manager.
-
-    `settings` are None where hogels are traced. `judged` says whether hogels come with measures,
-    `transported` whether colors are means over light paths, `simulated` the effects that change the pixels,
-    and `renderer` the name of the device or of the tracer.
-    """
-
-    scene: Scene
-    settings: DoubleFrustum | None = None
-    content: PlateContent
-    simulated: frozenset[Effect]
-    renderer: str
-    judged: bool = False
-    transported: bool = False
-
-    @abstractmethod
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
-        """Make hogels and yield them in the order of their apertures."""
-
-    def release(self) -> None:  # noqa: B027 - what traces holds nothing that must be freed
-        """Free what draws."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
+SOURCE = "source"
+"""Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
 
 
-def check_drawable(content: PlateContent) -> None:
-    """Raise InputError where images are asked for that no drawing has."""
-    if Channel.CERTAINTY in content.channels:
-        raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
+@dataclass(frozen=True, kw_only=True)
+class HogelSource:
+    """What makes the hogels of a scene, in the order of their apertures."""
+
+    hogels: Callable[[Iterable[Aperture]], Iterator[PlateHogel]]
+    description: dict[str, Any]
 
 
-def visible_effects(effects: frozenset[Effect], scene: Scene, settings: DoubleFrustum) -> frozenset[Effect]:
-    """Return those of some effects that change pixels of a scene's drawings with these settings."""
-    # More than the scene calls for changes no pixel.
-    return effects & needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
-
-
-class Drawn(HogelSource):
-    """Hogels that OpenGL draws: many at once, or one after the other where a pixel has several samples.
+@contextmanager
+def source_of(
+    scene: Scene, settings: DoubleFrustum | None, content: PlateContent, *, judge: bool = False
+) -> Iterator[HogelSource]:
+    """Open what makes the hogels of a scene: with settings they are drawn, without they are traced.
 
     Raises
     ------
     InputError
-        The truth's certainty is asked for; or see `PlateRenderer` and `Rasterizer`.
+        Truths are to be judged, drawings are to say how certain they are, or the device cannot draw them.
     """
+    if settings is None:
+        if judge:
+            raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")
+        yield _traced(scene, content)
+        return
+    if Channel.CERTAINTY in content.channels:
+        raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
+    # More effects than the scene calls for change no pixel.
+    visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
+    if judge:
+        settings.check_against(scene.frustum)
+        with Judge(scene, effects=content.effects) as judging:
 
-    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
-        check_drawable(content)
-        fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
-        self.scene, self.content = scene, content
-        self.settings = settings
-        self._renderer = (OneByOne if fine else PlateRenderer)(scene, settings, content)
-        self.simulated = visible_effects(self._renderer.effects, scene, settings)
-        self.renderer = str(self._renderer.device["renderer"])
+            def examined(rasterizer: Rasterizer) -> frozenset[Effect]:
+                rasterizer.check_sampling(scene.sampling)
+                return rasterizer.effects_for(settings)
 
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
-        """Draw hogels and yield them in the order of their apertures."""
-        return self._renderer.hogels(apertures)
+            effects = judging.submit(examined).result() & visible
+            described = described_as(scene, content, judging.device["renderer"], effects, settings)
+            described["content"]["judged"] = True
+            yield HogelSource(
+                hogels=lambda apertures: _judged(judging, content, settings, apertures), description=described
+            )
+        return
+    fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
+    with (OneByOne if fine else PlateRenderer)(scene, settings, content) as drawing:
+        device = str(drawing.device["renderer"])
+        described = described_as(scene, content, device, drawing.effects & visible, settings)
+        yield HogelSource(hogels=drawing.hogels, description=described)
 
-    def release(self) -> None:
-        """Free the renderer."""
-        self._renderer.release()
+
+def _traced(scene: Scene, content: PlateContent) -> HogelSource:
+    """Return truths, certified; their colors are means of light paths where the scene has any."""
+    by_paths = scene.transport.simulated
+    reference = Reference(scene, tracer="mitsuba" if by_paths else "embree", effects=content.effects)
+
+    def colored(aperture: Aperture) -> HogelImage:
+        image = reference.trace(aperture, Sampling())
+        mean = transported(scene, aperture, scene.transport).mean
+        return replace(image, color=mean.astype(np.float32))
+
+    def hogels(apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
+        images = map(colored, apertures) if by_paths else reference.stream(apertures)
+        return (plate_hogel(image, content) for image in images)
+
+    simulated = frozenset(reference.rendering().effects) & needed(scene)
+    renderer = f"reference, {'colored by Mitsuba' if by_paths else 'certified'}"
+    return HogelSource(
+        hogels=hogels,
+        description=described_as(scene, content, renderer, ALL_EFFECTS if by_paths else simulated, None),
+    )
 
 
-class Truths(HogelSource):
-    """Hogels that are traced and certified; their colors are means of light paths where the scene has any."""
+def _judged(
+    judge: Judge, content: PlateContent, settings: DoubleFrustum, apertures: Iterable[Aperture]
+) -> Iterator[PlateHogel]:
+    """Draw and judge hogels; the images are those of a plate that is drawn alone, bit for bit."""
+    colors = is_shaded(judge.scene)
+    # Pixels are stored with color; whether it is compared is another question.
+    wanted = Wanted(color=True, colored_truths=colors, radiance=colors)
 
-    def __init__(self, scene: Scene, content: PlateContent) -> None:
-        self.scene, self.content = scene, content
-        self.transported = scene.transport.simulated
-        tracer = "mitsuba" if self.transported else "embree"
-        self._reference = Reference(scene, tracer=tracer, effects=content.effects)
-        simulated = frozenset(self._reference.rendering().effects) & needed(scene)
-        self.simulated = ALL_EFFECTS if self.transported else simulated
-        self.renderer = f"reference, {'colored by Mitsuba' if self.transported else 'certified'}"
+    def stored(frame: JudgedFrame) -> JudgedPlateHogel:
+        here, image = frame.aperture, frame.image
+        if Channel.NORMAL in content.channels:
+            image = replace(image, normal=normals_of(judge.scene, image.triangle))
+        measured = MeasuredHogel(
+            column=here.column, row=here.row, x=here.x, y=here.y, comparison=frame.comparison.numbers
+        )
+        return JudgedPlateHogel(**{**vars(plate_hogel(image, content)), "measured": measured})
 
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
-        """Trace hogels and yield them in the order of their apertures."""
-        images = map(self._colored, apertures) if self.transported else self._reference.stream(apertures)
-        return (plate_hogel(image, self.content) for image in images)
+    with closing(judge.frames(apertures, [settings], wanted, stored)) as frames:
+        yield from frames
 
-    def _colored(self, aperture: Aperture) -> HogelImage:
-        """Return the truth of an aperture, colored by light paths."""
-        image = self._reference.trace(aperture, Sampling())
-        estimate = transported(self.scene, aperture, self.scene.transport)
-        return replace(image, color=estimate.mean.astype(np.float32))
+
+def described_as(
+    scene: Scene,
+    content: PlateContent,
+    renderer: str,
+    simulated: frozenset[Effect],
+    settings: DoubleFrustum | None,
+) -> dict[str, Any]:
+    """Return everything that decides the pixels of hogels, as JSON; it must agree to go on with a store.
+
+    What is None is left out: plates of truths have no `settings`, those with one sample a pixel through the
+    middle of its aperture no `sampling`, and those without light paths no `transport`.
+    """
+    usual = PlateContent(color=content.color, ids=content.ids).channels == content.channels
+    sampling, transport = scene.sampling, scene.transport
+    finer = {"supersample": sampling.supersample, "multisample": sampling.multisample}
+    sampled = sampling.aperture > 1 or max(finer.values()) > 1
+    described: dict[str, Any] = {
+        "scene": {
+            "name": scene.name,
+            SOURCE: scene.source,
+            "units": scene.units,
+            "hash": scene.content_hash,
+            "look": look_hash(scene),
+        },
+        "plate": scene.plate,
+        "frustum": scene.frustum,
+        "settings": settings,
+        "effects": sorted(simulated),
+        "content": {
+            "color": content.color,
+            "ids": content.ids,
+            **({} if usual else {"channels": content.channels}),
+        },
+        "renderer": {"device": renderer, "xfrustum": metadata.version("xfrustum")},
+        "sampling": {"aperture": sampling.aperture, **{k: n for k, n in finer.items() if n > 1}}
+        if sampled
+        else None,
+        "transport": {name: getattr(transport, name) for name in ("shadows", "interreflection", "samples")}
+        if settings is None and transport.simulated
+        else None,
+    }
+    return {key: value for key, value in json_ready(described).items() if value is not None}

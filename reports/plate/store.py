@@ -16,11 +16,10 @@ from __future__ import annotations
 import fcntl
 import json
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import zarr
@@ -33,10 +32,10 @@ from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.parts import differences_words
-from xfrustum.reports.plate.description import SOURCE
+from xfrustum.reports.parts import differences_words, writable
 from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, Layout, side_of
-from xfrustum.reports.plate.measures import JudgedPlateHogel, Table, maps_of, merged
+from xfrustum.reports.plate.measures import JudgedPlateHogel, Table, maps_of
+from xfrustum.reports.plate.sources import SOURCE
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelCamera
 from xfrustum.scenes.model.plate_content import Channel, PlateHogel
@@ -81,13 +80,7 @@ class _RegularFiles(LocalStore):
 
 
 def open_group(place: Path, mode: str = "r") -> zarr.Group:
-    """Open the Zarr group in a folder.
-
-    Raises
-    ------
-    InputError
-        There is none, or its description is damaged.
-    """
+    """Open the Zarr group in a folder; InputError where there is none, or its description is damaged."""
     try:
         return zarr.open_group(_RegularFiles(place.resolve(), read_only=mode == "r"), mode=mode)  # type: ignore[arg-type]
     except DAMAGE as error:
@@ -106,11 +99,6 @@ class StoredPlate:
 
     `description` is everything that decides the pixels, as the group says it; `arrays` are those of images by
     name, (rows, columns, H, W) or (rows, columns, H, W, 3).
-
-    Raises
-    ------
-    InputError
-        There is no group, or it is no plate.
     """
 
     def __init__(self, path: Path) -> None:
@@ -133,21 +121,11 @@ class StoredPlate:
             self._finished = finished
 
     def finished(self, aperture: Aperture) -> bool:
-        """Return whether a hogel is there.
-
-        Raises
-        ------
-        InputError
-            The array that says so is damaged.
-        """
+        """Return whether a hogel is there."""
         try:
             return bool(self._finished[aperture.row, aperture.column])
         except DAMAGE as error:
             raise InputError(f"{self.path}: array {FINISHED} is damaged; draw the plate again") from error
-
-    def missing(self) -> int:
-        """Return the number of hogels that are not there."""
-        return int(np.count_nonzero(self._finished[:] == 0))
 
 
 class PlateStore:
@@ -163,7 +141,10 @@ class PlateStore:
                 found, wanted = group[name], expected[name]
                 assert isinstance(found, zarr.Array) and isinstance(wanted, zarr.Array)
                 # Nothing that it declares is believed: a shape of 10^12 hogels, for instance.
-                if _declared(found) != _declared(wanted):
+                declared = [
+                    json.dumps(one.metadata.to_dict(), sort_keys=True, default=str) for one in (found, wanted)
+                ]
+                if declared[0] != declared[1]:
                     raise ValueError(name)
             except (*DAMAGE, AssertionError) as error:
                 raise InputError(
@@ -190,23 +171,21 @@ class PlateStore:
         for aperture in block.apertures:
             there = bool(flags[block.place_of(aperture)]) and files
             there = there and (measured is None or aperture.index in measured)
-            if there and check and not self._readable(aperture):
-                damaged += 1
-                there = False
+            if there and check:
+                try:
+                    for array in (*self._arrays.values(), *self._maps.values()):
+                        array[aperture.row, aperture.column]
+                except DAMAGE:
+                    damaged, there = damaged + 1, False
             if not there:
                 missing.append(aperture)
         return tuple(missing), damaged
 
     def write(self, block: Block, hogels: Mapping[Aperture, PlateHogel]) -> None:
-        """Add hogels to a block; afterwards they are finished.
-
-        Raises
-        ------
-        InputError
-            The disk is full or cannot be written.
-        """
+        """Add hogels to a block; afterwards they are finished. InputError where the disk is full."""
         rows, columns = block.shape
-        with _refused(self.out), self._locked(shared=len(hogels) == rows * columns):
+        with writable(self.out), (self._place / METADATA).open("r+b") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH if len(hogels) == rows * columns else fcntl.LOCK_EX)
             flags = self._flags(block)
             for aperture in hogels:
                 flags[block.place_of(aperture)] = 0
@@ -227,19 +206,14 @@ class PlateStore:
                     # Zarr reads the index of a shard that is there, and this one is damaged.
                     self._shard(array.name, block).unlink()
                     stored[block.selection] = values
-            if self.layout.measures:
-                self._write_measures(block, hogels)
+            if self._maps:
+                judged = [one.measured for one in hogels.values() if isinstance(one, JudgedPlateHogel)]
+                table = self.table.add(block, judged)
+                for name, values in maps_of(table, block, self._maps).items():
+                    self._maps[name][block.selection] = values
             for aperture in hogels:
                 flags[block.place_of(aperture)] = 1
             self._finished[block.selection] = flags
-
-    def _write_measures(self, block: Block, hogels: Mapping[Aperture, PlateHogel]) -> None:
-        """Write the table of measures of a block, and the arrays of its columns."""
-        judged = [hogel.measured for hogel in hogels.values() if isinstance(hogel, JudgedPlateHogel)]
-        table = merged(self.table.rows(block), judged)
-        for name, values in maps_of(table, block, self._maps).items():
-            self._maps[name][block.selection] = values
-        self.table.write(block, table)
 
     def remove_partial(self) -> None:
         """Remove what processes that were killed have left, unless somebody is writing just now."""
@@ -251,27 +225,12 @@ class PlateStore:
             for path in self._place.rglob("*.partial"):
                 path.unlink(missing_ok=True)
 
-    @contextmanager
-    def _locked(self, *, shared: bool) -> Iterator[None]:
-        with (self._place / METADATA).open("r+b") as file:
-            fcntl.flock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
-            yield
-
     def _flags(self, block: Block) -> NDArray[np.uint8]:
         """Return which hogels of a block are finished, (rows, columns); none where that is damaged."""
         try:
             return np.array(self._finished[block.selection], np.uint8)
         except DAMAGE:
             return np.zeros(block.shape, np.uint8)
-
-    def _readable(self, aperture: Aperture) -> bool:
-        """Return whether all of a hogel can be decompressed and is what was written."""
-        try:
-            for array in (*self._arrays.values(), *self._maps.values()):
-                array[aperture.row, aperture.column]
-        except DAMAGE:
-            return False
-        return True
 
     def _shard(self, name: str, block: Block) -> Path:
         array = self._arrays[name]
@@ -283,16 +242,7 @@ class PlateStore:
 def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
 
-    Parameters
-    ----------
-    out
-        A folder that this made before, or that does not exist.
-    layout
-        Arrays, and blocks of a new store.
-    description
-        Everything that decides the pixels.
-    free
-        Whether the blocks of a store that exists may be others.
+    The blocks of a store that exists may be others than those of the layout where these are free.
 
     Raises
     ------
@@ -373,14 +323,14 @@ def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.
             dimension_names=PLATE_DIMENSIONS,
             attributes={"long_name": meaning, "units": unit},
         )
-    for name, dimension, values, labels in layout.coordinates():
+    for name, dimension, values, meaning, units in layout.coordinates():
         group.create_array(
             name,
             data=values,
             chunks=values.shape,
             compressors=None,
             dimension_names=[dimension],
-            attributes=dict(labels),
+            attributes={"long_name": meaning, **units},
         )
     with warnings.catch_warnings():
         # Consolidated metadata are no part of Zarr's format 3 yet; readers that know them are faster.
@@ -389,50 +339,12 @@ def _make(store: Store, layout: Layout, description: Mapping[str, Any]) -> zarr.
     return group
 
 
-def _declared(array: zarr.Array[Any]) -> str:
-    """Return all that the description of an array says, as text."""
-    return json.dumps(array.metadata.to_dict(), sort_keys=True, default=str)
+def camera_of(store: Any, column: int, row: int) -> HogelCamera:
+    """Return the crossed frustum of a hogel of a plate, in full double precision.
 
-
-@contextmanager
-def _refused(out: Path) -> Iterator[None]:
-    """Turn what the file system refuses into an InputError."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"--out {out}: cannot write there ({error.strerror or error}); "
-            "free some space or choose another place"
-        ) from error
-
-
-# The camera of any hogel
-
-
-@runtime_checkable
-class Attributed(Protocol):
-    """Anything that has the attributes of a store: a group of Zarr, a dataset of xarray."""
-
-    @property
-    def attrs(self) -> Mapping[str, Any]:
-        """Attributes by name."""
-
-
-def camera_of(store: Path | str | Attributed, column: int, row: int) -> HogelCamera:
-    """Return the crossed frustum of a hogel of a plate.
-
-    Parameters
-    ----------
-    store
-        Folder of the plate, or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
-    column, row
-        Place of the hogel on the plate.
-
-    Returns
-    -------
-    HogelCamera
-        Aperture, shear and half-extent in full double precision: the line of film coordinates u, v is
-        (x, y, 0) + s (kx + u tx, ky + v ty, -1). It has the settings that the plate was drawn with.
+    The line of film coordinates u, v is (x, y, 0) + s (kx + u tx, ky + v ty, -1), with the aperture x, y, the
+    shear k and the half-extent t. It has the settings that the plate was drawn with. The store is a folder,
+    or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
 
     Raises
     ------
@@ -440,17 +352,16 @@ def camera_of(store: Path | str | Attributed, column: int, row: int) -> HogelCam
         There is no plate, or no such hogel on it.
     """
     in_folder = isinstance(store, str | Path)
-    said = said_by(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)  # type: ignore[union-attr,arg-type]
+    said = said_by(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)
     name = store if in_folder else "the store"
     if not isinstance(said, Mapping):
         raise InputError(f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made")
     try:
         plate = TypeAdapter(Plate).validate_python(said["plate"])
         frustum = TypeAdapter(Frustum).validate_python(said["frustum"])
-        given = said.get("settings")
-        settings = None if given is None else TypeAdapter(DoubleFrustum).validate_python(given)
+        settings = TypeAdapter(DoubleFrustum | None).validate_python(said.get("settings"))
         scene, renderer = said["scene"], said["renderer"]
-        source, scene_hash, device = (str(scene[SOURCE]), str(scene["hash"]), str(renderer["device"]))
+        source, scene_hash, device = str(scene[SOURCE]), str(scene["hash"]), str(renderer["device"])
     except (KeyError, TypeError, ValidationError, InputError) as error:
         raise InputError(f"{name}: the description of the plate is damaged; draw it again") from error
     aperture = plate.aperture(column, row)

@@ -29,12 +29,12 @@ from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import Scout, scout
-from xfrustum.reports.blocks import Engine, open_workers
+from xfrustum.reports.blocks import HERE, Engine, open_workers
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.eye.plan_replay import ReplayWorkbench
-from xfrustum.reports.studies.sweep import HERE, Origin, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits

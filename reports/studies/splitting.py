@@ -26,7 +26,7 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reports.blocks import Engine, Part, Workers, open_workers
+from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
 from xfrustum.reports.studies.splitting_cells import (
     ASKED_SEPARATION,
     FULL,
@@ -44,7 +44,7 @@ from xfrustum.reports.studies.splitting_cells import (
     suitability,
     svg,
 )
-from xfrustum.reports.studies.sweep import HERE, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.reports.studies.sweep import StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes.library import depth_family
 from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SeenScene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot

@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.blocks import Engine, Job, Part, Workers
+from xfrustum.reports.blocks import Job, Part, Workers
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import Staging, check_writable_folder
 from xfrustum.reports.common.records import named_columns, table_of
@@ -31,9 +31,6 @@ from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
 from xfrustum.scenes.plate.double_frustum import Camera
 
 Row = TypeVar("Row")
-
-HERE = Engine(workers=1)
-"""This process alone."""
 
 BLOCKS, IMAGES = "blocks", "images"
 """Folders of what is measured, and of figures, in the folder of a study."""

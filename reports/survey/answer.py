@@ -48,25 +48,15 @@ class Share:
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """How many hogels were judged, and how they were chosen.
+    """How many hogels were judged, and how they were chosen."""
 
-    Attributes
-    ----------
-    hogels, judged
-        Number of hogels of the plate, and of those that were judged.
-    look
-        Number of the last look, from 0; None where the whole plate was to be judged, or one sample.
-    seed
-        Start of the random numbers; None where nothing was drawn at random.
-    complete
-        Whether all hogels that were asked for are judged; with `--part`, they need not be.
-    """
-
+    #: hogels, judged: Number of hogels of the plate, and of those that were judged
     hogels: int
     judged: int
+    #: Number of the last look, from 0; None where the whole plate was to be judged, or one sample
     look: int | None
-    seed: int | None
-    complete: bool
+    seed: int | None  #: Start of the random numbers; None where nothing was drawn at random
+    complete: bool  #: Whether all hogels that were asked for are judged; with `--part`, they need not be
 
     @property
     def everything(self) -> bool:
@@ -99,28 +89,18 @@ class Extent:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Survey(Shown, Summarized[dict[str, Any]]):
-    """What a survey has found.
-
-    Attributes
-    ----------
-    settings
-        Settings that were judged; a single None for a plate of another renderer.
-    tallies
-        All rows of each setting.
-    tolerance_px, limit
-        Displacement beyond which a hogel is counted, and largest share of such hogels that was asked for;
-        None where no share was.
-    judged_by
-        Limits that counted hogels exceed, in words.
-    """
+    """What a survey has found."""
 
     scene: Scene
+    #: Settings that were judged; a single None for a plate of another renderer
     settings: tuple[DoubleFrustum | None, ...]
-    tallies: tuple[Tally, ...]
+    tallies: tuple[Tally, ...]  #: All rows of each setting
     extent: Extent
+    #: tolerance_px, limit: Displacement beyond which a hogel is counted, and largest share of such hogels
+    #: that was asked for; None where no share was
     tolerance_px: float
     limit: float | None
-    judged_by: str
+    judged_by: str  #: Limits that counted hogels exceed, in words
     workers: int
     wall_s: float
 

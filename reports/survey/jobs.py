@@ -3,27 +3,60 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 
 from xfrustum.compare.run import Judge, JudgedFrame
+from xfrustum.compare.sampling import aperture_at
 from xfrustum.reference import Reference
-from xfrustum.reports.blocks import device_index
+from xfrustum.reports.blocks import Job, device_index
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
 from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
-from xfrustum.reports.parts import HogelBlock, RowsJob
+from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import Question, Run
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture
 
 MAX_PICTURE_PX = 512
 """Longest side of a picture on the page; larger images are reduced."""
+
+PIXELS_PER_BLOCK = 1 << 22
+"""Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
+core, while a task costs a scheduler a few milliseconds."""
+
+PIXELS_PER_HOGEL = 1 << 16
+"""Pixels that take as long as what a hogel costs however small it is: on the car, whose triangles are all
+transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
+
+MIN_BLOCKS = 16
+"""Number of blocks that even a small sample is cut into where it has as many hogels, so that there is
+something for several workers to do."""
+
+
+def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
+    """Return how many of some hogels a block has, which are judged with some settings each.
+
+    It depends on the work alone, never on the number of workers.
+    """
+    cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
+    return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelBlock:
+    """Some hogels by their places on the path of `aperture_at`, and the number of their part."""
+
+    number: int
+    places: Sequence[int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,17 +68,50 @@ class ShownHogel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DrawnJob(RowsJob):
-    """A survey of what our rasterizer draws with some settings; the tracer gives truths a second opinion."""
+class SurveyJob(Job):
+    """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
 
-    settings: tuple[DoubleFrustum, ...]
-    tracer: str
+    scene: Scene
+    parts: Parts
     tolerance_px: float
 
-    @property
-    def name(self) -> str:
-        """Word for the work."""
-        return "survey"
+    def finished(self, block: HogelBlock) -> bool:
+        """Return whether a block has its part."""
+        return self.parts.finished(block.number)
+
+    def size(self, block: HogelBlock) -> int:
+        """Return the number of hogels of a block."""
+        return len(block.places)
+
+    def words(self, block: HogelBlock) -> str:
+        """Return the number of a block, and its first aperture."""
+        column, row = self.apertures(block)[0].index
+        return f"block {block.number} (from aperture {column},{row})"
+
+    def apertures(self, block: HogelBlock) -> list[Aperture]:
+        """Return the hogels of a block, in their order."""
+        return [aperture_at(self.scene.plate, place) for place in block.places]
+
+
+class SurveySession:
+    """A judge of one scene's hogels, for the blocks of one survey."""
+
+    @abstractmethod
+    def make(self, block: HogelBlock) -> None:
+        """Judge the hogels of a block, and write their rows."""
+
+    @abstractmethod
+    def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
+        """Return truth, image and errors of one hogel, as pictures and as channels."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnJob(SurveyJob):
+    """A survey of what our rasterizer draws with some settings; the tracer gives truths a second opinion."""
+
+    name = "survey"
+    settings: tuple[DoubleFrustum, ...]
+    tracer: str
 
     @contextmanager
     def open(self) -> Iterator[DrawnSession]:
@@ -54,17 +120,18 @@ class DrawnJob(RowsJob):
             yield DrawnSession(self, judge)
 
 
-class DrawnSession:
-    """A judge of one scene, for the blocks of one survey."""
+@dataclass(frozen=True)
+class DrawnSession(SurveySession):
+    """A judge of what our rasterizer draws."""
 
-    def __init__(self, job: DrawnJob, judge: Judge) -> None:
-        self._job, self._judge = job, judge
+    job: DrawnJob
+    judge: Judge
 
     def make(self, block: HogelBlock) -> None:
         """Judge the hogels of a block, and write their rows."""
-        job = self._job
-        device = Device(renderer=self._judge.device["renderer"], index=device_index())
-        hogels = self._judge.stream(block.apertures(job.scene.plate), job.settings, images=True, causes=True)
+        job = self.job
+        device = Device(renderer=self.judge.device["renderer"], index=device_index())
+        hogels = self.judge.stream(job.apertures(block), job.settings, images=True, causes=True)
         rows = [
             DrawnRow.of(hogel.aperture, setting, drawing, job.tolerance_px, device)
             for hogel in hogels
@@ -74,26 +141,24 @@ class DrawnSession:
 
     def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
-        scene = self._job.scene
-        apertures, settings = [scene.plate.aperture(*index)], [self._job.settings[setting]]
-        with closing(self._judge.frames(apertures, settings, DRAWN, partial(_shown, scene))) as frames:
+        scene = self.job.scene
+
+        def hogel(frame: JudgedFrame) -> ShownHogel:
+            maps = frame.comparison.maps
+            reduction = -(-max(frame.truth.camera.resolution) // MAX_PICTURE_PX)
+            assert maps.surface is not None, "a judge has the scene at hand"
+            encoded = {
+                "truth": picture(frame.truth, reduction),
+                "drawing": picture(frame.image, reduction),
+                "displacement": displacement_map(frame.comparison.errors.moved, reduction),
+                "wrong surfaces": mask(maps.surface, SURFACE_COLOR, reduction),
+            }
+            pictures = {name: data_url(content) for name, content in encoded.items()}
+            return ShownHogel(pictures=pictures, inspected=inspected_frame(scene, frame))
+
+        apertures, settings = [scene.plate.aperture(*index)], [self.job.settings[setting]]
+        with closing(self.judge.frames(apertures, settings, DRAWN, hogel)) as frames:
             return next(frames)
-
-
-def _shown(scene: Scene, frame: JudgedFrame) -> ShownHogel:
-    truth, maps = frame.truth, frame.comparison.maps
-    reduction = -(-max(truth.camera.resolution) // MAX_PICTURE_PX)
-    assert maps.surface is not None, "a judge has the scene at hand"
-    encoded = {
-        "truth": picture(truth, reduction),
-        "drawing": picture(frame.image, reduction),
-        "displacement": displacement_map(frame.comparison.errors.moved, reduction),
-        "wrong surfaces": mask(maps.surface, SURFACE_COLOR, reduction),
-    }
-    return ShownHogel(
-        pictures={name: data_url(content) for name, content in encoded.items()},
-        inspected=inspected_frame(scene, frame),
-    )
 
 
 def data_url(content: bytes) -> str:
@@ -102,31 +167,20 @@ def data_url(content: bytes) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ForeignJob(RowsJob):
+class ForeignJob(SurveyJob):
     """A survey of another renderer's files; `state` is their digest, by which others are refused."""
 
+    name = "survey-images"
+    draws = False
     renderer: ForeignRenderer
     state: str
-    tolerance_px: float
-    draws = False
-
-    @property
-    def name(self) -> str:
-        """Word for the work."""
-        return "survey-images"
 
     @contextmanager
     def open(self) -> Iterator[ForeignSession]:
-        """Diagnose the renderer: every process for itself, with the same outcome.
-
-        Raises
-        ------
-        InputError
-            The images are others than those of the command.
-        """
-        scene, renderer, asked = self.scene, self.renderer, self.scene.plate.apertures()
+        """Diagnose the renderer: every process for itself, with the same outcome."""
+        renderer, asked = self.renderer, self.scene.plate.apertures()
         renderer.require_state(asked, self.state)
-        reference, limits = Reference(scene), Limits(displacement_px=self.tolerance_px)
+        reference, limits = Reference(self.scene), Limits(displacement_px=self.tolerance_px)
         with renderer.opened(reference) as source:
             run = Run(renderer=renderer, reference=reference, source=source, asked=asked, limits=limits)
             question = run.question()
@@ -134,29 +188,24 @@ class ForeignJob(RowsJob):
             yield ForeignSession(self, run, question)
 
 
-class ForeignSession:
-    """A judge of one renderer's hogels, for the blocks of one survey."""
+@dataclass(frozen=True)
+class ForeignSession(SurveySession):
+    """A judge of another renderer's hogels."""
 
-    def __init__(self, job: ForeignJob, run: Run, question: Question) -> None:
-        self._job, self._run, self._question = job, run, question
+    job: ForeignJob
+    run: Run
+    question: Question
 
     def make(self, block: HogelBlock) -> None:
         """Judge the hogels of a block, and write their rows."""
-        job = self._job
-        judged = self._run.hogels(self._question, block.apertures(job.scene.plate))
-        rows = [ForeignRow.of(hogel.told_from(job.renderer.named_from)) for hogel, _ in judged]
-        job.parts.write(block.number, table_of(ForeignRow, rows))
+        judged = self.run.hogels(self.question, self.job.apertures(block))
+        rows = [ForeignRow.of(hogel.told_from(self.job.renderer.named_from)) for hogel, _ in judged]
+        self.job.parts.write(block.number, table_of(ForeignRow, rows))
 
     def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
-        """Return truth, image and errors of one hogel, as pictures and as channels."""
-        del setting  # there is one
-        aperture = self._job.scene.plate.aperture(*index)
-        found = self._run.pictured(self._question, aperture, channels=True)
+        """Return truth, image and errors of one hogel, which has one setting, as pictures and as channels."""
+        aperture = self.job.scene.plate.aperture(*index)
+        found = self.run.pictured(self.question, aperture, channels=True)
         if found is None:
             return ShownHogel(pictures={}, inspected=None)
         return ShownHogel(pictures=found.pictures, inspected=found.inspected)
-
-
-def shown_hogel(session: DrawnSession | ForeignSession, index: tuple[int, int], setting: int) -> ShownHogel:
-    """Return what a page shows of one hogel; a question to the workers."""
-    return session.shown(index, setting)

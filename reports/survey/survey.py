@@ -11,12 +11,13 @@ from typing import Any
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
-from xfrustum.reports.blocks import Engine, Workers, open_workers
+from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
-from xfrustum.reports.parts import HogelBlock, Parts, hogel_blocks, hogels_per_block, scene_description
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.parts import Parts, scene_description
 from xfrustum.reports.survey.answer import Extent, Survey
-from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, shown_hogel
+from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, HogelBlock, SurveySession, hogels_per_block
 from xfrustum.reports.survey.page import FILES, write_survey
 from xfrustum.reports.survey.rows import Tally, add_rows
 from xfrustum.reports.verification.sources import ForeignRenderer
@@ -38,31 +39,54 @@ of all are, with a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
 
 @dataclass(frozen=True, kw_only=True)
 class Chosen:
-    """Which hogels of a plate are judged: all, so many, or as many as a bound needs.
+    """Which hogels of a plate are judged: all, so many, or as many as a bound needs."""
 
-    Attributes
-    ----------
-    sample
-        Number of hogels of a sample; None for all.
-    until
-        Share at which the bound stops the survey; samples then grow from as many hogels as would do if none
-        of them was beyond the tolerance.
-    seed
-        Start of the random numbers.
-
-    Raises
-    ------
-    InputError
-        A number is not possible.
-    """
-
+    #: Number of hogels of a sample; None for all.
     sample: int | None = DEFAULT_SAMPLE
+    #: Share at which the bound stops the survey; samples then grow from as many hogels as would do if none of
+    #: them was beyond the tolerance.
     until: float | None = None
+    #: Start of the random numbers.
     seed: int = 0
 
     def __post_init__(self) -> None:
         if self.until is not None and not 0 < real(self.until) < 1:
             raise InputError(f"--until must be a share between 0 and 100 %, not {self.until}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hogels:
+    """Which hogels are judged: the whole plate, or samples that grow; in blocks of `size`."""
+
+    plate: Plate
+    sample: GrowingSample | None
+    looks: int
+    size: int
+
+    @classmethod
+    def of(cls, scene: Scene, chosen: Chosen, settings: int) -> Hogels:
+        """Return the hogels of a plate, of which something is claimed of each of several settings."""
+        hogels, first = math.prod(scene.plate.hogels), chosen.sample
+        if chosen.until is not None:
+            first = clean_sample(chosen.until, hogels, risk_of_claim(settings, look=0))
+        sample, looks = None, 1
+        if first is None or first >= hogels:
+            first = hogels
+        else:
+            sample = GrowingSample(plate=scene.plate, first=first, seed=chosen.seed)
+            looks = 1 if chosen.until is None else sample.looks
+        size = hogels_per_block(first, scene.frustum, settings)
+        return cls(plate=scene.plate, sample=sample, looks=looks, size=size)
+
+    def blocks(self, look: int, first: int) -> list[HogelBlock]:
+        """Return the blocks that a look adds, numbered from the first on; the last may have fewer hogels."""
+        whole = range(math.prod(self.plate.hogels))
+        places: Sequence[int] = whole if self.sample is None else self.sample.new_places(look).tolist()
+        begins = range(0, len(places), self.size)
+        return [
+            HogelBlock(number=number, places=places[begin : begin + self.size])
+            for number, begin in enumerate(begins, first)
+        ]
 
 
 def survey(  # noqa: PLR0913 - one keyword for each option of the command
@@ -85,12 +109,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
 
     Parameters
     ----------
-    scene
-        Scene of the plate.
     settings
         Settings that every hogel is drawn with; or the plate of another renderer.
-    out
-        Folder, made where it does not exist.
     chosen
         Which hogels are judged; a sample of `DEFAULT_SAMPLE` by default.
     tolerance_px
@@ -101,8 +121,6 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         Where hogels are judged; as many processes as this one may use processors by default.
     told
         Called with notes in words.
-    progress
-        Whether to draw a bar on standard error.
 
     Raises
     ------
@@ -117,12 +135,16 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
-    parts = Parts(out=out.absolute(), name=ROWS)
     job: DrawnJob | ForeignJob
+    common: dict[str, Any] = {
+        "scene": scene,
+        "parts": Parts(out=out.absolute(), name=ROWS),
+        "tolerance_px": tolerance_px,
+    }
     if isinstance(settings, ForeignRenderer):
         renderer = settings.with_layout(scene, told)
         state = renderer.state(scene.plate.apertures())
-        job = ForeignJob(scene=scene, parts=parts, renderer=renderer, state=state, tolerance_px=tolerance_px)
+        job = ForeignJob(renderer=renderer, state=state, **common)
         several: tuple[DoubleFrustum | None, ...] = (None,)
         work: dict[str, Any] = {"images": renderer.description, "state of the images": state}
     else:
@@ -131,103 +153,66 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             raise InputError("a survey needs at least one setting; give --near or --nears")
         for one in drawn:
             one.check_against(scene.frustum)
-        job = DrawnJob(scene=scene, parts=parts, settings=drawn, tracer=tracer, tolerance_px=tolerance_px)
-        several = drawn
+        job, several = DrawnJob(settings=drawn, tracer=tracer, **common), drawn
         work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
     hogels = Hogels.of(scene, chosen, len(several))
-    description = {**work, "tolerance_px": tolerance_px, "hogels": hogels}
-    parts.open(json_ready({"scene": scene_description(scene), **description}))
-    run = _Run(job=job, settings=several, hogels=hogels, until=chosen.until, engine=engine, told=told)
-    return run.done(progress=progress)
+    work |= {"tolerance_px": tolerance_px, "hogels": hogels}
+    job.parts.open(json_ready({"scene": scene_description(scene), **work}))
+    return _done(job, several, hogels, chosen, engine, told=told, progress=progress)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hogels:
-    """Which hogels are judged: the whole plate, or samples that grow; in blocks of `size`."""
+def _done(  # noqa: PLR0913 - what `survey` has settled
+    job: DrawnJob | ForeignJob,
+    settings: tuple[DoubleFrustum | None, ...],
+    hogels: Hogels,
+    chosen: Chosen,
+    engine: Engine,
+    *,
+    told: Callable[[str], object],
+    progress: bool,
+) -> Survey:
+    """Judge what is not judged yet, look after look, and write the outcome where it is complete."""
+    begun, found = time.perf_counter(), [Tally(hogels.plate.hogels) for _ in settings]
+    blocks, sample = hogels.blocks(0, 0), hogels.sample
+    with open_workers(engine, len(blocks), draws=job.draws) as workers:
 
-    plate: Plate
-    sample: GrowingSample | None
-    looks: int
-    size: int
+        def answer(look: int, *, complete: bool) -> Survey:
+            return Survey(
+                scene=job.scene,
+                settings=settings,
+                tallies=tuple(found),
+                extent=Extent(
+                    hogels=math.prod(hogels.plate.hogels),
+                    judged=found[0].judged,
+                    look=look if chosen.until is not None and sample else None,
+                    seed=None if sample is None else sample.seed,
+                    complete=complete,
+                ),
+                tolerance_px=job.tolerance_px,
+                limit=chosen.until,
+                judged_by=f"beyond {job.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
+                workers=workers.count,
+                wall_s=time.perf_counter() - begun,
+            )
 
-    @classmethod
-    def of(cls, scene: Scene, chosen: Chosen, settings: int) -> Hogels:
-        """Return the hogels of a plate, of which something is claimed of each of several settings."""
-        hogels, first = math.prod(scene.plate.hogels), chosen.sample
-        if chosen.until is not None:
-            first = clean_sample(chosen.until, hogels, risk_of_claim(settings, look=0))
-        if first is None or first >= hogels:
-            size = hogels_per_block(hogels, scene.frustum, settings)
-            return cls(plate=scene.plate, sample=None, looks=1, size=size)
-        sample = GrowingSample(plate=scene.plate, first=first, seed=chosen.seed)
-        looks = 1 if chosen.until is None else sample.looks
-        size = hogels_per_block(first, scene.frustum, settings)
-        return cls(plate=scene.plate, sample=sample, looks=looks, size=size)
-
-    def blocks(self, look: int, first: int) -> list[HogelBlock]:
-        """Return the blocks that a look adds, numbered from the first on."""
-        if self.sample is None:
-            return list(hogel_blocks(range(math.prod(self.plate.hogels)), self.size, first))
-        return list(hogel_blocks(self.sample.new_places(look).tolist(), self.size, first))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Run:
-    """One survey under way."""
-
-    job: DrawnJob | ForeignJob
-    settings: tuple[DoubleFrustum | None, ...]
-    hogels: Hogels
-    until: float | None
-    engine: Engine
-    told: Callable[[str], object]
-
-    def done(self, *, progress: bool) -> Survey:
-        """Judge what is not judged yet, look after look, and write the outcome where it is complete."""
-        begun, job, part = time.perf_counter(), self.job, self.engine.part
-        found = [Tally(self.hogels.plate.hogels) for _ in self.settings]
-        blocks = self.hogels.blocks(0, 0)
-        count = len(blocks)
-        with open_workers(self.engine, len(blocks), draws=job.draws) as workers:
-            for look in range(self.hogels.looks):
+        with progress_bar(0, job.name, job.unit, shown=progress) as bar:
+            for look in range(hogels.looks):
                 if look:
-                    blocks = self.hogels.blocks(look, count)
-                    count += len(blocks)
-                mine = list(part.of(blocks))
-                job.parts.tell_damaged((block.number for block in mine), self.told)
-                workers.run(job, mine, sum(map(job.size, mine)), progress=progress)
-                finished = blocks if part.everything else list(filter(job.finished, blocks))
+                    blocks = hogels.blocks(look, blocks[-1].number + 1)
+                mine = list(engine.part.of(blocks))
+                job.parts.tell_damaged((block.number for block in mine), told)
+                bar.total += sum(map(job.size, mine))
+                workers.make(job, mine, bar)
+                finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
                 complete = len(finished) == len(blocks)
                 add_rows(found, (job.parts.read(block.number) for block in finished))
-                survey = self._survey(found, look, complete, workers, begun)
+                survey = answer(look, complete=complete)
                 if survey.decided:
                     break
-            if not complete:
-                return survey
-            worst = survey.tallies[survey.best].worst
-            shown = [workers.ask(job, shown_hogel, one.aperture, survey.best) for one in worst]
-            survey = self._survey(found, look, complete, workers, begun)
-        write_survey(survey, list(zip(worst, shown, strict=True)), job.parts.out)
-        return survey
-
-    def _survey(
-        self, found: Sequence[Tally], look: int, complete: bool, workers: Workers, begun: float
-    ) -> Survey:
-        sample = self.hogels.sample
-        return Survey(
-            scene=self.job.scene,
-            settings=self.settings,
-            tallies=tuple(found),
-            extent=Extent(
-                hogels=math.prod(self.hogels.plate.hogels),
-                judged=found[0].judged,
-                look=look if self.until is not None and sample else None,
-                seed=None if sample is None else sample.seed,
-                complete=complete,
-            ),
-            tolerance_px=self.job.tolerance_px,
-            limit=self.until,
-            judged_by=f"beyond {self.job.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
-            workers=workers.count,
-            wall_s=time.perf_counter() - begun,
-        )
+        if not complete:
+            return survey
+        worst = survey.tallies[survey.best].worst
+        shown = [workers.ask(job, SurveySession.shown, one.aperture, survey.best) for one in worst]
+        survey = answer(look, complete=complete)
+    write_survey(survey, list(zip(worst, shown, strict=True)), job.parts.out)
+    return survey

@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -104,12 +104,8 @@ class VerifyJob(Job):
     asked: Sequence[Aperture]
     hogels_per_block: int
     parts: Parts
-    draws: ClassVar[bool] = False
-
-    @property
-    def name(self) -> str:
-        """Word for the work."""
-        return "verify"
+    name = "verify"
+    draws = False
 
     @property
     def blocks(self) -> range:
@@ -276,7 +272,7 @@ def _forget(job: VerifyJob, blocks: Sequence[int], told: Callable[[str], object]
         told(f"what is in {job.parts.folder} was finished; the command is judged anew")
         for block in job.blocks:
             job.parts.remove(block)
-        job.parts.remove_beside(QUESTION)
+        job.parts.remove(QUESTION)
     for block in filter(job.finished, blocks):
         if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
             job.parts.remove(block)

@@ -11,10 +11,10 @@ import zarr
 
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.plate.rows import PlateArray, missing_hogels, open_plate, read_plate, write_group
+from xfrustum.reports.plate.rows import PlateArray, missing_hogels, open_plate, write_group
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.files.layouts import PlateShape
-from xfrustum.scenes.files.plate_files import Plates
+from xfrustum.scenes.files.plate_files import Plates, whole_plate
 
 FULL = ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci")
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
@@ -46,7 +46,7 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
     assert (there.read_as, there.written_as, there.losses) == ("zarr", name, ())
     back = convert(tmp_path / name, tmp_path / "back.zarr", read_as=name, options=_told(name))
     assert back.read_as == name
-    plate, _ = read_plate(tmp_path / "back.zarr", PlateArray.COLOR)
+    plate = whole_plate(open_plate(tmp_path / "back.zarr", PlateArray.COLOR))
     found = plate.pixels if plate.levels else np.rint(plate.pixels * 255)
     assert np.array_equal(found, pixels)
 

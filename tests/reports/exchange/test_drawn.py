@@ -14,9 +14,9 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import LaidOutPlate
-from xfrustum.reports.plate.rows import PlateArray, read_plate
+from xfrustum.reports.plate.rows import PlateArray, open_plate
 from xfrustum.scenes.files.layouts import layouts_named
-from xfrustum.scenes.files.plate_files import find_files
+from xfrustum.scenes.files.plate_files import find_files, whole_plate
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_beside_the_group_lies_the_same_plate_as_views(
         **{"layout": "views", "out": str(tmp_path / "plate-views"), "files": 30},
         **{"losses": [], "notes": []},
     }
-    drawn, _ = read_plate(out, PlateArray.COLOR)
+    drawn = whole_plate(open_plate(out, PlateArray.COLOR))
     files = find_files(tmp_path / "plate-views")
     assert files.plate.pixels.dtype == np.float16
     assert np.array_equal(files.plate.pixels, drawn.pixels)
@@ -62,7 +62,7 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
     assert (said["out"], said["found"], said["drawn"]) == (None, 1, 11)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
     write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
-    expected, _ = read_plate(tmp_path / "again.zarr", PlateArray.COLOR)
+    expected = whole_plate(open_plate(tmp_path / "again.zarr", PlateArray.COLOR))
     found = find_files(out, layouts=layouts_named("burnett"))
     assert np.array_equal(found.plate.pixels, expected.pixels)
     assert (out / "Hogel_1x3.exr").exists()
@@ -71,7 +71,7 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
 def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "plate.zarr"
     assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
-    expected, _ = read_plate(out, PlateArray.TRIANGLE)
+    expected = whole_plate(open_plate(out, PlateArray.TRIANGLE))
     found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
     assert np.array_equal(found.plate.pixels, expected.pixels)
     assert expected.pixels.any()

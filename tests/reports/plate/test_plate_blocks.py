@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from dataclasses import replace
@@ -275,6 +276,6 @@ def test_the_default_block_holds_at_most_what_it_says() -> None:
         plate = Plate(size=(1.0, 1.0), hogels=(81, 61))
         columns, rows = default_side(plate, frustum, ALL)
         layout = Layout(plate=plate, frustum=frustum, units="", content=ALL, side=(columns, rows))
-        stored = sum(one.hogel_bytes for one in layout.arrays) * columns * rows
+        stored = sum(math.prod(one.shape) * one.dtype.itemsize for one in layout.arrays) * columns * rows
         assert columns == rows <= MAX_BLOCK_SIDE
         assert stored <= BLOCK_BYTES or columns == 1

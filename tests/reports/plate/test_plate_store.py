@@ -19,8 +19,8 @@ from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.description import described
-from xfrustum.reports.plate.plate import PlateFiles, layout_of, source_of, write_plate
+from xfrustum.reports.plate.plate import PlateFiles, layout_of, write_plate
+from xfrustum.reports.plate.sources import source_of
 from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import InputError
 
@@ -205,10 +205,9 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     """Each has opened the plate before the other has written, and knows nothing of its hogels."""
     scene, out = small(), tmp_path / "x.zarr"
     write_plate(scene, SETTINGS, out, [scene.plate.aperture(6, 4)], EVERYTHING, block=(7, 5))
-    source = source_of(scene, SETTINGS, EVERYTHING)
-    with source:
+    with source_of(scene, SETTINGS, EVERYTHING) as source:
         layout = layout_of(scene, EVERYTHING, (7, 5))
-        stores = [open_store(out, layout, described(source), free=False) for _ in range(8)]
+        stores = [open_store(out, layout, source.description, free=False) for _ in range(8)]
         (block,) = stores[0].layout.blocks(scene.plate.apertures())
         drawn = list(source.hogels(scene.plate.apertures()))
     writing = []

@@ -81,7 +81,7 @@ def bound_of(scene: Scene, rows: pa.Table, chosen: Chosen) -> tuple[float, int]:
     for look in range(hogels.looks):
         blocks = hogels.blocks(look, count)
         count += len(blocks)
-        apertures = [one for block in blocks for one in block.apertures(scene.plate)]
+        apertures = [aperture_at(scene.plate, place) for block in blocks for place in block.places]
         places = [one.row * scene.plate.hogels[0] + one.column for one in apertures]
         add_rows([tally], [rows.take(places)])
         extent = Extent(

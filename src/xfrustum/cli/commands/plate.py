@@ -105,8 +105,9 @@ def plate(asked: _Asked) -> None:
     opened = light.applied(options.open_scene(asked.scene))
     if asked.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
+    from xfrustum.reports.blocks import HERE
     from xfrustum.reports.exchange.convert import LaidOutPlate
-    from xfrustum.reports.plate.plate import HERE, blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)

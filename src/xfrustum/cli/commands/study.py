@@ -46,9 +46,9 @@ def splitting(asked: _Splitting) -> None:
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.blocks import HERE
     from xfrustum.reports.studies.splitting import DEFAULT_FOLDER, make_study
     from xfrustum.reports.studies.splitting_cells import FULL, QUICK, record, sentence
-    from xfrustum.reports.studies.sweep import HERE
 
     cells = QUICK if asked.quick else FULL
     files = make_study(asked.out or DEFAULT_FOLDER, cells, asked.engine or HERE, progress=asked.progress)
@@ -67,8 +67,8 @@ def noticeable(asked: _Noticeable) -> None:
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
     replayed is kept: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.blocks import HERE
     from xfrustum.reports.studies import noticeable as own
-    from xfrustum.reports.studies.sweep import HERE
 
     cells = own.QUICK if asked.quick else own.FULL
     files = own.make_study(
