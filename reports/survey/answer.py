@@ -16,9 +16,6 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-WORST_WRITTEN = ("aperture", "displacement_p99_px", "surface_fraction")
-"""Numbers of the worst hogel that are written."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
@@ -32,7 +29,8 @@ class Share:
     @property
     def record(self) -> dict[str, Any]:
         """The counts and the bound with the worst hogel, as they are written."""
-        worst = self.worst and {name: getattr(self.worst, name) for name in WORST_WRITTEN}
+        written = ("aperture", "displacement_p99_px", "surface_fraction")
+        worst = self.worst and {name: getattr(self.worst, name) for name in written}
         return {**vars(self), "worst": worst}
 
     @property
@@ -50,7 +48,7 @@ class Share:
 class Extent:
     """How many hogels were judged, and how they were chosen."""
 
-    #: hogels, judged: Number of hogels of the plate, and of those that were judged
+    #: Number of hogels of the plate, and of those that were judged
     hogels: int
     judged: int
     #: Number of the last look, from 0; None where the whole plate was to be judged, or one sample
@@ -96,8 +94,7 @@ class Survey(Shown, Summarized[dict[str, Any]]):
     settings: tuple[DoubleFrustum | None, ...]
     tallies: tuple[Tally, ...]  #: All rows of each setting
     extent: Extent
-    #: tolerance_px, limit: Displacement beyond which a hogel is counted, and largest share of such hogels
-    #: that was asked for; None where no share was
+    #: Displacement beyond which a hogel is counted, and largest share of such hogels, if one was asked for
     tolerance_px: float
     limit: float | None
     judged_by: str  #: Limits that counted hogels exceed, in words

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -93,18 +92,6 @@ class SurveyJob(Job):
         return [aperture_at(self.scene.plate, place) for place in block.places]
 
 
-class SurveySession:
-    """A judge of one scene's hogels, for the blocks of one survey."""
-
-    @abstractmethod
-    def make(self, block: HogelBlock) -> None:
-        """Judge the hogels of a block, and write their rows."""
-
-    @abstractmethod
-    def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
-        """Return truth, image and errors of one hogel, as pictures and as channels."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnJob(SurveyJob):
     """A survey of what our rasterizer draws with some settings; the tracer gives truths a second opinion."""
@@ -121,7 +108,7 @@ class DrawnJob(SurveyJob):
 
 
 @dataclass(frozen=True)
-class DrawnSession(SurveySession):
+class DrawnSession:
     """A judge of what our rasterizer draws."""
 
     job: DrawnJob
@@ -189,7 +176,7 @@ class ForeignJob(SurveyJob):
 
 
 @dataclass(frozen=True)
-class ForeignSession(SurveySession):
+class ForeignSession:
     """A judge of another renderer's hogels."""
 
     job: ForeignJob
@@ -209,3 +196,8 @@ class ForeignSession(SurveySession):
         if found is None:
             return ShownHogel(pictures={}, inspected=None)
         return ShownHogel(pictures=found.pictures, inspected=found.inspected)
+
+
+def shown_hogel(session: DrawnSession | ForeignSession, index: tuple[int, int], setting: int) -> ShownHogel:
+    """Return what a page shows of one hogel; a question to the workers."""
+    return session.shown(index, setting)

@@ -16,14 +16,14 @@ import pyarrow as pa
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.judging.judged import ColorFigures, SurfaceFigures
+from xfrustum.compare.judging.judged import ColorFigures, HogelNumbers, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread, lengths
 from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.scout import MAX_MAP_CELLS
 from xfrustum.reports.verification.verdict import Hogel
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -121,12 +121,7 @@ class DrawnRow:
 
     @classmethod
     def of(
-        cls,
-        aperture: Aperture,
-        setting: int,
-        drawing: JudgedDrawing,
-        tolerance_px: float,
-        device: Device,
+        cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, tolerance_px: float, device: Device
     ) -> DrawnRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
@@ -192,81 +187,83 @@ class ForeignRow:
     @classmethod
     def of(cls, hogel: Hogel) -> ForeignRow:
         """Return the row of a hogel that was verified."""
-        found, corrected = (
-            None
-            if numbers is None
-            else ForeignNumbers(
-                **{
-                    **vars(numbers),
-                    "causes": None if numbers.causes is None else RoundingCauses(**numbers.causes),
-                }
-            )
-            for numbers in (hogel.as_found, hogel.corrected)
-        )
+
+        def numbers(one: HogelNumbers | None) -> ForeignNumbers | None:
+            if one is None:
+                return None
+            causes = None if one.causes is None else RoundingCauses(**one.causes)
+            return ForeignNumbers(**{**vars(one), "causes": causes})
+
         return cls(
             column=hogel.aperture.column,
             row=hogel.aperture.row,
             beyond=not hogel.passed,
             verdict=hogel.verdict,
             problem=hogel.problem,
-            as_found=found,
-            corrected=corrected,
+            as_found=numbers(hogel.as_found),
+            corrected=numbers(hogel.corrected),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorstHogel:
-    """A hogel by how bad it is: first whether it is beyond, then by displacement, then by its wrong surfaces.
-
-    `badness` is the 99th percentile of displacement: infinite where that is unknown of a hogel beyond, 0
-    where nothing is displaced. Of images that name no surfaces, `surface_fraction` is the share of wrong
-    pixels; it is None for a hogel that is missing.
-    """
+    """A hogel by how bad it is: whether it is beyond, then by displacement, then by its wrong surfaces."""
 
     beyond: bool
+    #: 99th percentile of displacement: infinite where that is unknown of a hogel beyond, 0 of one that is not
     badness: float
+    #: Share of wrong pixels of images that name no surfaces; None for a hogel that is missing
     surface_fraction: float | None
     aperture: tuple[int, int]
     displacement_p99_px: float | None
 
 
 class Tally:
-    """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many columns and rows.
-
-    Attributes
-    ----------
-    worst
-        The worst hogels, the worst first.
-    maps
-        By column: (rows, columns) of cells, the largest value in each; NaN where there is none.
-    depth_pixels, depth_squares_px2, depth_max_px
-        Sums and maxima of `DepthBins` over all hogels.
-    """
+    """Counts, maps and the worst hogels of the rows of one setting, for a plate of so many hogels."""
 
     def __init__(self, hogels: tuple[int, int]) -> None:
         self._hogels = hogels
         self._cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
         self.judged = self.beyond = 0
+        #: The worst hogels, the worst first
         self.worst: list[WorstHogel] = []
+        #: By column: (rows, columns) of cells, the largest value in each; NaN where there is none
         self.maps: dict[str, Floats] = {}
         self._moved_px: list[Floats] = []
+        #: Sums and maxima of `DepthBins` over all hogels
         self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros((3, len(depth_ends()) - 1))
 
     def add(self, rows: pa.Table) -> None:
         """Count some rows, of this setting alone."""
         columns, lines = (_numbers(rows, name).astype(np.int64) for name in ("column", "row"))
-        beyond = _numbers(rows, "beyond") > 0
+        beyond, moved, surface = (_numbers(rows, name) for name in ("beyond", P99, SURFACE))
         self.judged += len(columns)
-        self.beyond += int(beyond.sum())
-        self._rank(rows, columns, lines, beyond)
-        place = tuple(
-            index * cells // count
-            for index, cells, count in zip((columns, lines), self._cells, self._hogels, strict=True)
-        )
+        self.beyond += int((beyond > 0).sum())
+        surface = np.where(np.isfinite(surface), surface, _numbers(rows, FRACTION))
+        found = [
+            WorstHogel(
+                beyond=is_beyond > 0,
+                badness=px if math.isfinite(px) else math.inf if is_beyond > 0 else 0.0,
+                surface_fraction=share if math.isfinite(share) else None,
+                aperture=(column, row),
+                displacement_p99_px=px if math.isfinite(px) else None,
+            )
+            for column, row, is_beyond, px, share in zip(
+                *(one.tolist() for one in (columns, lines, beyond, moved, surface)), strict=True
+            )
+        ]
+        # Of equals the first on the plate is named, in whatever order parts are read.
+        self.worst = sorted(
+            (*self.worst, *found),
+            key=lambda h: (not h.beyond, -h.badness, -(h.surface_fraction or 0.0), h.aperture[::-1]),
+        )[:WORST_HOGELS]
+        places = zip((lines, columns), self._cells[::-1], self._hogels[::-1], strict=True)
+        place = tuple(index * cells // count for index, cells, count in places)
         for name in rows.column_names:
-            if _is_mapped(name):
-                self._map(name, place[::-1], _numbers(rows, name))
-        moved = _numbers(rows, P99)
+            cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
+            if cause or name in MAP_COLUMNS:
+                cells = self.maps.setdefault(name, np.full(self._cells[::-1], np.nan))
+                np.fmax.at(cells, place, _numbers(rows, name))
         self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
         if "depth_pixels" in rows.column_names:
             pixels, squares, largest = (
@@ -289,38 +286,6 @@ class Tally:
         places = np.linspace(0, len(moved) - 1, min(len(moved), SHOWN_QUANTILES)).astype(int)
         return moved[places], (len(moved) - 1 - places) / max(self.judged, 1)
 
-    def _rank(self, rows: pa.Table, columns: Indices, lines: Indices, beyond: Mask) -> None:
-        p99, surface = _numbers(rows, P99), _numbers(rows, SURFACE)
-        if FRACTION in rows.column_names:
-            surface = np.where(np.isfinite(surface), surface, _numbers(rows, FRACTION))
-        found = [
-            WorstHogel(
-                beyond=bool(is_beyond),
-                badness=px if math.isfinite(px) else math.inf if is_beyond else 0.0,
-                surface_fraction=share if math.isfinite(share) else None,
-                aperture=(column, row),
-                displacement_p99_px=px if math.isfinite(px) else None,
-            )
-            for column, row, is_beyond, px, share in zip(
-                columns.tolist(), lines.tolist(), beyond.tolist(), p99.tolist(), surface.tolist(), strict=True
-            )
-        ]
-        # Of equals the first on the plate is named, in whatever order parts are read.
-        self.worst = sorted(
-            (*self.worst, *found),
-            key=lambda one: (
-                not one.beyond,
-                -one.badness,
-                -(one.surface_fraction or 0.0),
-                one.aperture[::-1],
-            ),
-        )[:WORST_HOGELS]
-
-    def _map(self, name: str, place: tuple[Indices, ...], values: Floats) -> None:
-        if name not in self.maps:
-            self.maps[name] = np.full(self._cells[::-1], np.nan)
-        np.fmax.at(self.maps[name], place, values)
-
 
 def add_rows(found: Sequence[Tally], tables: Iterable[pa.Table]) -> None:
     """Count the rows of some parts, those of each setting in its tally."""
@@ -328,11 +293,6 @@ def add_rows(found: Sequence[Tally], tables: Iterable[pa.Table]) -> None:
         numbers = _numbers(table, "setting")
         for setting, tally in enumerate(found):
             tally.add(table.filter(pa.array(numbers == setting)))
-
-
-def _is_mapped(name: str) -> bool:
-    cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
-    return cause or name in MAP_COLUMNS
 
 
 def _numbers(rows: pa.Table, name: str) -> Floats:

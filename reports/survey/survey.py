@@ -17,7 +17,7 @@ from xfrustum.reports.common.outputs import check_writable_folder
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.parts import Parts, scene_description
 from xfrustum.reports.survey.answer import Extent, Survey
-from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, HogelBlock, SurveySession, hogels_per_block
+from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, HogelBlock, hogels_per_block, shown_hogel
 from xfrustum.reports.survey.page import FILES, write_survey
 from xfrustum.reports.survey.rows import Tally, add_rows
 from xfrustum.reports.verification.sources import ForeignRenderer
@@ -212,7 +212,7 @@ def _done(  # noqa: PLR0913 - what `survey` has settled
         if not complete:
             return survey
         worst = survey.tallies[survey.best].worst
-        shown = [workers.ask(job, SurveySession.shown, one.aperture, survey.best) for one in worst]
+        shown = [workers.ask(job, shown_hogel, one.aperture, survey.best) for one in worst]
         survey = answer(look, complete=complete)
     write_survey(survey, list(zip(worst, shown, strict=True)), job.parts.out)
     return survey
