@@ -271,8 +271,7 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
         try:
             yield processes
         finally:  # whatever they are doing
-            for process in processes.all:
-                process.kill()
+            processes.end()
         return
     before = os.environ.get(DEVICE_VARIABLE)
     if devices:  # as a worker process would
@@ -318,95 +317,86 @@ class _ThisProcess(Workers):
             yield item, function(self._opened.of(job, lambda: job), item)
 
 
-class _Process:
-    """A worker process of this machine, started when there is something to do for it."""
-
-    def __init__(self, environment: dict[str, str]) -> None:
-        self._environment = environment
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection[Any, Any] | None = None
-        self._job: bytes | None = None
-
-    def give(self, job: bytes, function: Callable[[Any, Any], Any], item: object) -> Connection[Any, Any]:
-        """Hand over an item, and the job if it is another one; return where the answer will come from."""
-        while True:
-            if self._connection is None or self._process is None or self._process.poll() is not None:
-                self._start()
-            assert self._connection is not None
-            with suppress(BrokenPipeError, ConnectionResetError):  # it has died since
-                self._connection.send((None if self._job is job else job, function, item))
-                self._job = job
-                return self._connection
-            self.kill()
-
-    def kill(self) -> None:
-        """End the process at once: what is not finished leaves no trace."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-        if self._connection is not None:
-            self._connection.close()
-        self._process = self._connection = self._job = None
-
-    def ended(self) -> str:
-        """Return in words how the process has ended."""
-        assert self._process is not None
-        status = self._process.wait()
-        return f"by signal {-status}" if status < 0 else f"with status {status}"
-
-    def _start(self) -> None:
-        self.kill()
-        self._connection, theirs = Pipe()
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,  # standard output belongs to the command
-                env=self._environment,
-                pass_fds=[theirs.fileno()],
-            )
-
-
 class _Processes(Workers):
-    """Processes of this machine. A block whose process died is given to another one, once."""
+    """Processes of this machine, each started when there is something to do for it.
+
+    A block whose process died is given to another one, once.
+    """
 
     def __init__(self, count: int, devices: tuple[int, ...]) -> None:
         self.count = count
         threads = str(max(1, _processors() // count))
         usual = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, threads)}
         usual["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, sys.path))
-        self.all = [
-            _Process({**usual, DEVICE_VARIABLE: str(device)} if devices else usual)
-            for device, _ in zip(itertools.cycle(devices or (0,)), range(count), strict=False)
+        taken = itertools.islice(itertools.cycle(devices or (None,)), count)
+        self._environments = [
+            usual if device is None else {**usual, DEVICE_VARIABLE: str(device)} for device in taken
         ]
-        self._pickled: tuple[Job, bytes] | None = None
+        self._running: dict[int, tuple[subprocess.Popen[bytes], Connection[Any, Any]]] = {}
+        self._job: Job | None = None
+
+    def end(self, *places: int) -> None:
+        """End some processes at once, or all: what is not finished leaves no trace."""
+        for place in places or list(self._running):
+            process, connection = self._running.pop(place)
+            process.kill()
+            process.wait()
+            connection.close()
+
+    def _start(self, place: int, job: bytes) -> None:
+        ours, theirs = Pipe()
+        with theirs:
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,  # standard output belongs to the command
+                env=self._environments[place],
+                pass_fds=[theirs.fileno()],
+            )
+        self._running[place] = process, ours
+        ours.send_bytes(job)
+
+    def _give(self, place: int, job: bytes, request: object) -> Connection[Any, Any]:
+        """Hand something over to a process; return where the answer will come from."""
+        while True:
+            with suppress(BrokenPipeError, ConnectionResetError):  # it has died since
+                if place not in self._running:
+                    self._start(place, job)
+                connection = self._running[place][1]
+                connection.send(request)
+                return connection
+            self.end(place)
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
-        if self._pickled is None or self._pickled[0] is not job:
-            self._pickled = job, pickle.dumps(job)
-        _, pickled = self._pickled
+        if self._job is not job:
+            self.end()
+            self._job = job
+        pickled = pickle.dumps(job)
         # Each item with the times that it has been given out.
         waiting, again = ((item, 1) for item in items), list[tuple[Item, int]]()
-        idle, busy = list(self.all), dict[Any, tuple[_Process, Item, int]]()
+        idle, busy = list(range(self.count)), dict[Any, tuple[int, Item, int]]()
         try:
             while True:
                 while idle and (following := again.pop() if again else next(waiting, None)):
-                    process = idle.pop()
-                    busy[process.give(pickled, function, following[0])] = (process, *following)
+                    place = idle.pop()
+                    busy[self._give(place, pickled, (function, following[0]))] = (place, *following)
                 if not busy:
                     return
                 ready: Any
                 for ready in wait(busy):
-                    process, item, attempt = busy.pop(ready)
-                    idle.append(process)
+                    place, item, attempt = busy.pop(ready)
+                    idle.append(place)
                     try:
                         well, answer = ready.recv()
                     except (EOFError, ConnectionResetError):
+                        status = self._running[place][0].wait()
+                        self.end(place)
                         if attempt == ATTEMPTS:
+                            ended = f"by signal {-status}" if status < 0 else f"with status {status}"
                             raise WorkerLostError(
-                                f"{ATTEMPTS} worker processes died of it, the last one {process.ended()}; "
+                                f"{ATTEMPTS} worker processes died of it, the last one {ended}; "
                                 "--workers 1 shows why",
                                 item,
                             ) from None
@@ -416,8 +406,8 @@ class _Processes(Workers):
                         raise answer
                     yield item, answer
         finally:
-            for process, _, _ in busy.values():
-                process.kill()
+            for place, _, _ in busy.values():
+                self.end(place)
 
 
 def serve(descriptor: int) -> None:
@@ -439,12 +429,11 @@ def serve(descriptor: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     threading.Thread(target=listen, daemon=True).start()
-    opened, pickled = _OpenSession(), b""
+    opened, job = _OpenSession(), pickle.loads(asked.get())
     while True:
-        job, function, item = pickle.loads(asked.get())
-        pickled = job or pickled
+        function, item = pickle.loads(asked.get())
         try:
-            answer = True, function(opened.of(pickled, lambda: pickle.loads(pickled)), item)  # noqa: B023
+            answer = True, function(opened.of(job, lambda: job), item)
         except Exception as error:
             answer = False, _portable(error)
         connection.send(answer)

@@ -81,10 +81,8 @@ class PlateJob(Job):
             yield PlateSession(source, open_store(self.out, self.layout, source.description, free=self.free))
 
 
-@lru_cache(1)
-def _opened(out: Path, layout: Layout) -> PlateStore:
-    """Return the store of a job, which this process asks about many blocks."""
-    return PlateStore(out, layout)
+_opened = lru_cache(1)(PlateStore)
+"""Store of the last job, which this process asks about many blocks."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +92,8 @@ class PlateSession:
     source: HogelSource
     store: PlateStore
 
-    def layout(self) -> Layout:
-        """Return the layout of the store; the question that makes a worker open the store, or make it."""
-        return self.store.layout
+    def begun(self) -> None:
+        """Do nothing: the question makes a worker open the store, or make it."""
 
     def make(self, block: Block) -> None:
         """Draw what is missing of a block."""
@@ -185,8 +182,9 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     drawn = broken = 0
     some = sum(1 for _ in islice(part.of(layout.blocks(chosen)), MOST_WORKERS))
     with open_workers(engine, some, draws=settings is not None) as workers:
-        layout = workers.ask(job, PlateSession.layout)
+        workers.ask(job, PlateSession.begun)
         store = PlateStore(out, layout)
+        layout = store.layout
 
         def blocks() -> Iterator[Block]:
             # Made anew for each use: a plate has millions of hogels.
@@ -207,7 +205,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
                 workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
         else:
             deque(unfinished(lambda hogels: None), maxlen=0)
-            workers.run(replace(job, layout=layout), blocks(), total, progress=progress)
+            workers.run(job, blocks(), total, progress=progress)
     return PlateFiles(
         out=out,
         drawn=drawn,

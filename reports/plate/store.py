@@ -132,9 +132,11 @@ class PlateStore:
     """The hogels of one scene, drawn with one choice of settings, for those who write it."""
 
     def __init__(self, out: Path, layout: Layout) -> None:
-        self.out, self.layout = out, layout
+        # The blocks are those of the store, whatever a new one would have.
+        side = side_of((said_by(out) or {}).get(LAYOUT), layout.plate)
+        self.out, self.layout = out, layout if side is None else replace(layout, side=side)
         self._place = out.resolve()
-        group, expected = open_group(out, "r+"), _make(MemoryStore(), layout, {})
+        group, expected = open_group(out, "r+"), _make(MemoryStore(), self.layout, {})
 
         def array(name: str) -> zarr.Array[Any]:
             try:
@@ -154,7 +156,7 @@ class PlateStore:
             return found.with_config({"write_empty_chunks": True})
 
         self._finished = array(FINISHED)
-        self._arrays = {one.name: array(one.name) for one in layout.arrays}
+        self._arrays = {one.name: array(one.name) for one in self.layout.arrays}
         self._maps = {name: array(name) for name, _ in layout.measures}
         # Beside the group, for nothing but Zarr's own files belongs into it.
         self.table = Table(self._place.with_suffix(".parquet"))
@@ -277,9 +279,7 @@ def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, fre
             f"--out {out}: was drawn with {differences_words(found, wanted)}; "
             "give what it was drawn with, or another place"
         )
-    side = side_of(wanted[LAYOUT], layout.plate)
-    assert side is not None, "a layout that is none does not agree"
-    store = PlateStore(out, replace(layout, side=side))
+    store = PlateStore(out, layout)
     store.remove_partial()
     return store
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
 from xfrustum.reports.blocks import Engine, device_index
+from xfrustum.reports.survey.jobs import DrawnSession, HogelBlock
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
 
@@ -211,3 +213,46 @@ def test_strange_wishes_are_refused_in_one_line_and_leave_nothing(
     line = capsys.readouterr().err
     assert status == 2 and told in line and line.count("\n") == 1
     assert not out.exists()
+
+
+def test_two_surveys_of_one_folder_are_one(
+    whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second begins and ends while the first judges its first block."""
+    out, make = tmp_path / "survey", DrawnSession.make
+
+    def run() -> None:
+        survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
+
+    def overtaken(session: DrawnSession, block: HogelBlock) -> None:
+        monkeypatch.setattr(DrawnSession, "make", make)
+        run()
+        assert parts_of(out) == parts_of(whole)
+        make(session, block)
+
+    monkeypatch.setattr(DrawnSession, "make", overtaken)
+    run()
+    assert parts_of(out) == parts_of(whole)
+    assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["part-0000001.parquet", "part-0000002.parquet", "_description.json"])
+def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
+    name: str, scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = Path(shutil.copytree(whole, tmp_path / "survey"))
+    path = out / "survey.parquet" / name
+    if name.startswith("part-0000002"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 4
+        path.write_bytes(content)
+    else:
+        path.unlink()
+        os.mkfifo(path)
+    said = surveyed(scene_path, out, capsys, "--near", str(NEAR), "--all")
+    if name.startswith("part"):
+        assert said["status"] == 0 and "note: 1 of 10 blocks in" in said["errors"]
+        assert "are damaged, and are made again" in said["errors"]
+        assert parts_of(out) == parts_of(whole)
+    else:
+        assert said["status"] == 2 and "was begun with another description" in said["errors"]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import random
-import shutil
 import subprocess
 import sys
 import threading
@@ -99,52 +97,3 @@ def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
     assert json.loads(printed)["workers"] == 2
     assert parts_of(out) == parts_of(undisturbed)
     assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
-
-
-def test_a_survey_by_two_workers_opens_no_port_and_leaves_no_scratch(
-    scene_path: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody can reach its processes, from this machine or another, as whatever user."""
-    scratch, out = tmp_path / "temporary", tmp_path / "survey"
-    scratch.mkdir()
-    monkeypatch.setenv("TMPDIR", str(scratch))
-    run = started(scene_path, out)
-    seen: set[int] = set()
-    doors: list[object] = []
-    while run.poll() is None:
-        with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
-            for process in (psutil.Process(run.pid), *workers_of(run)):
-                seen.add(process.pid)
-                doors += process.net_connections("inet")
-                doors += [one for one in process.net_connections("unix") if one.laddr]
-        time.sleep(0.05)
-    assert run.returncode == 0
-    assert len(seen) == 3
-    assert doors == []
-    assert list(scratch.iterdir()) == []
-    assert parts_of(out) == parts_of(undisturbed)
-
-
-@pytest.mark.parametrize("name", ["part-0000001.parquet", "part-0000002.parquet", "_description.json"])
-def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
-    name: str, scene_path: Path, undisturbed: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "survey"
-    shutil.copytree(undisturbed, out)
-    path = out / "survey.parquet" / name
-    if name.startswith("part-0000002"):
-        content = bytearray(path.read_bytes())
-        content[len(content) // 2] ^= 4
-        path.write_bytes(content)
-    else:
-        path.unlink()
-        os.mkfifo(path)
-    run = started(scene_path, out, "--workers", "1")
-    _, errors = run.communicate(timeout=LONGEST_WAIT_S)
-    if name.startswith("part"):
-        assert run.returncode == 0
-        assert "note: 1 of 16 blocks in" in errors and "are damaged, and are made again" in errors
-        assert parts_of(out) == parts_of(undisturbed)
-    else:
-        assert run.returncode == 2
-        assert "was begun with another description" in errors
