@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.metrics.error_maps import Spread, covered_by, lengths, pixel_centers
-from xfrustum.compare.prediction.contours import Kind, contours
+from xfrustum.compare.prediction.silhouettes import Kind, contours
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage

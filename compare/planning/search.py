@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from xfrustum.compare.planning.views import Quality, Requirement, Views
-from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS
-from xfrustum.compare.prediction.share import Slab
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, Slab
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]

@@ -22,9 +22,15 @@ from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.beyond import PERCENTILE, displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
+from xfrustum.compare.prediction.depth import (
+    MAX_MISORDERED_FRACTION,
+    Slab,
+    Stacks,
+    depth_wrong_share,
+    slabs,
+    smallest_separation,
+)
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
-from xfrustum.compare.prediction.share import Slab, Stacks, depth_wrong_share, slabs
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.arrays import Floats

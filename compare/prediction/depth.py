@@ -1,24 +1,37 @@
-"""Closed form of the smallest separation of two surfaces that a depth buffer still orders.
+"""Closed forms of depth buffers: the smallest separation that they order, and the share shown wrongly.
 
-Two errors limit it. They are independent, so that their squares add.
+Two errors limit the separation of two surfaces. They are independent, so that their squares add.
 
  * The step: distinct depths are stored as equal ones up to one step of the format, and a strict test
    then keeps the wrong surface where it was drawn first (docs/method.md).
  * Float32: whatever the format, depth is computed in float32 before it is stored. Each rounding is
    uniform within half a unit in the last place of the rounded number: a variance of a twelfth of a
    unit squared. The difference of two surfaces has twice that variance, and is close to normal.
+
+So a pixel is shown wrongly in two ways (docs/method.md, "The error budget"):
+
+ * order: the next surface that the same camera sees in the same slab is stored in front of the right one, or
+   at the same depth and was drawn first. Surfaces in different slabs have depth buffers of their own;
+ * lost: the stored depth of the right surface equals the clear value, and the strict test rejects it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from statistics import NormalDist
 from typing import assert_never
 
 import numpy as np
+from scipy.special import ndtr
 
+from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.plate.frustum import Frustum
 
 MAX_MISORDERED_FRACTION = 0.01
 """Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to
@@ -123,3 +136,226 @@ def depth_variance(
 def float32_spacing(values: Floats) -> Floats:
     """Return the distance of neighboring float32 numbers at some values."""
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
+
+
+MAX_ORDER_FACTOR = 2.0
+"""Largest ratio of the share that the worst draw order gets wrong to the share expected when the order is
+unknown. Surfaces that are stored at the same depth are wrong half the time when the order is unknown, and
+always when it is the worst."""
+
+BINS_PER_OCTAVE = 256
+"""Bins of w in each octave: rounding errors change by less than half a percent within a bin (1 / 256), and
+the jump between octaves falls between two bins."""
+
+_BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
+"""Number of low mantissa bits of a float32 that vary within one bin."""
+
+MAX_DOUBT_DEVIATIONS = 6.0
+"""Standard deviations of the depth error beyond which the order is taken as certain: the normal
+distribution leaves a share of 1e-9 there."""
+
+MIN_STEP_PER_ERROR = 1e-3
+"""Smallest step of a format that is used, as a part of the depth error. A smaller step changes nothing
+beside the error, and the difference quotient of `_misordered` would lose it in float64's rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stacks:
+    """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
+
+    judged: int  #: pixels whose truth is no tie
+    distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
+    gap: Mapping[Camera, Floats]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
+
+    @classmethod
+    def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
+        """Return the stacks of a true image and its gaps, (H, W)."""
+        judged = judged_pixels(truth).ravel()
+        height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
+        shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
+        return cls(
+            judged=int(judged.sum()),
+            distance={camera: np.abs(height[here]) for camera, here in shown.items()},
+            gap={camera: gaps[here] for camera, here in shown.items()},
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slab:
+    """One camera's slab and its depth buffer (docs/method.md, "Splitting"); lengths in scene units."""
+
+    camera: Camera
+    low: float  #: |z| between which the camera draws
+    high: float
+    step: float  #: by which the camera stands back from the aperture
+    near: float  #: distances of the planes from the camera
+    far: float
+
+
+def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
+    """Yield every slab of the cameras that draw, from the plate outward.
+
+    The slab that touches the plate has its near plane at n, and its camera steps back by n where the offset
+    says so. The cameras of the other slabs stand in the aperture; their near planes are the lower cuts.
+    """
+    sides = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
+    for camera, reach in sides.items():
+        if settings.camera not in (Camera.BOTH, camera):
+            continue
+        for low, high in settings.sections(reach):
+            step = settings.near if low == 0 and settings.offset is Offset.PLATE else 0.0
+            near = settings.near if low == 0 else low
+            nearest = near - step
+            if nearest < high:
+                yield Slab(camera=camera, low=nearest, high=high, step=step, near=near, far=high + step)
+
+
+def depth_wrong_share(
+    stacks: Stacks, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
+) -> float:
+    """Return the expected share of judged pixels that the depth buffer alone shows wrongly, from 0 to 1.
+
+    These pixels are wrong with the given settings, and right with linear D32F depth (docs/method.md). With
+    `unlucky` all equal depths count, as if the wrong surface were always drawn first. Otherwise they count
+    half, because the draw order is unknown.
+
+    Notes
+    -----
+    Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
+    normal error of standard deviation e (`xfrustum.compare.prediction.depth`). A format with step q and a
+    phase that is uniformly distributed orders a difference x between -q and q wrongly with chance
+    (1 - x / q) / 2: the two are stored as equal with chance 1 - |x| / q, and are then wrong half the time.
+    The mean over the normal error is
+
+        e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
+
+    A surface is lost where its depth lies within half a step of the clear value, and is rounded to it. The
+    error of this one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both
+    lose it.
+
+    Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels: their surfaces
+    come too close to the far plane, or to each other, for any format.
+    """
+    # Linear D32F depth stands for a depth buffer that adds no error of its own.
+    control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    order = MAX_ORDER_FACTOR if unlucky else 1.0
+    expected = 0.0
+    for camera in stacks.distance:
+        own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
+        distance, gap = stacks.distance[camera], stacks.gap[camera]
+        wrong = chances(own, distance, gap, settings, order)
+        # The chance under linear depth, which few pixels need, is subtracted.
+        at = np.flatnonzero(wrong)
+        anyway = chances(own, distance[at], gap[at], control, order)
+        expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
+    return expected / stacks.judged if stacks.judged else 0.0
+
+
+def chances(
+    own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
+) -> Floats:
+    """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
+
+    `distance` and `gap` are as in `Stacks`. `order` is the ratio of the misordered share to that of an
+    unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
+    """
+    least = np.full(len(distance), np.inf)
+    for slab in own:
+        inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
+        known = _table(slab, settings.depth, settings.mapping)
+        chance = _chance(slab, distance[inside], gap[inside], known, settings.mapping, order)
+        least[inside] = np.minimum(least[inside], chance)
+    return np.where(np.isfinite(least), least, 0.0)
+
+
+def _chance(
+    slab: Slab, distance: Floats, gap: Floats, known: _Table, mapping: DepthMapping, order: float
+) -> Floats:
+    """Return the chance of each surface of one slab to be shown wrongly, given what its buffer knows."""
+    # Lost: the depth, with the error of one surface, comes within half a step of the clear value. The buffer
+    # of C is cleared to its far value, that of C* to its near value.
+    w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
+    apart = _difference(w, np.abs(clear - w), clear, slab, mapping)
+    wrong = np.zeros_like(w)
+    at, row = known.in_doubt(w, apart)
+    wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
+    # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest surface, and
+    # the next one lies closer to the camera. Pairs in different slabs are not compared.
+    paired = np.flatnonzero(np.isfinite(gap))
+    own, other = w[paired], w[paired] + (gap[paired] if slab.camera is Camera.C else -gap[paired])
+    seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
+    paired = paired[seen]
+    apart = _difference(own[seen], gap[paired], other[seen], slab, mapping)
+    close, row = known.in_doubt(own[seen], apart)
+    at = paired[close]
+    # Only a surface that is not lost can be misordered; the two chances are taken as independent.
+    misordered = order * _misordered(apart[close], known.step[row], known.error[row])
+    wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
+    return wrong
+
+
+def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:
+    """Return how far apart in stored units the depths at w and at `other`, a gap away, are.
+
+    Each mapping's difference is written as a product with the gap, so that nothing cancels.
+    """
+    n, f = slab.near, slab.far
+    match mapping:
+        case DepthMapping.LINEAR:
+            return gap / (f - n)
+        case DepthMapping.LOGARITHMIC:
+            return np.asarray(np.log1p(gap / np.minimum(w, other)) / np.log(f / n))
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.REVERSED:
+            return np.asarray(f * n / (f - n) * gap / (w * other))
+        case _:
+            assert_never(mapping)
+
+
+def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
+    """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_share`."""
+
+    # F of `depth_wrong_share`, the integral of the normal distribution function.
+    def integral(a: Floats) -> Floats:
+        return np.asarray(a * ndtr(a) + np.exp(-(a**2) / 2) / np.sqrt(2 * np.pi))
+
+    ahead, behind = (step - difference) / error, (-step - difference) / error
+    return np.asarray(error / (2 * step) * (integral(ahead) - integral(behind)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Table:
+    """The depth resolution of a slab's buffer for each bin of w, in stored units.
+
+    A bin is a float32's leading bits; the first row is the bin that holds the least w of a surface.
+    """
+
+    first: int
+    step: Floats  #: distance of neighboring stored values
+    error: Floats  #: standard deviation of the difference of two surfaces' depths
+    doubtful: Floats  #: differences below which two depths may be ordered wrongly
+
+    def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
+        """Return where two depths, so far apart at w, may be ordered wrongly, and their rows."""
+        # Most differences are larger than all that are in doubt anywhere.
+        near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
+        row = np.clip(_bins(w[near]) - self.first, 0, len(self.step) - 1)
+        doubted = apart[near] < self.doubtful[row]
+        return near[doubted], row[doubted]
+
+
+@lru_cache(maxsize=16)
+def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
+    """Return the table of a slab's buffer, from its lower to its upper end."""
+    used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
+    first, last = _bins(used).tolist()
+    edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
+    # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
+    w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
+    stored = stored_depth(w, slab.near, slab.far, mapping)
+    error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, mapping))
+    step = np.maximum(STEP[depth] or float32_spacing(stored[0]), MIN_STEP_PER_ERROR * error)
+    return _Table(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
+
+
+def _bins(w: Floats) -> Indices:
+    return (w.astype(np.float32).view(np.uint32) >> _BIN_SHIFT_BITS).astype(np.int64)

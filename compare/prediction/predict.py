@@ -11,9 +11,8 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
-from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.compare.prediction.depth import Stacks, depth_wrong_share, slabs, smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
-from xfrustum.compare.prediction.share import Stacks, depth_wrong_share, slabs
 from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage

@@ -20,7 +20,7 @@ from xfrustum.compare.eye.loss import (
     pixels_per_degree,
     renderer_loss,
 )
-from xfrustum.compare.eye.moved import moves_rigidly
+from xfrustum.compare.eye.noticeable import moves_rigidly
 from xfrustum.compare.eye.shown import (
     DEFAULT_COLOR,
     Collector,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.eye.moved import moves_rigidly, replayed_distance
+from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
 from xfrustum.scenes import DoubleFrustum, Frustum, Offset, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tests.support.views import view
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
-from xfrustum.compare.eye.moved import replayed_points
 from xfrustum.compare.eye.noticeable import (
     ARCSEC_PER_RADIAN,
     EYES_APART_MM,
@@ -22,6 +21,7 @@ from xfrustum.compare.eye.noticeable import (
     crack_arcmin,
     disparity_changes,
     display_limits,
+    replayed_points,
     resolved_crack,
     resolved_separation,
     runs_through_plate,

@@ -10,8 +10,15 @@ import pytest
 
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels, wrong_surface
-from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
-from xfrustum.compare.prediction.share import MAX_ORDER_FACTOR, Stacks, chances, depth_wrong_share, slabs
+from xfrustum.compare.prediction.depth import (
+    MAX_MISORDERED_FRACTION,
+    MAX_ORDER_FACTOR,
+    Stacks,
+    chances,
+    depth_wrong_share,
+    slabs,
+    smallest_separation,
+)
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras

@@ -17,13 +17,14 @@ from tests.support.views import SHARED_SCENES, at, view
 from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
-from xfrustum.compare.prediction.contours import (
+from xfrustum.compare.prediction.displacement import TruePoints, displacements
+from xfrustum.compare.prediction.silhouettes import (
     Contours,
     Kind,
+    Silhouettes,
     contours,
+    expected_wrong,
 )
-from xfrustum.compare.prediction.displacement import TruePoints, displacements
-from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
