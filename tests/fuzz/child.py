@@ -28,31 +28,16 @@ FORKED, CRASHED = 99, 98
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The outcome of one command.
+    """The outcome of one command."""
 
-    Attributes
-    ----------
-    status
-        Exit status; minus the signal's number where one ended it.
-    errors, output
-        Bytes that the command wrote to standard error and standard output.
-    peak_bytes
-        Largest memory of the process, bytes.
-    wall_s
-        Time that the command took, seconds.
-    hung
-        Whether the command was ended after `HANG_S`.
-    left
-        Names of files and folders that the command added to its folder, at the top.
-    """
-
-    status: int
+    status: int  #: Exit status; minus the signal's number where one ended it
+    #: errors, output: Bytes that the command wrote to standard error and standard output
     errors: bytes
     output: bytes
-    peak_bytes: int
-    wall_s: float
-    hung: bool
-    left: frozenset[str]
+    peak_bytes: int  #: Largest memory of the process, bytes
+    wall_s: float  #: Time that the command took, seconds
+    hung: bool  #: Whether the command was ended after `HANG_S`
+    left: frozenset[str]  #: Names of files and folders that the command added to its folder, at the top
 
 
 def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:

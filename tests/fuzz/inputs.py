@@ -96,33 +96,17 @@ samples = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Seed:
-    """A valid input: files, the one that is mutated, and the command that reads them.
+    """A valid input: files, the one that is mutated, and the command that reads them."""
 
-    Attributes
-    ----------
-    name
-        Name, unique among all seeds; names of findings begin with it.
-    files
-        Content of each file by its name, relative to the folder that the command runs in.
-    mutated
-        Name of the file that is mutated; empty where the command line itself is.
-    command
-        Arguments of `xfrustum`.
-    outputs
-        Files and folders that the command may leave when it ends with 0 or 1.
-    share
-        Number of inputs of this seed for each input of a seed of share 1.
-    how
-        Name of the function of `mutations` that damages the file.
-    """
-
-    name: str
+    name: str  #: Name, unique among all seeds; names of findings begin with it
+    #: Content of each file by its name, relative to the folder that the command runs in
     files: Mapping[str, bytes]
-    mutated: str
-    command: tuple[str, ...]
+    mutated: str  #: Name of the file that is mutated; empty where the command line itself is
+    command: tuple[str, ...]  #: Arguments of `xfrustum`
+    #: Files and folders that the command may leave when it ends with 0 or 1
     outputs: frozenset[str] = field(default_factory=frozenset)
-    share: int = 1
-    how: str = "mutated"
+    share: int = 1  #: Number of inputs of this seed for each input of a seed of share 1
+    how: str = "mutated"  #: Name of the function of `mutations` that damages the file
 
 
 def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:

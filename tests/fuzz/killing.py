@@ -40,38 +40,22 @@ RENDERER_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """The end of one victim.
+    """The end of one victim."""
 
-    Attributes
-    ----------
-    moment_s
-        Time from the start of the process to the signal, seconds.
-    sent, early
-        Whether the victim was still running then; and whether Python had not reached the program yet.
-    status, told, lasted_s
-        Exit status, standard error, and seconds from the signal to the end.
-    children
-        Number of the victim's child processes when the signal came.
-    orphans
-        Command lines of child processes that live on.
-    left
-        Names of files in sight that are neither whole nor absent.
-    hidden
-        Names of files that the next run removes.
-    again
-        Words for what is wrong with a second run, empty if it is complete; None without a second run.
-    """
-
-    moment_s: float
+    moment_s: float  #: Time from the start of the process to the signal, seconds
+    #: sent, early: Whether the victim was still running then; and whether Python had not reached the program
+    #: yet
     sent: bool
     early: bool
+    #: status, told, lasted_s: Exit status, standard error, and seconds from the signal to the end
     status: int
     told: bytes
     lasted_s: float
-    children: int
-    orphans: tuple[str, ...]
-    left: tuple[str, ...]
-    hidden: tuple[str, ...]
+    children: int  #: Number of the victim's child processes when the signal came
+    orphans: tuple[str, ...]  #: Command lines of child processes that live on
+    left: tuple[str, ...]  #: Names of files in sight that are neither whole nor absent
+    hidden: tuple[str, ...]  #: Names of files that the next run removes
+    #: Words for what is wrong with a second run, empty if it is complete; None without a second run
     again: str | None
 
 

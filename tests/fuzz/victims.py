@@ -28,64 +28,36 @@ OUT, JUNIT = "out", "out.xml"
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """The outcome of a victim that was not killed.
+    """The outcome of a victim that was not killed."""
 
-    Attributes
-    ----------
-    length_s, silent_s
-        Seconds that it took, and seconds of these until the program's first line was run.
-    told
-        Text that it wrote to standard error.
-    files
-        Hash of every file that it left, by the file's name.
-    """
-
+    #: length_s, silent_s: Seconds that it took, and seconds of these until the program's first line was run
     length_s: float
     silent_s: float
-    told: bytes
-    files: Mapping[str, str]
+    told: bytes  #: Text that it wrote to standard error
+    files: Mapping[str, str]  #: Hash of every file that it left, by the file's name
 
 
 @dataclass(frozen=True, kw_only=True)
 class Undisturbed:
-    """The common outcome of all runs of a victim that were not killed.
+    """The common outcome of all runs of a victim that were not killed."""
 
-    Attributes
-    ----------
-    length_s, silent_s
-        Seconds of the longest run.
-    told
-        Text that the runs wrote to standard error.
-    files
-        Hash of every file by its name; empty for a file that differs between runs, because it has times.
-    """
-
+    #: length_s, silent_s: Seconds of the longest run
     length_s: float
     silent_s: float
-    told: bytes
+    told: bytes  #: Text that the runs wrote to standard error
+    #: Hash of every file by its name; empty for a file that differs between runs, because it has times
     files: Mapping[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Victim:
-    """A command that is killed.
+    """A command that is killed."""
 
-    Attributes
-    ----------
-    name
-        Name of the victim.
-    arguments
-        Arguments of Python, run in a folder with the scene.
-    status
-        Exit status of a run that is not killed.
-    resumes
-        Whether what a killed run leaves in its folder is kept, and a second run goes on with it; else
-        the folder is whole or absent.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    status: int = 0
+    name: str  #: Name of the victim
+    arguments: tuple[str, ...]  #: Arguments of Python, run in a folder with the scene
+    status: int = 0  #: Exit status of a run that is not killed
+    #: Whether what a killed run leaves in its folder is kept, and a second run goes on with it; else the
+    #: folder is whole or absent
     resumes: bool = False
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
