@@ -23,7 +23,8 @@ import struct
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -98,15 +99,23 @@ samples = 4
 class Seed:
     """A valid input: files, the one that is mutated, and the command that reads them."""
 
-    name: str  #: Name, unique among all seeds; names of findings begin with it
-    #: Content of each file by its name, relative to the folder that the command runs in
-    files: Mapping[str, bytes]
-    mutated: str  #: Name of the file that is mutated; empty where the command line itself is
-    command: tuple[str, ...]  #: Arguments of `xfrustum`
-    #: Files and folders that the command may leave when it ends with 0 or 1
-    outputs: frozenset[str] = field(default_factory=frozenset)
-    share: int = 1  #: Number of inputs of this seed for each input of a seed of share 1
-    how: str = "mutated"  #: Name of the function of `mutations` that damages the file
+    name: str  #: unique among all seeds; names of findings begin with it
+    files: Mapping[
+        str, bytes
+    ]  #: content of each by its name, relative to the folder that the command runs in
+    mutated: str  #: name of the file that is mutated; empty where the command line itself is
+    command: tuple[str, ...]  #: arguments of `xfrustum`
+    outputs: frozenset[str]  #: files and folders that the command may leave when it ends with 0 or 1
+    share: int = 1  #: number of inputs of this seed for each input of a seed of share 1
+    how: str = "mutated"  #: name of the function of `mutations` that damages the file
+
+
+def _seed(
+    name: str, files: Mapping[str, bytes], mutated: str, line: str, outputs: str = "", how: str = "mutated"
+) -> Seed:
+    """Return a seed; its command line and its outputs are words with spaces between."""
+    command, allowed = tuple(line.split()), frozenset(outputs.split())
+    return Seed(name=name, files=files, mutated=mutated, command=command, outputs=allowed, how=how)
 
 
 def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
@@ -117,55 +126,52 @@ def with_payload(seed: Seed, payload: bytes) -> dict[str, bytes]:
     return {f"in/{name}": picture for name in json.loads(payload)}
 
 
-def _mostly(share: int, word: str, command: tuple[str, ...], seeds: list[Seed]) -> list[Seed]:
-    """Return seeds, and each once more with a command that takes less time and gets `share` times as many."""
-    quick = [
-        replace(seed, name=f"{seed.name}-{word}", command=command, outputs=frozenset(), share=share)
+def _also(seeds: list[Seed], word: str, line: str, outputs: str = "", share: int = 1) -> list[Seed]:
+    """Return seeds once more, with another command and `share` times as many inputs."""
+    command, allowed = tuple(line.split()), frozenset(outputs.split())
+    return [
+        replace(seed, name=f"{seed.name}-{word}", command=command, outputs=allowed, share=share)
         for seed in seeds
     ]
-    return [*seeds, *quick]
 
 
 def _of_scene(seeds: list[Seed]) -> list[Seed]:
-    """Return seeds whose scene is traced, checked, and mostly only read."""
-    checked = [
-        replace(seed, name=f"{seed.name}-check", command=("check", "scene.toml"), outputs=frozenset())
-        for seed in seeds
+    """Return seeds whose scene is traced, mostly only read, and checked."""
+    return [
+        *seeds,
+        *_also(seeds, "read", "read-scene scene.toml", share=8),
+        *_also(seeds, "check", "check scene.toml"),
     ]
-    return [*_mostly(8, "read", ("read-scene", "scene.toml"), seeds), *checked]
-
-
-def _with_mesh(name: str, scene: str = SCENE) -> bytes:
-    return (scene + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n').encode()
 
 
 def _of_mesh(name: str, data: bytes, **more: bytes) -> Seed:
     """Return the seed of one mesh file; `more` are the files that it refers to, with `_` for the dot."""
-    files = {"scene.toml": _with_mesh(name), name: data, **{k.replace("_", "."): v for k, v in more.items()}}
-    return Seed(
-        name=f"mesh-{name.replace('.', '-')}",
-        files=files,
-        mutated=name,
-        command=("trace", "scene.toml", "--out", "out.exr", "--quiet"),
-        outputs=frozenset({"out.exr"}),
-    )
+    scene = SCENE + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n'
+    files = {"scene.toml": scene.encode(), name: data, **{k.replace("_", "."): v for k, v in more.items()}}
+    return _seed(f"mesh-{name.replace('.', '-')}", files, name, _TRACE, "out.exr")
+
+
+_TRACE = "trace scene.toml --out out.exr --quiet"
+_CONVERT = "--to hogels --quiet --json"
+_PLATE = "plate scene.toml --near 0.1 --ids --out p.zarr --quiet --json"
+_SHAPE_SCENE = (SCENE + SHAPE).encode()
 
 
 def scenes() -> list[Seed]:
     """Return scene files with every table."""
-    trace = ("trace", "scene.toml", "--out", "out.exr", "--quiet")
     texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
+    sky = _map("map.exr")
     return _of_scene(
         [
-            Seed(
-                name=f"scene-{name}",
-                files={"scene.toml": text.encode(), "map.exr": _exr_map()},
-                mutated="scene.toml",
-                command=trace,
-                outputs=frozenset({"out.exr"}),
+            _seed(
+                f"scene-{name}",
+                {"scene.toml": text.encode(), "map.exr": sky},
+                "scene.toml",
+                _TRACE,
+                "out.exr",
             )
             for name, text in texts.items()
-        ],
+        ]
     )
 
 
@@ -176,26 +182,25 @@ def meshes() -> list[Seed]:
         b"# a comment\nmtllib a.mtl\no part\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
         b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
     )
-    mtl = b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n"
-    found = [
-        _of_mesh("a.obj", obj, a_mtl=mtl, skin_png=_picture()),
-        _of_mesh("a.ply", _ascii_ply()),
-        _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
-        _of_mesh("a.off", box.export(file_type="off").encode()),
-        _of_mesh("a.gltf", _gltf()),
-        _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
-        _of_mesh("a.zip", _zipped({"a.obj": obj.replace(b"mtllib a.mtl\n", b"")})),
-    ]
-    binary = _of_mesh("a.ply", bytes(box.export(file_type="ply")))
-    text = _of_mesh("a.stl", box.export(file_type="stl_ascii").encode())
-    material, skin = found[0], found[0]
-    found += [
-        replace(binary, name="mesh-ply-binary"),
-        replace(text, name="mesh-stl-ascii"),
-        replace(material, name="mesh-mtl", mutated="a.mtl"),
-        replace(skin, name="mesh-texture", mutated="skin.png"),
-    ]
-    return _of_scene(found)
+    wood = _of_mesh("a.obj", obj, a_mtl=b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n", skin_png=_picture())
+    zipped = io.BytesIO()
+    with zipfile.ZipFile(zipped, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("a.obj"), obj.replace(b"mtllib a.mtl\n", b""))
+    return _of_scene(
+        [
+            wood,
+            _of_mesh("a.ply", _ascii_ply()),
+            _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
+            _of_mesh("a.off", box.export(file_type="off").encode()),
+            _of_mesh("a.gltf", _gltf()),
+            _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
+            _of_mesh("a.zip", zipped.getvalue()),
+            replace(_of_mesh("a.ply", bytes(box.export(file_type="ply"))), name="mesh-ply-binary"),
+            replace(_of_mesh("a.stl", box.export(file_type="stl_ascii").encode()), name="mesh-stl-ascii"),
+            replace(wood, name="mesh-mtl", mutated="a.mtl"),
+            replace(wood, name="mesh-texture", mutated="skin.png"),
+        ]
+    )
 
 
 def patches() -> list[Seed]:
@@ -208,15 +213,10 @@ def patches() -> list[Seed]:
 
 def images() -> list[Seed]:
     """Return hogel images as OpenEXR, as our own truth and as a raster."""
-    packed = {"truth.exr": _hogel("trace"), "raster.exr": _hogel("raster", "--near", "0.1")}
+    packed = {"truth.exr": _hogel("trace"), "raster.exr": _hogel("raster --near 0.1")}
     plain = {name: _unpacked(data) for name, data in packed.items()}
     return [
-        Seed(
-            name=f"exr-{how}-{name.split('.')[0]}",
-            files=files,
-            mutated=name,
-            command=("compare", "truth.exr", "raster.exr", "--json"),
-        )
+        _seed(f"exr-{how}-{name.split('.')[0]}", files, name, "compare truth.exr raster.exr --json")
         for how, files in (("packed", packed), ("plain", plain))
         for name in files
     ]
@@ -225,71 +225,35 @@ def images() -> list[Seed]:
 def environments() -> list[Seed]:
     """Return latitude-longitude maps, OpenEXR and Radiance HDR."""
     found = []
-    for name, data in (("map.exr", _exr_map()), ("map.hdr", _hdr_map())):
-        scene = (SCENE + LIT).replace("map.exr", name).encode()
-        found.append(
-            Seed(
-                name=f"environment-{name.split('.')[1]}",
-                files={"scene.toml": scene, name: data},
-                mutated=name,
-                command=("trace", "scene.toml", "--out", "out.exr", "--quiet"),
-                outputs=frozenset({"out.exr"}),
-            )
-        )
+    for name in ("map.exr", "map.hdr"):
+        files = {"scene.toml": (SCENE + LIT).replace("map.exr", name).encode(), name: _map(name)}
+        found.append(_seed(f"environment-{name.split('.')[1]}", files, name, _TRACE, "out.exr"))
     return _of_scene(found)
 
 
 def pictures() -> list[Seed]:
     """Return the pictures of a foreign renderer, one of which is mutated."""
     found = []
-    scene = (SCENE + SHAPE).encode()
     for suffix in ("png", "bmp", "tif", "exr"):
         data = _hogel("trace") if suffix == "exr" else _picture((16, 12), suffix)
         name = f"1x1.{suffix}"
-        found += _mostly(
-            99,
-            "read",
-            ("read-picture", "scene.toml", name),
-            [
-                Seed(
-                    name=f"picture-{suffix}",
-                    files={"scene.toml": scene, name: data},
-                    mutated=name,
-                    command=(
-                        *("verify", "scene.toml", "{i}x{j}." + suffix, "--apertures", "1,1"),
-                        *("--encoding", "triangle-id", "--junit", "out.xml", "--json", "--quiet"),
-                    ),
-                    outputs=frozenset({"out.xml"}),
-                )
-            ],
-        )
+        line = f"verify scene.toml {{i}}x{{j}}.{suffix} --apertures 1,1 --encoding triangle-id"
+        files = {"scene.toml": _SHAPE_SCENE, name: data}
+        seed = _seed(f"picture-{suffix}", files, name, f"{line} --junit out.xml --json --quiet", "out.xml")
+        found += [seed, *_also([seed], "read", f"read-picture scene.toml {name}", share=99)]
     return found
 
 
 def attributes() -> list[Seed]:
     """Return hogel images whose attributes are damaged one by one."""
-    files = {"scene.toml": (SCENE + SHAPE).encode(), "truth.exr": _hogel("trace")}
-    files["1x1.exr"] = _hogel("raster", "--near", "0.1")
-    return [
-        Seed(
-            name="exr-attributes-read",
-            files=files,
-            mutated="1x1.exr",
-            command=("read-picture", "scene.toml", "1x1.exr"),
-            share=9,
-            how="mutated_header",
-        ),
-        Seed(
-            name="exr-attributes-compare",
-            files=files,
-            mutated="1x1.exr",
-            command=("compare", "truth.exr", "1x1.exr", "--json"),
-            how="mutated_header",
-        ),
+    files = {"scene.toml": _SHAPE_SCENE, "truth.exr": _hogel("trace"), "1x1.exr": _hogel("raster --near 0.1")}
+    lines = {"read": "read-picture scene.toml 1x1.exr", "compare": "compare truth.exr 1x1.exr --json"}
+    found = [
+        _seed(f"exr-attributes-{word}", files, "1x1.exr", line, how="mutated_header")
+        for word, line in lines.items()
     ]
+    return [replace(found[0], share=9), found[1]]
 
-
-_CONVERT = ("convert", "in", "out", "--to", "hogels", "--quiet", "--json")
 
 _NAMES = {
     "hogels": [f"hogel_{i}x{j}.png" for i in range(3) for j in range(2)],
@@ -305,13 +269,13 @@ _NAMES = {
 def names() -> list[Seed]:
     """Return folders of pictures in several layouts, whose names are damaged."""
     return [
-        Seed(
-            name=f"names-{layout}",
-            files={NAMES_FILE: json.dumps(listed).encode()},
-            mutated=NAMES_FILE,
-            command=_CONVERT,
-            outputs=frozenset({"out"}),
-            how="mutated_names",
+        _seed(
+            f"names-{layout}",
+            {NAMES_FILE: json.dumps(listed).encode()},
+            NAMES_FILE,
+            f"convert in out {_CONVERT}",
+            "out",
+            "mutated_names",
         )
         for layout, listed in _NAMES.items()
     ]
@@ -332,85 +296,49 @@ def videos() -> list[Seed]:
                 frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
                 video.mux(stream.encode(frame.reformat(format=pixels)))
             video.mux(stream.encode(None))
+        name = "in/HogelRow_0.avi"
         found.append(
-            Seed(
-                name=f"video-{codec}",
-                files={"in/HogelRow_0.avi": held.getvalue()},
-                mutated="in/HogelRow_0.avi",
-                command=_CONVERT,
-                outputs=frozenset({"out"}),
-            )
+            _seed(f"video-{codec}", {name: held.getvalue()}, name, f"convert in out {_CONVERT}", "out")
         )
     return found
 
 
 def parts() -> list[Seed]:
     """Return the parts of a survey, of which one, or the description, is mutated."""
-    line = ("survey", "scene.toml", "--near", "0.1", "--all", "--workers", "1", "--out", "s", "--quiet")
-    files = _made(line, {"scene.toml": (SCENE + SHAPE).encode()})
+    line = "survey scene.toml --near 0.1 --all --workers 1 --out s --quiet"
+    files = _made(line, {"scene.toml": _SHAPE_SCENE})
     inside = sorted(name for name in files if name.startswith("s/survey.parquet/"))
-    return [
-        Seed(name=f"parts-{number}", files=files, mutated=name, command=("read-parts", "s"))
-        for number, name in enumerate(inside[:3])
-    ]
+    return [_seed(f"parts-{number}", files, name, "read-parts s") for number, name in enumerate(inside[:3])]
 
 
 def patterns() -> list[Seed]:
     """Return command lines with patterns of names of files and commands."""
     files = {f"{i}x{j}.png": _picture((16, 12)) for i in range(3) for j in range(2)}
-    files["scene.toml"] = (SCENE + SHAPE).encode()
+    files["scene.toml"] = _SHAPE_SCENE
     lines = [
         "verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet",
         "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png --encoding triangle-id --quiet",
         "verify scene.toml --command true{i}{j}{x:.3f}{out} --encoding triangle-id --apertures 1,1 --quiet",
     ]
-    return [
-        Seed(
-            name=f"pattern-{number}",
-            files=files,
-            mutated="",
-            command=tuple(line.split()),
-            outputs=frozenset({"out"}),
-        )
-        for number, line in enumerate(lines)
-    ]
+    return [_seed(f"pattern-{number}", files, "", line, "out") for number, line in enumerate(lines)]
 
 
 def stores() -> list[Seed]:
     """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
-    files = {"scene.toml": (SCENE + SHAPE).encode(), **_store()}
+    files = {"scene.toml": _SHAPE_SCENE, **_made(f"{_PLATE} --apertures *,*", {"scene.toml": _SHAPE_SCENE})}
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
     found = [
-        Seed(
-            name=f"zarr-{number}",
-            files=files,
-            mutated=name,
-            command=(*_PLATE, "--check", "--apertures", "0-1,0"),
-            outputs=frozenset({"p.zarr"}),
-        )
+        _seed(f"zarr-{number}", files, name, f"{_PLATE} --check --apertures 0-1,0", "p.zarr")
         for number, name in enumerate((*documents, *chunks))
     ]
-    converted = [
-        replace(
-            seed,
-            name=f"{seed.name}-convert",
-            command=("convert", "p.zarr", *_CONVERT[2:]),
-            outputs=frozenset({"out"}),
-            share=19,
-        )
-        for seed in found
-    ]
-    return [*found, *converted]
-
-
-_PLATE = ("plate", "scene.toml", "--near", "0.1", "--ids", "--out", "p.zarr", "--quiet", "--json")
+    return [*found, *_also(found, "convert", f"convert p.zarr out {_CONVERT}", "out", share=19)]
 
 
 def commands() -> list[Seed]:
     """Return command lines of every cheap command."""
-    files = {"scene.toml": (SCENE + SHAPE).encode()}
+    files = {"scene.toml": _SHAPE_SCENE}
     files |= {name: _hogel("trace") for name in ("truth.exr", "1x1.exr", "0x0.exr")}
     lines = [
         "trace scene.toml --aperture 1,1 --out out.exr --quiet",
@@ -422,16 +350,8 @@ def commands() -> list[Seed]:
         "verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out --quiet",
         "budget scene.toml --near 0.1 --json",
     ]
-    return [
-        Seed(
-            name=f"command-{number}",
-            files=files,
-            mutated="",
-            command=tuple(line.split()),
-            outputs=frozenset({"out.exr", "out", "out.zarr"}),
-        )
-        for number, line in enumerate(lines)
-    ]
+    outputs = "out.exr out out.zarr"
+    return [_seed(f"command-{number}", files, "", line, outputs) for number, line in enumerate(lines)]
 
 
 KINDS: dict[str, Callable[[], list[Seed]]] = {
@@ -461,18 +381,20 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
 
 
 def _ascii_ply() -> bytes:
-    return (
-        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-        b"property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
-        b"property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n"
-        b"0 1 0 0 0 255\n3 0 1 2\n"
-    )
+    properties = [
+        *(f"float {axis}" for axis in "xyz"),
+        *(f"uchar {name}" for name in ("red", "green", "blue")),
+    ]
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property {one}" for one in properties)]
+    head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+    return "\n".join([*head, "0 0 0 255 0 0", "1 0 0 0 255 0", "0 1 0 0 0 255", "3 0 1 2", ""]).encode()
 
 
 def _gltf() -> bytes:
     positions = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
     indices = struct.pack("<3H", 0, 1, 2)
     data = base64.b64encode(positions + indices).decode()
+    bounds = {"min": [0, 0, 0], "max": [1, 1, 0]}
     tree = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -481,14 +403,7 @@ def _gltf() -> bytes:
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.4, 0.3, 1.0]}}],
         "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "type": "VEC3",
-                "count": 3,
-                "min": [0, 0, 0],
-                "max": [1, 1, 0],
-            },
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3} | bounds,
             {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 3},
         ],
         "bufferViews": [
@@ -500,23 +415,7 @@ def _gltf() -> bytes:
     return json.dumps(tree).encode()
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
-    held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in files.items():
-            archive.writestr(zipfile.ZipInfo(name), data)
-    return held.getvalue()
-
-
-def _exr_map() -> bytes:
-    return _written_map("map.exr")
-
-
-def _hdr_map() -> bytes:
-    return _written_map("map.hdr")
-
-
-def _written_map(name: str) -> bytes:
+def _map(name: str) -> bytes:
     pixels = np.linspace(0.01, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
@@ -524,7 +423,13 @@ def _written_map(name: str) -> bytes:
         return path.read_bytes()
 
 
-def _made(command: tuple[str, ...], files: Mapping[str, bytes]) -> dict[str, bytes]:
+@cache
+def _hogel(line: str) -> bytes:
+    """Return the image of the middle hogel by a command."""
+    return _made(f"{line} scene.toml --aperture 1,1 --out out.exr", {"scene.toml": _SHAPE_SCENE})["out.exr"]
+
+
+def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that a command makes, run in a process of its own: OpenGL and forks do not mix."""
     import subprocess
     import sys
@@ -533,7 +438,7 @@ def _made(command: tuple[str, ...], files: Mapping[str, bytes]) -> dict[str, byt
         for name, data in files.items():
             (Path(folder) / name).write_bytes(data)
         subprocess.run(
-            [sys.executable, "-m", "xfrustum", *command], cwd=folder, check=True, capture_output=True
+            [sys.executable, "-m", "xfrustum", *line.split()], cwd=folder, check=True, capture_output=True
         )
         made = sorted(path for path in Path(folder).rglob("*") if path.is_file())
         return {
@@ -557,17 +462,3 @@ def _unpacked(data: bytes) -> bytes:
         plain.writePixels(planes)
         plain.close()
         return path.read_bytes()
-
-
-_HOGELS: dict[tuple[str, ...], bytes] = {}
-
-
-def _hogel(*command: str) -> bytes:
-    if command not in _HOGELS:
-        line = (command[0], "scene.toml", "--aperture", "1,1", *command[1:], "--out", "out.exr")
-        _HOGELS[command] = _made(line, {"scene.toml": (SCENE + SHAPE).encode()})["out.exr"]
-    return _HOGELS[command]
-
-
-def _store() -> dict[str, bytes]:
-    return _made((*_PLATE, "--apertures", "*,*"), {"scene.toml": (SCENE + SHAPE).encode()})

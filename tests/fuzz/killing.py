@@ -17,7 +17,7 @@ from tests.fuzz.victims import (
     JUNIT,
     OUT,
     TEMPORARY,
-    Undisturbed,
+    Run,
     Victim,
     answers,
     left_files,
@@ -59,7 +59,7 @@ class Ending:
     again: str | None
 
 
-def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed) -> Ending:
+def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> Ending:
     """Kill a victim at a moment that the seed decides, and examine the files that are left."""
     wanted_s = random.Random(f"{victim.name} {number} {seed}").uniform(0.0, whole.length_s)
     with workplace() as folder:
@@ -96,7 +96,7 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed
         )
 
 
-def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Undisturbed) -> Iterator[str]:
+def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Run) -> Iterator[str]:
     """Yield what is wrong with an ending."""
     if ending.early:
         # Python itself ends by the signal, or with its own traceback after Ctrl-C.
@@ -119,7 +119,7 @@ def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Undi
         yield f"second run: {ending.again}"
 
 
-def _left(victim: Victim, folder: Path, whole: Undisturbed) -> Iterator[str]:
+def _left(victim: Victim, folder: Path, whole: Run) -> Iterator[str]:
     """Yield the names of files in sight that a killed command left neither whole nor absent."""
     expected = {
         OUT,
@@ -165,7 +165,7 @@ def _hidden(folder: Path) -> Iterator[str]:
             yield path.relative_to(folder).as_posix()
 
 
-def _again(victim: Victim, folder: Path, whole: Undisturbed) -> str:
+def _again(victim: Victim, folder: Path, whole: Run) -> str:
     """Run a victim again, to its end, and return words for what is wrong with the result."""
     found_before, measured = _finished(folder), _measured(folder)
     process = victim.start(folder)

@@ -38,18 +38,6 @@ class Run:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Undisturbed:
-    """The common outcome of all runs of a victim that were not killed."""
-
-    #: length_s, silent_s: Seconds of the longest run
-    length_s: float
-    silent_s: float
-    told: bytes  #: Text that the runs wrote to standard error
-    #: Hash of every file by its name; empty for a file that differs between runs, because it has times
-    files: Mapping[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Victim:
     """A command that is killed."""
 
@@ -126,7 +114,7 @@ def workplace() -> Iterator[Path]:
         yield folder
 
 
-def undisturbed(runs: Sequence[Run]) -> Undisturbed:
+def undisturbed(runs: Sequence[Run]) -> Run:
     """Return the common outcome of some runs that were not killed."""
     first = runs[0]
     if any(run.files.keys() != first.files.keys() or run.told != first.told for run in runs):
@@ -135,7 +123,7 @@ def undisturbed(runs: Sequence[Run]) -> Undisturbed:
         name: content if all(run.files[name] == content for run in runs) else ""
         for name, content in first.files.items()
     }
-    return Undisturbed(
+    return Run(
         length_s=max(run.length_s for run in runs),
         silent_s=max(run.silent_s for run in runs),
         told=first.told,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -182,37 +183,24 @@ def pixels_of(name: str, file: str, tmp_path: Path, before: Plates) -> np.ndarra
     return read_picture(tmp_path / file).pixels
 
 
-def test_burnett_turns_pictures_and_names_the_row_first(tmp_path: Path) -> None:
-    before = plate(shape_for("burnett"))
-    found = pixels_of("burnett", "Hogel_2x3.png", tmp_path, before)
-    assert np.array_equal(found, before.pixels[2, 3][::-1, ::-1])
-
-
-def test_hocking_counts_rows_upward(tmp_path: Path) -> None:
-    before = plate(shape_for("hocking"))
-    found = pixels_of("hocking", "hogel_0003_0004_0000_0003.png", tmp_path, before)
-    assert np.array_equal(found, before.pixels[2, 3])
-
-
-def test_hocking_columns_are_mirrored_lines_of_the_hogels_of_a_column(tmp_path: Path) -> None:
-    before = plate(shape_for("hocking-columns"))
-    found = pixels_of("hocking-columns", "Hogel_Column_3.png", tmp_path, before)
-    assert np.array_equal(found[2], before.pixels[2, 3, 0, ::-1])
-
-
-def test_a_tile_of_a_mosaic_is_a_hogel(tmp_path: Path) -> None:
-    before = plate(shape_for("mosaic"))
-    found = pixels_of("mosaic", "mosaic.png", tmp_path, before)
-    assert np.array_equal(found[2 * 5 : 3 * 5, 3 * 6 : 4 * 6], before.pixels[2, 3])
-
-
 @pytest.mark.parametrize(
-    ("name", "file"), [("views", "4_1.png"), ("stanford", "out_04_01_-0.800000_-0.500000.png")]
+    ("name", "file", "part", "pixels"),
+    [
+        ("burnett", "Hogel_2x3.png", np.s_[:], np.s_[2, 3, ::-1, ::-1]),
+        ("hocking", "hogel_0003_0004_0000_0003.png", np.s_[:], np.s_[2, 3]),
+        ("hocking-columns", "Hogel_Column_3.png", np.s_[2], np.s_[2, 3, 0, ::-1]),
+        ("mosaic", "mosaic.png", np.s_[10:15, 18:24], np.s_[2, 3]),
+        ("views", "4_1.png", np.s_[:], np.s_[:, :, 4, 1]),
+        ("stanford", "out_04_01_-0.800000_-0.500000.png", np.s_[:], np.s_[:, :, 4, 1]),
+        # The first camera stands where lines of the last pixel come from.
+        ("hci", "input_Cam000.png", np.s_[:], np.s_[:, :, 4, 5]),
+    ],
 )
-def test_a_view_is_one_pixel_of_every_hogel(name: str, file: str, tmp_path: Path) -> None:
+def test_a_part_of_a_file_holds_the_pixels_that_its_layout_says(
+    name: str, file: str, part: Any, pixels: Any, tmp_path: Path
+) -> None:
     before = plate(shape_for(name))
-    found = pixels_of(name, file, tmp_path, before)
-    assert np.array_equal(found, before.pixels[:, :, 4, 1])
+    assert np.array_equal(pixels_of(name, file, tmp_path, before)[part], before.pixels[pixels])
 
 
 def test_pleno_has_ten_bits_big_endian(tmp_path: Path) -> None:
@@ -222,12 +210,6 @@ def test_pleno_has_ten_bits_big_endian(tmp_path: Path) -> None:
     assert content.startswith(b"P6\n4 3\n1023\n")
     first = int.from_bytes(content[len(b"P6\n4 3\n1023\n") :][:2], "big")
     assert first == round(int(before.pixels[0, 0, 4, 1, 0]) * 1023 / 255)
-
-
-def test_the_first_camera_stands_where_lines_of_the_last_pixel_come_from(tmp_path: Path) -> None:
-    before = plate(shape_for("hci"))
-    found = pixels_of("hci", "input_Cam000.png", tmp_path, before)
-    assert np.array_equal(found, before.pixels[:, :, 4, 5])
 
 
 @pytest.mark.parametrize(

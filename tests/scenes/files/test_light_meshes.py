@@ -100,38 +100,6 @@ def test_a_node_places_normals_with_its_mesh_also_where_it_mirrors(tmp_path: Pat
     assert (agree > 0).all(), "on the side that the winding faces"
 
 
-def test_vertex_colors_are_decoded_from_srgb_but_for_gltf(tmp_path: Path) -> None:
-    """By the definition of sRGB: 188/255 is half of linear light, about; 10/255 is on its straight part."""
-    header = "ply\nformat ascii 1.0\nelement vertex 3\n"
-    header += "".join(f"property float {name}\n" for name in "xyz")
-    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    part = written(tmp_path, "c.ply", header + "0 0 0 188 10 0\n1 0 0 255 255 255\n0 1 0 0 0 0\n3 0 1 2\n")
-    half = ((188 / 255 + 0.055) / 1.055) ** 2.4
-    np.testing.assert_allclose(
-        colors_of(part), [[half, 10 / 255 / 12.92, 0], [1, 1, 1], [0, 0, 0]], rtol=1e-12
-    )
-    stored = [[188, 10, 0, 255], [255, 255, 255, 0], [0, 0, 0, 255]]
-    mesh = trimesh.Trimesh(vertices=np.eye(3), faces=[[0, 1, 2]], vertex_colors=stored, process=False)
-    mesh.export(str(tmp_path / "c.glb"))
-    linear = colors_of(load_mesh(tmp_path / "c.glb"))
-    np.testing.assert_allclose(linear, np.array(stored)[:, :3] / 255, rtol=1e-12)
-
-
-def test_a_gltf_base_color_is_a_vertex_color_and_multiplies_those_there_are(tmp_path: Path) -> None:
-    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[102, 255, 0, 255])
-    plain = trimesh.Trimesh(vertices=np.eye(3), faces=[[0, 1, 2]], process=False)
-    colored = plain.copy()
-    colored.visual = trimesh.visual.TextureVisuals(uv=np.zeros((3, 2)), material=material)
-    both: Any = colored.copy()
-    both.visual.vertex_attributes["color"] = np.full((3, 4), 51, dtype=np.uint8)
-    scene: Any = trimesh.Scene([colored, both, plain])
-    scene.export(str(tmp_path / "m.glb"))
-    colors = colors_of(load_mesh(tmp_path / "m.glb"))
-    expected = {(0.4, 1.0, 0.0), (0.08, 0.2, 0.0), (1.0, 1.0, 1.0)}
-    assert {tuple(np.round(color, 6).tolist()) for color in colors} == expected
-
-
 def test_meshes_without_normals_and_colors_have_none() -> None:
     for name in ("beetle-alt.obj", "teapot.obj"):
         if not (DATA / name).is_file():
@@ -247,9 +215,3 @@ def test_opposite_faces_leave_no_normal() -> None:
     part = SceneObject(name="t", vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 1]]))
     normals = normals_of(smoothed(part))
     assert np.isnan(normals).all()
-
-
-def test_normals_and_colors_cannot_be_written_to() -> None:
-    part = smoothed(build_shape("cone"))
-    with pytest.raises(ValueError, match="read-only"):
-        normals_of(part)[0] = 0

@@ -87,37 +87,22 @@ def test_a_material_names_a_table(tmp_path: Path) -> None:
         ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels[0]", "valid integer", "81.5"]),
         ([PLATE.replace("81", "0"), FRUSTUM], ["plate.hogels[0]", "equal to 1, not 0"]),
         ([PLATE.replace("80", "-80"), FRUSTUM], ["plate.size[0]", "greater than 0, not -80"]),
-        (
-            [PLATE.replace("80", "nan"), FRUSTUM],
-            ["plate.size[0]", "finite number, not nan"],
-        ),
+        ([PLATE.replace("80", "nan"), FRUSTUM], ["plate.size[0]", "finite number, not nan"]),
         ([PLATE.replace("80", "'80'"), FRUSTUM], ["plate.size[0]", "valid number, not '80'"]),
         ([PLATE.replace("80", "true"), FRUSTUM], ["plate.size[0]", "not True"]),
-        (
-            [PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM],
-            ["plate.size[1] is missing"],
-        ),
+        ([PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM], ["plate.size[1] is missing"]),
         ([PLATE.replace("[80, 60.0]", "80"), FRUSTUM], ["plate.size", "not 80"]),
         ([PLATE, FRUSTUM.replace("150", "0")], ["frustum.reach[0]", "greater than 0"]),
-        (
-            [PLATE, FRUSTUM.replace("45.0", "180")],
-            ["frustum.fov_deg[1]", "less than 180, not 180"],
-        ),
+        ([PLATE, FRUSTUM.replace("45.0", "180")], ["frustum.fov_deg[1]", "less than 180, not 180"]),
         ([PLATE, FRUSTUM.replace("512", "0")], ["frustum.resolution[0]", "equal to 1, not 0"]),
         ([PLATE, FRUSTUM.replace("fov_deg = [60, 45.0]\n", "")], ["fov_deg = [x, y] degrees", "screen = {"]),
-        (
-            [PLATE, FRUSTUM, "screen = { height = 1, center = [0, 0], size = [1, 1] }\n"],
-            ["fov_deg", "screen"],
-        ),
+        ([PLATE, FRUSTUM, "screen = {height = 1, center = [0, 0], size = [1, 1]}\n"], ["fov_deg", "screen"]),
         ([PLATE, FRUSTUM, "screen = { height = 1, centre = [0, 0] }\n"], ["frustum.screen.centre", "center"]),
         ([PLATE, FRUSTUM, "[[object]]\n"], ["object[0]", "mesh or shape", "box, square, sphere"]),
         ([PLATE, FRUSTUM, BOX, 'mesh = "a.obj"\n'], ["object[0]", "not both"]),
         ([PLATE, FRUSTUM, BOX.replace("box", "bax")], ["object[0].shape", "nearest is box"]),
         ([PLATE, FRUSTUM, BOX, "scale = 0\n"], ["object[0].scale", "greater than 0"]),
-        (
-            [PLATE, FRUSTUM, BOX, "rotate_deg = [1, 2]\n"],
-            ["object[0].rotate_deg[2] is missing"],
-        ),
+        ([PLATE, FRUSTUM, BOX, "rotate_deg = [1, 2]\n"], ["object[0].rotate_deg[2] is missing"]),
         (
             [PLATE, FRUSTUM, BOX, "scale = 1\ntransform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"],
             ["both transform and scale", "any of scale, rotate_deg and translate"],
@@ -157,13 +142,9 @@ def test_a_mesh_in_place_of_a_scene_file_is_told_to_need_one(tmp_path: Path) -> 
 def test_unreadable_files_are_input_errors(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    for name, words in [
-        ("missing.toml", "no such"),
-        ("folder.toml", "is a folder"),
-        ("bytes.toml", "not valid"),
-    ]:
+    for name, words in [("missing", "no such"), ("folder", "is a folder"), ("bytes", "not valid")]:
         with pytest.raises(InputError, match=words):
-            open_scene(str(tmp_path / name))
+            open_scene(str(tmp_path / f"{name}.toml"))
 
 
 def test_an_unknown_name_names_the_nearest_scene() -> None:
