@@ -75,23 +75,16 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What is wanted of each frame beside its geometry.
+    """What is wanted of each frame beside its geometry."""
 
-    Attributes
-    ----------
-    color, colored_truths
-        Whether frames, and truths, have color.
-    radiance, perceptual
-        Whether colors are compared, and how different the pictures look; see `compare_images`.
-    causes
-        Whether errors are predicted and wrong pixels charged to causes.
-    """
-
+    #: color, colored_truths: Whether frames, and truths, have color
     color: bool = False
     colored_truths: bool = True
+    #: radiance, perceptual: Whether colors are compared, and how different the pictures look; see
+    #: `compare_images`
     radiance: bool = False
     perceptual: bool = False
-    causes: bool = False
+    causes: bool = False  #: Whether errors are predicted and wrong pixels charged to causes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,18 +92,12 @@ class StageTimes:
     """Wall seconds of the stages of one frame, as they passed in the thread that did each.
 
     Stages of other frames run at the same time, so that sums over frames exceed the time that passed.
-
-    Attributes
-    ----------
-    trace
-        The hogel's certified truth, the same for all its frames; 0 where it was there already.
-    compare, predict, causes
-        Comparing, predicting, and charging wrong pixels to causes, without what the frames of one pair of
-        cameras share.
     """
 
-    trace: float
+    trace: float  #: The hogel's certified truth, the same for all its frames; 0 where it was there already
     raster: float
+    #: compare, predict, causes: Comparing, predicting, and charging wrong pixels to causes, without what the
+    #: frames of one pair of cameras share
     compare: float
     predict: float = 0.0
     causes: float = 0.0
@@ -118,45 +105,33 @@ class StageTimes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedFrame:
-    """A frame with all that was found of it.
-
-    Attributes
-    ----------
-    prediction, budget
-        Errors by closed forms, and wrong pixels charged to causes; None where that was not wanted.
-    gpu_s
-        Part of `times.raster` in which the device drew, by its own clock.
-    """
+    """A frame with all that was found of it."""
 
     aperture: Aperture
     truth: HogelImage
     settings: DoubleFrustum
     image: HogelImage
     comparison: Comparison
+    #: prediction, budget: Errors by closed forms, and wrong pixels charged to causes; None where that was not
+    #: wanted
     prediction: Prediction | None
     budget: Budget | None
     times: StageTimes
-    gpu_s: float
+    gpu_s: float  #: Part of `times.raster` in which the device drew, by its own clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JudgedDrawing(Shown):
-    """One drawing of a hogel, judged by the truth.
-
-    Attributes
-    ----------
-    comparison, image
-        How it differs from the truth, and the drawing. Where images were asked for, the one is a
-        `Comparison`, which has maps; else the other is None.
-    causes, unexplained, predicted
-        What each link of the chain does, as the rows of `report --json` have it; the number of wrong pixels
-        charged to rounding whose cause is not known; and the error by closed forms. None unless causes were
-        asked for.
-    """
+    """One drawing of a hogel, judged by the truth."""
 
     settings: DoubleFrustum
+    #: comparison, image: How it differs from the truth, and the drawing. Where images were asked for, the one
+    #: is a `Comparison`, which has maps; else the other is None.
     comparison: ComparisonNumbers
     image: HogelImage | None
+    #: causes, unexplained, predicted: What each link of the chain does, as the rows of `report --json` have
+    #: it; the number of wrong pixels charged to rounding whose cause is not known; and the error by closed
+    #: forms. None unless causes were asked for.
     causes: tuple[Cause, ...] | None
     unexplained: int | None
     predicted: Prediction | None
@@ -386,22 +361,15 @@ class _Hogel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cameras:
-    """Settings of one hogel that differ in their depth buffers alone, under way.
-
-    Attributes
-    ----------
-    first
-        The frame with the first of the settings, and the seconds of drawing it.
-    start
-        The chain up to R0, with all that budgets of these frames share; None without causes.
-    beside
-        Errors of the first frame, beside which the others are judged; None with causes, where that is R0.
-    """
+    """Settings of one hogel that differ in their depth buffers alone, under way."""
 
     hogel: _Hogel
     settings: list[DoubleFrustum]
+    #: The frame with the first of the settings, and the seconds of drawing it
     first: Future[tuple[Drawn, float]]
+    #: The chain up to R0, with all that budgets of these frames share; None without causes
     start: Future[ChainStart] | None = None
+    #: Errors of the first frame, beside which the others are judged; None with causes, where that is R0
     beside: Future[PixelErrors] | None = None
 
 

@@ -16,17 +16,11 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 @dataclass(frozen=True, kw_only=True)
 class Precision:
-    """How exactly a device draws.
+    """How exactly a device draws."""
 
-    Attributes
-    ----------
-    subpixel_bits
-        Binary digits of a pixel to which the device rounds the places of vertices (GL_SUBPIXEL_BITS).
-    depth, mapping
-        Format of its depth buffer, and what the buffer stores.
-    """
-
+    #: Binary digits of a pixel to which the device rounds the places of vertices (GL_SUBPIXEL_BITS)
     subpixel_bits: int
+    #: depth, mapping: Format of its depth buffer, and what the buffer stores
     depth: DepthFormat
     mapping: DepthMapping
 
@@ -38,26 +32,17 @@ class Precision:
 
 @dataclass(frozen=True, kw_only=True)
 class RoundingCamera:
-    """One camera of a renderer that rounds.
+    """One camera of a renderer that rounds."""
 
-    Attributes
-    ----------
-    pencil
-        Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its near and far
-        plane.
-    precision
-        How exactly the renderer draws.
-    heights
-        Lowest and highest z of the surfaces that the camera draws; None where images do not say at which
-        height their surfaces lie, so that any surface may be this camera's.
-    film_shift
-        Distance of the sampling points from the centers of their pixels, columns and rows, for a camera that
-        may clip triangles at the borders of its film; None for one that does not.
-    """
-
+    #: Its exact lines, through the sampling points of the pixels. The ends of `s_range` are its near and far
+    #: plane.
     pencil: Pencil
-    precision: Precision
+    precision: Precision  #: How exactly the renderer draws
+    #: Lowest and highest z of the surfaces that the camera draws; None where images do not say at which
+    #: height their surfaces lie, so that any surface may be this camera's
     heights: tuple[float, float] | None = None
+    #: Distance of the sampling points from the centers of their pixels, columns and rows, for a camera that
+    #: may clip triangles at the borders of its film; None for one that does not
     film_shift: tuple[float, float] | None = None
 
     def may_draw(self, height: NDArray[Any]) -> Mask:

@@ -43,20 +43,11 @@ class Causes(Brief):
     """Pixels that show another triangle than expected, each under one heading.
 
     They are listed, because they are few: masks are made when they are first asked for.
-
-    Attributes
-    ----------
-    shape
-        H, W.
-    pixels
-        (N,) flat numbers of the pixels.
-    heading
-        (N,) place of each pixel's heading in `HEADINGS`.
     """
 
-    shape: tuple[int, ...]
-    pixels: Indices
-    heading: NDArray[np.int8]
+    shape: tuple[int, ...]  #: H, W
+    pixels: Indices  #: (N,) flat numbers of the pixels
+    heading: NDArray[np.int8]  #: (N,) place of each pixel's heading in `HEADINGS`
 
     @cached_property
     def masks(self) -> dict[str, Mask]:
@@ -188,18 +179,10 @@ def _drawn_by(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Marks:
-    """Marks of rounding of the triangles that an image shows at N pixels.
+    """Marks of rounding of the triangles that an image shows at N pixels."""
 
-    Attributes
-    ----------
-    near_edge
-        (N,) rounding may have put the pixel's center on the wrong side of an edge.
-    possible
-        (N,) the pixel shows nothing, or a triangle within whose rounded edges its center lies.
-    """
-
-    near_edge: Mask
-    possible: Mask
+    near_edge: Mask  #: (N,) rounding may have put the pixel's center on the wrong side of an edge
+    possible: Mask  #: (N,) the pixel shows nothing, or a triangle within whose rounded edges its center lies
 
 
 def _marks(

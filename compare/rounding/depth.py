@@ -28,21 +28,11 @@ STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Depths:
-    """Depth of one triangle at each of some pixels, and how exactly a buffer knows it.
+    """Depth of one triangle at each of some pixels, and how exactly a buffer knows it."""
 
-    Attributes
-    ----------
-    depth
-        (...) stored value 0..1 before rounding, NaN where there is no triangle.
-    tolerance
-        (...) how far the stored value may lie from `depth`.
-    clear
-        (...) value of the buffer before anything is drawn, NaN where there is no triangle.
-    """
-
-    depth: Floats
-    tolerance: Floats
-    clear: Floats
+    depth: Floats  #: (...) stored value 0..1 before rounding, NaN where there is no triangle
+    tolerance: Floats  #: (...) how far the stored value may lie from `depth`
+    clear: Floats  #: (...) value of the buffer before anything is drawn, NaN where there is no triangle
 
     def at(self, slots: Indices, shape: tuple[int, int, int]) -> list[Depths]:
         """Return these depths at their slots of an array (cameras, images, N), for each image.

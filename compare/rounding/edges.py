@@ -43,17 +43,12 @@ class Placement:
     """Where pixel centers lie on the triangles that a camera drew there, one for each.
 
     A center outside its triangle that is `possible` is always `near_edge` as well.
-
-    Attributes
-    ----------
-    possible
-        (N,) the center lies inside the triangle, or outside by no more than rounding moves its edges.
-    near_edge
-        (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of
-        a cut by the near plane or the reach.
     """
 
+    #: (N,) the center lies inside the triangle, or outside by no more than rounding moves its edges
     possible: Mask
+    #: (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of a cut by
+    #: the near plane or the reach
     near_edge: Mask
 
 

@@ -33,24 +33,15 @@ class FilmTriangles:
     """Triangles on the films of cameras that draw equally exactly.
 
     The triangles of all cameras lie side by side in one array: small arrays cost calls alone.
-
-    Attributes
-    ----------
-    precision
-        How exactly the cameras draw.
-    resolution
-        W, H of their films in pixels.
-    ends
-        (2, T) ends of `s_range` of each triangle's camera, its near and far plane; negative for C*.
-    vertices, bound
-        (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their float32 error bounds.
-        u = x / s and v = y / s on the film; s is the distance from the center along the axis, negative
-        for C*.
     """
 
-    precision: Precision
-    resolution: tuple[int, int]
+    precision: Precision  #: How exactly the cameras draw
+    resolution: tuple[int, int]  #: W, H of their films in pixels
+    #: (2, T) ends of `s_range` of each triangle's camera, its near and far plane; negative for C*
     ends: Floats
+    #: vertices, bound: (T, 3, 3) homogeneous film coordinates (x, y, s) of the corners, and their float32
+    #: error bounds. u = x / s and v = y / s on the film; s is the distance from the center along the axis,
+    #: negative for C*.
     vertices: Floats
     bound: Floats
 
@@ -116,23 +107,12 @@ class PixelTriangles:
     """One triangle at each of some pixels.
 
     Most triangles are shown at many pixels, and what depends on a triangle alone is found once for each.
-
-    Attributes
-    ----------
-    film
-        The triangles, each once for each camera.
-    which
-        (N,) place of each pixel's triangle among these.
-    points
-        (N, 3) centers of the pixels, (u, v, 1).
-    slots
-        (N,) places that the pixels have where those of all cameras lie side by side.
     """
 
-    film: FilmTriangles
-    which: Indices
-    points: Floats
-    slots: Indices
+    film: FilmTriangles  #: The triangles, each once for each camera
+    which: Indices  #: (N,) place of each pixel's triangle among these
+    points: Floats  #: (N, 3) centers of the pixels, (u, v, 1)
+    slots: Indices  #: (N,) places that the pixels have where those of all cameras lie side by side
 
     @classmethod
     def of(
