@@ -16,8 +16,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
-from types import MappingProxyType, TracebackType
+from itertools import chain, islice, pairwise
+from types import MappingProxyType
 from typing import Any, Generic, Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
@@ -77,27 +77,23 @@ def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
 class Wanted:
     """What is wanted of each frame beside its geometry."""
 
-    #: color, colored_truths: Whether frames, and truths, have color
-    color: bool = False
+    color: bool = False  #: whether frames have color
     colored_truths: bool = True
-    #: radiance, perceptual: Whether colors are compared, and how different the pictures look; see
-    #: `compare_images`
-    radiance: bool = False
+    radiance: bool = False  #: whether colors are compared; see `compare_images`
     perceptual: bool = False
-    causes: bool = False  #: Whether errors are predicted and wrong pixels charged to causes
+    causes: bool = False  #: whether errors are predicted and wrong pixels charged to causes
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageTimes:
     """Wall seconds of the stages of one frame, as they passed in the thread that did each.
 
-    Stages of other frames run at the same time, so that sums over frames exceed the time that passed.
+    Stages of other frames run at the same time, so that sums over frames exceed the time that passed. What
+    the frames of one pair of cameras share is left out.
     """
 
-    trace: float  #: The hogel's certified truth, the same for all its frames; 0 where it was there already
+    trace: float  #: the hogel's certified truth, the same for all its frames; 0 where it was there already
     raster: float
-    #: compare, predict, causes: Comparing, predicting, and charging wrong pixels to causes, without what the
-    #: frames of one pair of cameras share
     compare: float
     predict: float = 0.0
     causes: float = 0.0
@@ -112,12 +108,10 @@ class JudgedFrame:
     settings: DoubleFrustum
     image: HogelImage
     comparison: Comparison
-    #: prediction, budget: Errors by closed forms, and wrong pixels charged to causes; None where that was not
-    #: wanted
-    prediction: Prediction | None
+    prediction: Prediction | None  #: None, like the budget, where causes were not wanted
     budget: Budget | None
     times: StageTimes
-    gpu_s: float  #: Part of `times.raster` in which the device drew, by its own clock
+    gpu_s: float  #: part of `times.raster` in which the device drew, by its own clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -125,16 +119,11 @@ class JudgedDrawing(Shown):
     """One drawing of a hogel, judged by the truth."""
 
     settings: DoubleFrustum
-    #: comparison, image: How it differs from the truth, and the drawing. Where images were asked for, the one
-    #: is a `Comparison`, which has maps; else the other is None.
-    comparison: ComparisonNumbers
+    comparison: ComparisonNumbers  #: a `Comparison`, which has maps, where images were asked for
     image: HogelImage | None
-    #: causes, unexplained, predicted: What each link of the chain does, as the rows of `report --json` have
-    #: it; the number of wrong pixels charged to rounding whose cause is not known; and the error by closed
-    #: forms. None unless causes were asked for.
-    causes: tuple[Cause, ...] | None
-    unexplained: int | None
-    predicted: Prediction | None
+    causes: tuple[Cause, ...] | None  #: what each link does; None, like the next two, unless asked for
+    unexplained: int | None  #: wrong pixels charged to rounding whose cause is not known
+    predicted: Prediction | None  #: the error by closed forms
     times: StageTimes
 
     @classmethod
@@ -183,21 +172,14 @@ class JudgedHogel(Shown):
         return () if self.truth is None else self.truth._figures()
 
 
+_Finished = tuple[Aperture, HogelImage | None, JudgedDrawing]
+
+
 class Judge:
     """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
 
-    A context manager: leaving it frees the rasterizer.
-
-    Parameters
-    ----------
-    scene
-        Scene that is traced and drawn.
-    tracer
-        Name of the tracer that gives the truth a second opinion.
-    reference
-        Reference of the scene, where there is one already; `tracer` then does not matter.
-    effects
-        Effects that are simulated; None for those that the scene calls for.
+    A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a reference;
+    effects are those that the scene calls for where they are None.
 
     Raises
     ------
@@ -228,9 +210,7 @@ class Judge:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.release()
 
     def release(self) -> None:
@@ -285,10 +265,19 @@ class Judge:
         colors = is_shaded(self.scene) if radiance is None else radiance
         wanted = Wanted(color=images or colors, radiance=colors, causes=causes)
 
-        def finish(frame: JudgedFrame) -> tuple[Aperture, HogelImage | None, JudgedDrawing]:
+        def finish(frame: JudgedFrame) -> _Finished:
             return frame.aperture, frame.truth if images else None, JudgedDrawing.of(frame, images=images)
 
-        return _hogels(self.frames(apertures, settings, wanted, finish), tuple(settings))
+        def hogels(frames: Generator[_Finished, None, None]) -> Iterator[JudgedHogel]:
+            # The frames of a hogel follow one another; equal settings are drawn once.
+            with closing(frames):
+                while found := list(islice(frames, len(set(settings)))):
+                    aperture, truth, _ = found[0]
+                    drawn = {drawing.settings: drawing for _, _, drawing in found}
+                    drawings = tuple(drawn[one] for one in settings)
+                    yield JudgedHogel(aperture=aperture, truth=truth, drawings=drawings)
+
+        return hogels(self.frames(apertures, settings, wanted, finish))
 
     def frames(
         self,
@@ -324,53 +313,26 @@ class Judge:
         for one in settings:
             one_of(one, DoubleFrustum, "settings")
             one.check_against(self.scene.frustum)
-        return _Loop(self, wanted, finish).run(apertures, _by_cameras(settings), truths)
-
-
-def _by_cameras(settings: Sequence[DoubleFrustum]) -> list[list[DoubleFrustum]]:
-    """Return settings, each once, in groups of the same cameras; those of one near follow one another."""
-    nears = list(dict.fromkeys(setting.near for setting in settings))
-    cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-    for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
-        cameras.setdefault(with_exact_depth(setting), []).append(setting)
-    return list(cameras.values())
-
-
-def _hogels(
-    frames: Generator[tuple[Aperture, HogelImage | None, JudgedDrawing], None, None],
-    settings: tuple[DoubleFrustum, ...],
-) -> Iterator[JudgedHogel]:
-    """Yield hogels, whose frames follow one another, with their drawings in the order of the settings."""
-    with closing(frames):
-        while found := list(islice(frames, len(set(settings)))):
-            aperture, truth, _ = found[0]
-            drawings = {drawing.settings: drawing for _, _, drawing in found}
-            yield JudgedHogel(
-                aperture=aperture, truth=truth, drawings=tuple(drawings[one] for one in settings)
-            )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Hogel:
-    """A hogel under way: its truth with the seconds of tracing, and its predictor where causes are wanted."""
-
-    aperture: Aperture
-    truth: Future[tuple[HogelImage, float]]
-    predictor: Future[Predictor] | None
+        # In groups of the same cameras; those of one near follow one another.
+        nears = list(dict.fromkeys(setting.near for setting in settings))
+        cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
+        for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
+            cameras.setdefault(with_exact_depth(setting), []).append(setting)
+        return _Loop(self, wanted, finish).run(apertures, list(cameras.values()), truths)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cameras:
     """Settings of one hogel that differ in their depth buffers alone, under way."""
 
-    hogel: _Hogel
+    aperture: Aperture
+    truth: Future[tuple[HogelImage, float]]  #: with the seconds of tracing
+    predictor: Future[Predictor] | None  #: None without causes
     settings: list[DoubleFrustum]
-    #: The frame with the first of the settings, and the seconds of drawing it
-    first: Future[tuple[Drawn, float]]
-    #: The chain up to R0, with all that budgets of these frames share; None without causes
-    start: Future[ChainStart] | None = None
-    #: Errors of the first frame, beside which the others are judged; None with causes, where that is R0
-    beside: Future[PixelErrors] | None = None
+    first: Future[tuple[Drawn, float]]  #: the frame with the first of the settings, and the seconds
+    #: With causes the chain up to R0, with all that budgets of these frames share; else errors of the first
+    #: frame, beside which the others are judged.
+    shared: Future[ChainStart] | Future[PixelErrors] | None = None
 
 
 class _Loop(Generic[Result]):
@@ -400,9 +362,12 @@ class _Loop(Generic[Result]):
         self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
         with self._tracing, self._judging:
             try:
+                # Some cameras are begun ahead: threads that would wait for the one work on the other.
+                begun = pairwise(chain(self._begun(apertures, groups, truths), [None]))
                 judged = (
                     self._submitted(cameras, setting)
-                    for cameras in _one_ahead(self._begun(apertures, groups, truths))
+                    for cameras, _ in begun
+                    if cameras
                     for setting in cameras.settings
                 )
                 yield from in_order(judged, images_under_way(pixels))
@@ -419,7 +384,7 @@ class _Loop(Generic[Result]):
         groups: list[list[DoubleFrustum]],
         truths: Mapping[Aperture, HogelImage],
     ) -> Iterator[_Cameras]:
-        """Begin with hogel after hogel, and with what the frames of each pair of cameras share."""
+        """Begin with hogel after hogel: with first frames, and with what the frames of some cameras share."""
         asked: deque[Aperture] = deque()
         colored = self._wanted.color and self._wanted.colored_truths
         # One stream of truths, for which a scene's triangles are sorted once.
@@ -432,34 +397,33 @@ class _Loop(Generic[Result]):
             asked.append(aperture)
             return next(images), time.perf_counter() - begun
 
+        def predicting(truth: Future[tuple[HogelImage, float]]) -> Predictor:
+            image, _ = truth.result()
+            gaps = self._reference.gaps(image.camera.aperture)
+            return Predictor(image, gaps, self._judge.scene.frustum, self._subpixel_bits)
+
         for aperture in apertures:
             one_of(aperture, Aperture, "aperture")
             truth = self._tracing.submit(trace, aperture)
-            predictor = self._judging.submit(self._predictor, truth) if self._wanted.causes else None
-            hogel = _Hogel(aperture=aperture, truth=truth, predictor=predictor)
+            predictor = self._judging.submit(predicting, truth) if self._wanted.causes else None
             for settings in groups:
-                yield self._cameras(hogel, settings)
-
-    def _cameras(self, hogel: _Hogel, settings: list[DoubleFrustum]) -> _Cameras:
-        """Have the first frame of some cameras drawn, and what its other frames share with it found."""
-        first = self._draw(hogel.aperture, settings[0])
-        cameras = _Cameras(hogel=hogel, settings=settings, first=first)
-        if self._wanted.causes:
-            exact = self._judge.submit(partial(_exact_frame, cameras))
-            self._drawn.append(exact)
-            models = self._tracing.submit(self._traced_models, hogel.aperture, settings[0])
-            return replace(cameras, start=self._judging.submit(self._start, cameras, models, exact))
-        if len(settings) > 1:
-            return replace(cameras, beside=self._judging.submit(self._beside, hogel, first))
-        return cameras
-
-    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
-        """Have a frame drawn and judged."""
-        first = setting == cameras.settings[0]
-        drawn = cameras.first if first else self._draw(cameras.hogel.aperture, setting)
-        while self._drawn and self._drawn[0].done():
-            self._drawn.popleft()
-        return self._judging.submit(self._judged, cameras, setting, drawn)
+                cameras = _Cameras(
+                    aperture=aperture,
+                    truth=truth,
+                    predictor=predictor,
+                    settings=settings,
+                    first=self._draw(aperture, settings[0]),
+                )
+                if predictor:
+                    exact = self._judge.submit(partial(_exact_frame, cameras))
+                    self._drawn.append(exact)
+                    models = self._tracing.submit(self._traced_models, aperture, settings[0])
+                    start = self._judging.submit(self._start, cameras, predictor, models, exact)
+                    yield replace(cameras, shared=start)
+                elif len(settings) > 1:
+                    yield replace(cameras, shared=self._judging.submit(self._beside, cameras))
+                else:
+                    yield cameras
 
     def _draw(self, aperture: Aperture, setting: DoubleFrustum) -> Future[tuple[Drawn, float]]:
         """Have a frame drawn; the result has the seconds that this took, too."""
@@ -473,10 +437,13 @@ class _Loop(Generic[Result]):
         self._drawn.append(frame)
         return frame
 
-    def _predictor(self, truth: Future[tuple[HogelImage, float]]) -> Predictor:
-        image, _ = truth.result()
-        gaps = self._reference.gaps(image.camera.aperture)
-        return Predictor(image, gaps, self._judge.scene.frustum, self._subpixel_bits)
+    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
+        """Have a frame drawn and judged."""
+        first = setting == cameras.settings[0]
+        drawn = cameras.first if first else self._draw(cameras.aperture, setting)
+        while self._drawn and self._drawn[0].done():
+            self._drawn.popleft()
+        return self._judging.submit(self._judged, cameras, setting, drawn)
 
     def _traced_models(self, aperture: Aperture, setting: DoubleFrustum) -> tuple[HogelImage, ...]:
         """Return T1 to T4 of some cameras; geometries of one near share some of them."""
@@ -487,18 +454,22 @@ class _Loop(Generic[Result]):
         return traced_models(self._reference, aperture, exact, self._models, shaded=False)
 
     def _start(
-        self, cameras: _Cameras, models: Future[tuple[HogelImage, ...]], exact: Future[HogelImage]
+        self,
+        cameras: _Cameras,
+        predictor: Future[Predictor],
+        models: Future[tuple[HogelImage, ...]],
+        exact: Future[HogelImage],
     ) -> ChainStart:
         """Return the chain up to R0, and find in this thread all that budgets and predictions share."""
-        if cameras.hogel.predictor:
-            cameras.hogel.predictor.result().without_depth(cameras.settings[0])
-        images = (cameras.hogel.truth.result()[0], *models.result(), exact.result())
+        predictor.result().without_depth(cameras.settings[0])
+        images = (cameras.truth.result()[0], *models.result(), exact.result())
         start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
         start.find_shared()
         return start
 
-    def _beside(self, hogel: _Hogel, first: Future[tuple[Drawn, float]]) -> PixelErrors:
-        errors = pixel_errors(hogel.truth.result()[0], first.result()[0].image, self._reference)
+    def _beside(self, cameras: _Cameras) -> PixelErrors:
+        truth, first = cameras.truth.result()[0], cameras.first.result()[0].image
+        errors = pixel_errors(truth, first, self._reference)
         errors.find_maps()
         return errors
 
@@ -506,10 +477,9 @@ class _Loop(Generic[Result]):
         self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]
     ) -> Result:
         """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
-        (truth, trace_s), (drawn, raster_s) = cameras.hogel.truth.result(), frame.result()
-        start = cameras.start.result() if cameras.start else None
-        beside = cameras.beside.result() if cameras.beside else None
-        predictor = cameras.hogel.predictor.result() if cameras.hogel.predictor else None
+        (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), frame.result()
+        shared = cameras.shared.result() if cameras.shared else None
+        predictor = cameras.predictor.result() if cameras.predictor else None
         begun = time.perf_counter()
         comparison = compare_images(
             truth,
@@ -517,14 +487,14 @@ class _Loop(Generic[Result]):
             self._reference,
             radiance=self._wanted.radiance,
             perceptual=self._wanted.perceptual,
-            beside=start.exact if start else beside,
+            beside=shared.exact if isinstance(shared, ChainStart) else shared,
         )
         compared = predicted = done = time.perf_counter()
         prediction = budget = None
-        if start and predictor:
+        if predictor and isinstance(shared, ChainStart):
             prediction, links = predictor.predict_links(setting)
             predicted = time.perf_counter()
-            budget = charged(start, drawn.image, links, comparison.errors)
+            budget = charged(shared, drawn.image, links, comparison.errors)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
             done = time.perf_counter()
         times = StageTimes(
@@ -536,7 +506,7 @@ class _Loop(Generic[Result]):
         )
         return self._finish(
             JudgedFrame(
-                aperture=cameras.hogel.aperture,
+                aperture=cameras.aperture,
                 truth=truth,
                 settings=setting,
                 image=drawn.image,
@@ -554,15 +524,4 @@ def _exact_frame(cameras: _Cameras, rasterizer: Rasterizer) -> HogelImage:
     (drawn, _), exact = cameras.first.result(), with_exact_depth(cameras.settings[0])
     if exact == cameras.settings[0]:
         return drawn.image
-    return rasterizer.render(cameras.hogel.aperture, exact, normals=False, color=False)
-
-
-def _one_ahead(items: Iterator[_Cameras]) -> Iterator[_Cameras]:
-    """Yield items when the next has begun: threads that would wait for the one work on the other."""
-    last: _Cameras | None = None
-    for item in items:
-        if last is not None:
-            yield last
-        last = item
-    if last is not None:
-        yield last
+    return rasterizer.render(cameras.aperture, exact, normals=False, color=False)
