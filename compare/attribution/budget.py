@@ -27,8 +27,8 @@ from xfrustum.compare.metrics.error_maps import (
 )
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
-from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
 from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
+from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
 from xfrustum.scenes.arrays import Floats, Indices, Mask

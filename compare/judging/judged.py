@@ -44,8 +44,8 @@ from xfrustum.compare.renderer_model.pictures import (
     shows_something,
     trace_drawn,
 )
-from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
 from xfrustum.compare.rounding.causes import Causes, find_causes
+from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

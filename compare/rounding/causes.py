@@ -25,11 +25,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.cameras import RoundingCamera
-from xfrustum.compare.rounding.clip_seams import distance_to_border, distance_to_segments, seams
 from xfrustum.compare.rounding.depth import Depths, depths
-from xfrustum.compare.rounding.edges import placement
-from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles
+from xfrustum.compare.rounding.edges import (
+    Placement,
+    distance_to_border,
+    distance_to_segments,
+    placement,
+    seams,
+)
+from xfrustum.compare.rounding.triangles import PixelIndex, PixelTriangles, RoundingCamera
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.notebook import Brief
@@ -56,21 +60,6 @@ class Causes(Brief):
             name: _scattered(self.shape, self.pixels, self.heading == place)
             for place, name in enumerate(HEADINGS)
         }
-
-    @property
-    def edge(self) -> Mask:
-        """(H, W) pixels whose cause is an edge."""
-        return self.masks["edge"]
-
-    @property
-    def order(self) -> Mask:
-        """(H, W) pixels whose cause is the order of surfaces."""
-        return self.masks["order"]
-
-    @property
-    def lost(self) -> Mask:
-        """(H, W) pixels whose surface is lost."""
-        return self.masks["lost"]
 
     @property
     def unexplained(self) -> Mask:
@@ -177,18 +166,10 @@ def _drawn_by(
     return PixelTriangles.of(triangles, cameras, number, (columns, rows), slots)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Marks:
-    """Marks of rounding of the triangles that an image shows at N pixels."""
-
-    near_edge: Mask  #: (N,) rounding may have put the pixel's center on the wrong side of an edge
-    possible: Mask  #: (N,) the pixel shows nothing, or a triangle within whose rounded edges its center lies
-
-
 def _marks(
     drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
-) -> list[_Marks]:
-    """Return the marks of each image at pixels, given by their flat numbers (N,)."""
+) -> list[Placement]:
+    """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
     shape = len(cameras), len(images), len(pixels)
     near_edge, possible = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
     if len(drawn.slots):
@@ -197,7 +178,7 @@ def _marks(
         possible.reshape(-1)[drawn.slots] = placed.possible
     each = zip(images, _by_any(near_edge), _by_any(possible), strict=True)
     return [
-        _Marks(near_edge=near, possible=(image.triangle.reshape(-1).take(pixels) == NOTHING) | inside)
+        Placement(near_edge=near, possible=(image.triangle.reshape(-1).take(pixels) == NOTHING) | inside)
         for image, near, inside in each
     ]
 

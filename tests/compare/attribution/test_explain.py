@@ -88,7 +88,7 @@ def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(name: str, 
     assert counts["order"] > 100
     assert counts["lost"] > 10
     # A lost surface shows the background, or the surface behind it.
-    emptied = model.covered & ~drawn.covered & explanation.lost
+    emptied = model.covered & ~drawn.covered & explanation.masks["lost"]
     assert emptied.any()
 
 

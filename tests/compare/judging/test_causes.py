@@ -13,7 +13,7 @@ from xfrustum.compare.judging.judged import OFFSET_PRECISION, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes
-from xfrustum.compare.rounding.clip_seams import distance_to_segments
+from xfrustum.compare.rounding.edges import distance_to_segments
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats, Mask

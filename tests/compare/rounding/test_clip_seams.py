@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xfrustum.compare.rounding.clip_seams import distance_to_segments, seams
+from xfrustum.compare.rounding.edges import distance_to_segments, seams
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 
