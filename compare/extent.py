@@ -455,7 +455,7 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     if not scene.objects:
         return None
     named = [
-        f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
+        f"object {number} ({Path(part.name).name}) {_why_unseen(scene, part, apertures)}"
         for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
     ]
     if more := len(scene.objects) - len(named):
@@ -474,7 +474,7 @@ def warnings(scene: Scene) -> tuple[str, ...]:
     reach = f"and the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
     cut, tiny = [], []
     for number, part in enumerate(scene.objects):
-        name, (low, high) = _name(number, part), box(part)
+        name, (low, high) = f"object {number} ({Path(part.name).name})", box(part)
         if low[2] < -back or high[2] > toward:
             share = share_in_reach(part, scene.frustum)
             told = f"{name} {_spans(low[2], high[2], units)}, {reach}"
@@ -494,7 +494,7 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
     )
     return _first(
         [
-            f"{_name(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}"
+            f"object {number} ({Path(part.name).name}): {count:,} of its {len(part.faces):,} triangles {told}"
             for number, part in enumerate(scene.objects)
             if (count := in_plate(part))
         ]
@@ -565,10 +565,6 @@ def _spans(low: float, high: float, units: str) -> str:
 
 def _range(low: float, high: float) -> str:
     return length(low) if length(low) == length(high) else f"{length(low)} to {length(high)}"
-
-
-def _name(number: int, part: SceneObject) -> str:
-    return f"object {number} ({Path(part.name).name})"
 
 
 def _size(low: Point, high: Point) -> str:

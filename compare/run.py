@@ -289,24 +289,9 @@ class Judge:
     ) -> Generator[Result, None, None]:
         """Yield what is made of each judged frame, hogel by hogel, those of the same cameras together.
 
-        Parameters
-        ----------
-        apertures
-            Apertures, taken in the thread of the caller, some ahead of what it has been given.
-        settings
-            Settings that each hogel is drawn with; equal ones are drawn once.
-        wanted
-            What is wanted of each frame.
-        finish
-            Function that is called with each frame in the thread that has judged it. What it returns is
-            yielded, and the frame is not kept.
-        truths
-            True images that are there already, and are not traced again.
-
-        Raises
-        ------
-        InputError
-            There are no settings, or they make no sense for the scene's frustum.
+        `finish` is called with each frame in the thread that has judged it: what it returns is yielded, and
+        the frame is not kept. Equal settings are drawn once; truths that are there already are not traced
+        again. All else is as for `stream`.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")
