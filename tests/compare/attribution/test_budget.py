@@ -22,7 +22,7 @@ from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget import CHAIN, command, table, write_budget
+from xfrustum.reports.budget import CHAIN, command, write_budget
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
@@ -104,7 +104,7 @@ def test_nothing_is_left_unexplained_whatever_is_set(name: str) -> None:
 
 def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
     """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
-    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")):
+    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")[::4]):
         for part in (budget.displacement, budget.height):
             defined = np.isfinite(part.total)
             assert defined.any()
@@ -164,17 +164,6 @@ def test_each_traced_link_is_as_predicted(name: str) -> None:
         assert 0 <= link["predicted_surface"] < 10
 
 
-def test_the_table_has_prediction_measurement_and_ratio() -> None:
-    [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
-    link = budget.summary()["links"][0]
-    lines = table(budget).splitlines()
-    predicted = next(line for line in lines[lines.index("") :] if line.startswith("near offset"))
-    ratio = link["surface"] / link["predicted_surface"]
-    numbers = predicted.removeprefix("near offset").replace(",", "").split()
-    assert numbers[:3] == [f"{link['predicted_surface']:.0f}", f"{link['surface']}", f"{ratio:.3g}"]
-    assert len(numbers) == 6
-
-
 @pytest.mark.parametrize("name", ["car-recentered", "asymmetric"])
 def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
     """Cameras exactly at the aperture: displacement is the rounding of 32-bit positions alone."""
@@ -201,10 +190,13 @@ def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
         assert np.abs(displacement(drawn, camera)[inside]).max() > 1e-3
 
 
-def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path: Path) -> None:
+def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Every cause is named beside its color, with the numbers of --json, and the page needs nothing else."""
     report = xfrustum.budget(view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0)))
     written = write_budget(report, tmp_path / "budget")
+    assert capfd.readouterr() == ("", "")
     numbers = report.summary()
     assert {path.name for path in written} == {
         "index.html",
@@ -243,11 +235,3 @@ def test_the_command_of_a_budget_makes_it_again() -> None:
     fields = {name: value for name, value in taken.params.items() if value is not None}
     for name in ("near", "depth", "mapping", "fit", "pivot"):
         assert fields[name] == getattr(settings, name)
-
-
-def test_the_public_functions_print_nothing_and_return_objects(capfd: pytest.CaptureFixture[str]) -> None:
-    scene = view("asymmetric", (24, 18))
-    assert xfrustum.budget(scene, DoubleFrustum(near=0.5)).geometry.judged > 0
-    assert isinstance(xfrustum.plan(scene, [scene.plate.middle]), xfrustum.Plan)
-    assert xfrustum.cost(scene, repeat=1).options
-    assert capfd.readouterr() == ("", "")

@@ -17,7 +17,7 @@ from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget import budget, budget_of, write_budget
+from xfrustum.reports.budget import budget_of
 from xfrustum.reports.comparison import table
 from xfrustum.reports.error_report.report import make_report
 from xfrustum.reports.error_report.settings import ReportOptions
@@ -96,16 +96,6 @@ def test_a_comparison_says_how_many_wrong_surfaces_were_culled() -> None:
     assert told.split()[-1] == f"{found.surface.culled:,}"
     assert without.surface is not None and without.surface.culled is None
     assert "culled" not in table(without)
-
-
-def test_the_page_of_a_budget_shows_the_culled_image(tmp_path: Path) -> None:
-    scene = view("large-triangles", (48, 36))
-    report = budget(scene, culled(scene, 1e-3))
-    written = {path.name for path in write_budget(report, tmp_path / "budget")}
-    assert "T5.webp" in written and "radiance-culling.png" in written
-    page = (tmp_path / "budget" / "index.html").read_text()
-    assert "<td>culling</td>" in page
-    assert "--cull back" in page
 
 
 def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:

@@ -12,20 +12,14 @@ import pytest
 
 from tests.support.views import at, reversed_d32f, soup, view
 from xfrustum.compare import Spread, compare_images
-from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import pixel_places
 from xfrustum.scenes import (
     NOTHING,
     Certainty,
     Frustum,
     HogelImage,
     InputError,
-    Plate,
-    Scene,
-    SceneObject,
-    Screen,
 )
 from xfrustum.scenes.arrays import Mask
 
@@ -121,26 +115,6 @@ def test_the_summary_is_the_contract_in_json(asymmetric: Case) -> None:
         assert summary[name]["fraction"] == summary[name]["wrong"] / summary["judged"]
     spread = summary["displacement_px"]
     assert 0 < spread["p50"] < spread["p95"] < spread["p99"] < spread["max"]
-
-
-def test_the_numbers_are_those_of_the_maps(asymmetric: Case) -> None:
-    found = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
-    maps = found.maps
-    assert maps.surface is not None
-    assert found.surface_wrong == maps.surface.sum() > 0
-    assert found.triangle_wrong == maps.triangle.sum() > maps.surface.sum()
-    length = np.hypot(*np.moveaxis(maps.displacement, -1, 0))
-    np.testing.assert_array_equal(np.isfinite(length), asymmetric.drawn.covered)
-    assert found.displacement_px is not None and found.height is not None
-    assert found.displacement_px.max == pytest.approx(np.nanmax(length))
-    assert found.displacement_px.rms == pytest.approx(math.sqrt(np.nanmean(length**2)))
-    assert found.displacement_px.p95 == pytest.approx(np.nanpercentile(length, 95))
-    same = asymmetric.truth.covered & (asymmetric.truth.triangle == asymmetric.drawn.triangle)
-    np.testing.assert_array_equal(np.isfinite(maps.height), same)
-    difference = (asymmetric.drawn.height.astype(np.float64) - asymmetric.truth.height)[same]
-    np.testing.assert_array_equal(maps.height[same], difference)
-    assert found.height.max == np.abs(difference).max()
-    assert found.height.rms == pytest.approx(math.sqrt(np.mean(difference**2)))
 
 
 def test_the_truth_is_right_by_itself(asymmetric: Case) -> None:
@@ -313,29 +287,6 @@ def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> N
     assert spread.rms == pytest.approx(math.sqrt(np.mean(np.arange(101.0) ** 2)))
     huge = Spread.of(np.array([1e300, 1e300]))
     assert huge is not None and huge.rms == pytest.approx(1e300)
-
-
-def test_projecting_is_the_design() -> None:
-    """u = ((Px - ax)/s - kx)/tx with s = -Pz, then columns to the right and rows down."""
-    plate = Plate(size=(40.0, 30.0), hogels=(4, 3))
-    screen = Screen(height=-50.0, center=(5.0, -3.0), size=(40.0, 20.0))
-    frustum = Frustum(resolution=(80, 40), reach=(90.0, 90.0), screen=screen)
-    part = SceneObject(name="one", vertices=np.eye(3) * 10 - [0, 0, 30], faces=np.array([[0, 1, 2]]))
-    scene = Scene(name="one", plate=plate, frustum=frustum, objects=(part,))
-    camera = Reference(scene).trace(plate.aperture(3, 0)).camera
-    a = plate.aperture(3, 0)
-    # The screen's corners are the film's: half a pixel beyond the outermost centers.
-    corners = np.array([[-15.0, 7.0, -50.0], [25.0, -13.0, -50.0]])
-    lines = true_lines(camera)
-    np.testing.assert_allclose(pixel_places(corners, lines), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
-    # Halfway to the aperture the same line, beyond it the same line again.
-    for s in (0.5, -0.25):
-        along = np.array([a.x, a.y, 0]) + s * (corners - [a.x, a.y, 0])
-        np.testing.assert_allclose(pixel_places(along, lines), [[-0.5, -0.5], [79.5, 39.5]], atol=1e-12)
-    assert np.isnan(pixel_places(np.array([1.0, 2.0, 0.0]), lines)).all()
-    centers = pixel_centers(camera)
-    assert centers.shape == (40, 80, 2)
-    np.testing.assert_array_equal(centers[7, 3], [3, 7])
 
 
 def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> None:

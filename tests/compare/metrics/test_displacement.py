@@ -11,7 +11,6 @@ from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import misplaced
-from xfrustum.compare.prediction import predict
 from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -98,34 +97,3 @@ def test_the_signs_a_small_near_moves_the_drawn_picture_toward_the_middle(name: 
     for outward in (shift[:, right, 0], shift[below, :, 1], -shift[:, :58, 0], -shift[:58, :, 1]):
         assert np.isfinite(outward).any()
         assert (outward[np.isfinite(outward)] > 0).all()
-
-
-@pytest.mark.parametrize("near", [0.5, 1.5e-2, 1.5e-5])
-def test_a_prediction_from_the_truth_alone_agrees_with_the_measured_spread(near: float) -> None:
-    """The truth's pixels show other surfaces than the drawn ones; as a whole their displacements agree."""
-    scene = view("asymmetric", (256, 256))
-    reference = Reference(scene)
-    truth = reference.trace(scene.plate.middle)
-    with Rasterizer(scene) as raster:
-        drawn = raster.render(scene.plate.middle, reversed_d32f(near))
-    measured = compare_images(truth, drawn, reference).displacement_px
-    predicted = predict.displacement(truth, scene.frustum, reversed_d32f(near))
-    assert measured is not None and predicted is not None
-    assert measured.p50 == pytest.approx(predicted.p50, rel=0.05)
-    assert measured.p95 == pytest.approx(predicted.p95, rel=0.05)
-
-
-def test_the_prediction_of_a_point_is_exact() -> None:
-    """A truth with one surface point: drawn at u |z| / (|z| + n), in film units from the middle."""
-    scene = view("asymmetric", (64, 48))
-    truth = Reference(scene).trace(scene.plate.middle)
-    row, column = np.argwhere(truth.covered)[100]
-    z = abs(truth.height[row, column])
-    u, v = (2 * column + 1) / 64 - 1, 1 - (2 * row + 1) / 48
-    keep = np.zeros_like(truth.covered)
-    keep[row, column] = True
-    truth.position[~keep], truth.triangle[~keep] = np.nan, NOTHING
-    spread = predict.displacement(truth, scene.frustum, reversed_d32f(2.0))
-    assert spread is not None
-    moved = np.hypot(32 * (u - u * z / (z + 2)), 24 * (v - v * z / (z + 2)))
-    assert spread.max == spread.p50 == pytest.approx(moved, rel=1e-12)

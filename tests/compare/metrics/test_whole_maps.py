@@ -9,7 +9,6 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DoubleFrustum
@@ -85,36 +84,3 @@ def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> 
     # Sums of other orders: each addition of n squares is off by 2^-53 of the sum, and the root by half.
     assert found.height.rms == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=len(error) * 2**-53)
     assert found.height.max == float(np.abs(error).max())
-
-
-def test_colors_are_those_of_whole_images(compared: Compared) -> None:
-    truth, drawn, found = compared.truth, compared.drawn, compared.found
-    assert truth.color is not None and drawn.color is not None
-    judged = truth.certainty != Certainty.TIE
-    error = drawn.color.astype(np.float64) - truth.color
-    error[~judged] = np.nan
-    np.testing.assert_array_equal(found.maps.radiance, error)
-    assert found.radiance is not None
-    assert_plain(found.radiance, error[judged])
-    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
-    assert found.radiance.away_from_edges is not None
-    assert_plain(found.radiance.away_from_edges, error[same])
-
-
-def assert_plain(found: RadianceSpread, error: Floats) -> None:
-    """Compare a spread with that of NumPy's own functions over errors (N, 3)."""
-    size = np.abs(error)
-    worst = size.max(axis=1)
-    # Sums of other orders: each addition of n terms is off by 2^-53 of the sum of their sizes.
-    order = len(error) * 2**-53
-    squares, mean_size = np.mean(error**2, axis=0), float(size.mean())
-    assert found.pixels == len(error)
-    assert found.rms == pytest.approx(float(np.sqrt(squares.mean())), rel=order)
-    assert found.mean == pytest.approx(float(error.mean()), rel=0, abs=3 * order * mean_size)
-    assert (found.p99, found.max) == (np.percentile(worst, 99), worst.max())
-    assert found.above_step == np.mean(worst > STEP)
-    channels = found.channels
-    assert channels.rms == pytest.approx(tuple(np.sqrt(squares)), rel=order)
-    assert channels.mean == pytest.approx(tuple(error.mean(axis=0)), rel=0, abs=3 * order * mean_size)
-    assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
-    assert channels.max == tuple(size.max(axis=0))

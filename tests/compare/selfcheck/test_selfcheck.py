@@ -27,7 +27,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
 
-several = settings(max_examples=50, deadline=None, derandomize=True)
+several = settings(max_examples=30, deadline=None, derandomize=True)
 
 SQUARE = Frustum(
     resolution=(8, 8), reach=(8.0, 8.0), screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0))
@@ -88,24 +88,6 @@ def test_arbitrary_lines_are_decided_as_fractions_do(
         assert found.triangle[line] == (winners[0] if winners else NOTHING)
         assert found.ties.get(line, ()) == (tuple(winners) if len(winners) > 1 else ())
         np.testing.assert_equal(found.s[line], np.nan if s is None else float(s))
-
-
-def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
-    """A square cut along the film's diagonal, and a copy of its lower half."""
-    sheet = np.array(
-        [[[-4, -4, -2], [4, -4, -2], [4, 4, -2]], [[-4, -4, -2], [4, 4, -2], [-4, 4, -2]]], dtype=float
-    )
-    found, _ = all_rows(np.concatenate((sheet, sheet[:1])), SQUARE, at(0, 0))
-    np.testing.assert_array_equal(found.s, 2.0)
-    rows, columns = np.indices((8, 8))
-    # Row 0 is at the top: on the diagonal of the film, which is the sheets' own, all three are met.
-    np.testing.assert_array_equal(found.triangle, np.where(columns >= 7 - rows, 0, 1))
-    ties: dict[tuple[int, int], set[int]] = {
-        (row, column): set() for row in range(8) for column in range(7 - row, 8)
-    }
-    for row, column, number in found.ties.tolist():
-        ties[row, column].add(number)
-    assert all(ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties)
 
 
 @pytest.mark.slow
@@ -234,6 +216,7 @@ def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> 
         return first_surfaces_along(corners[:-1], *lines)
 
     monkeypatch.setattr(module, "first_surfaces_along", all_but_one)
+    monkeypatch.setattr(module, "QUICK_SUBDIVISIONS", 2)
     check = check_sphere(quick=True)
     assert not check.agrees
     assert check.wrong >= 3
