@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.metrics.left_out import transported
+from xfrustum.compare.metrics.radiance import transported
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side

@@ -23,7 +23,7 @@ import numpy as np
 
 from xfrustum.compare.attribution.budget import Named, VectorBudget
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.left_out import measure_left_out
+from xfrustum.compare.metrics.radiance import measure_left_out
 from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
 from xfrustum.compare.prediction.eye_vector import drawn_lines, radiance_along, true_lines
 from xfrustum.raster import Rasterizer

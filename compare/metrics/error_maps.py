@@ -12,12 +12,14 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance, tolerance_by_size
@@ -512,3 +514,41 @@ def judged_pixels(truth: HogelImage) -> Mask:
     if truth.certainty is None:
         return np.ones(truth.triangle.shape, dtype=np.bool_)
     return np.not_equal(truth.certainty, Certainty.TIE)
+
+
+# Pairs of pictures ---------------------------------------------------------------------------------------
+
+
+CONFIDENCE = 0.95
+"""Probability that no picture among those compared is called worse than another by chance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelSet:
+    """A set of pixels of a film: their number, and one bit for each pixel of the film, compressed."""
+
+    count: int
+    packed: bytes = field(repr=False)
+
+    @classmethod
+    def of(cls, mask: Mask) -> PixelSet:
+        """Return the pixels where a mask is set."""
+        return cls(count=int(mask.sum()), packed=zlib.compress(np.packbits(mask).tobytes(), level=1))
+
+    def shared_with(self, other: PixelSet) -> int:
+        """Return how many pixels are in both sets, of one film."""
+        one, two = (np.frombuffer(zlib.decompress(each.packed), np.uint8) for each in (self, other))
+        return int(np.bitwise_count(one & two).sum())
+
+
+def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
+    """Return whether more pixels are wrong in one picture than in another, beyond chance.
+
+    This is the exact test of McNemar (1947). Pixels that are wrong in both pictures, or in neither, say
+    nothing. If neither picture were worse, each other pixel would be wrong in the one or in the other
+    with equal chances. Pixels along one contour change together, so that the test sees differences too soon
+    rather than too late; callers ask for a smallest difference besides. `CONFIDENCE` holds for all
+    `comparisons` with the other picture together (Bonferroni).
+    """
+    by_chance = scipy.stats.binom.sf(only_here - 1, only_here + only_there, 0.5)
+    return bool(only_here > only_there and by_chance < (1 - CONFIDENCE) / comparisons)

@@ -3,27 +3,42 @@
 See docs/method.md, "What is compared". FLIP and SSIM judge pictures as they are shown, clipped and in sRGB
 (`display.encoded`), never the radiance itself: FLIP in its mode for such pictures (LDR), SSIM with the window
 of its inventors.
+
+A reference that samples light paths knows its mean and, from the samples' spread, the variance of that
+mean. Where the picture is the mean's expectation, (mean - picture) / standard error follows Student's t
+with one degree of freedom less than there are samples. Of hundreds of thousands of pixels some lie far out by
+chance alone; Sidak's correction accounts for it.
+
+What a rasterizer leaves out, shadows and interreflection, is measured by light paths: the truth is traced
+with and without them by the same tracer, so that nothing else differs; each image has its own noise.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import flip_evaluator
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from skimage.metrics import structural_similarity
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.noise import NoiseNumbers, compare_with_noise
-from xfrustum.reference.transport.transport import RadianceEstimate
+from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes.appearance.display import encoded
+from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
+from xfrustum.scenes.plate.plate import Aperture
+
+ALPHA = 0.01
+"""Chance that a test of a whole picture fails although nothing is wrong."""
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m. It is that of a
@@ -31,6 +46,193 @@ picture on a screen; through a plate one aperture's picture is not seen as a who
 
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 """Standard deviation and width of SSIM's Gaussian window (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+
+STEP = 1 / 255
+"""One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
+
+Rgb = tuple[float, float, float]
+"""One number for each of red, green and blue."""
+
+
+# Noise ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseNumbers:
+    """The numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
+
+    A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is the chance
+    that some pixel of the whole picture lies as far out as the farthest does, if the picture is what the
+    reference converges to. It is exact where the tests are independent; where they depend on each other, as
+    the channels of one pixel do, the true chance is smaller (Sidak's inequality).
+    """
+
+    agrees: bool
+    differ: int  # pixels
+    alpha: float
+    tests: int  # pixels times channels
+    p_value: float
+    farthest: float  # deviation in standard errors; infinite where a pixel without noise differs
+    without_noise: int  # tested pixels in which no channel varies from sample to sample
+    bias: float  # mean of picture minus reference over the tested pixels
+    bias_error: float  # one standard error of it, from the variances
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseTest:
+    """What a per-pixel test says of a picture against a noisy reference."""
+
+    numbers: NoiseNumbers
+    differs: Mask  # (H, W) pixels that differ at the level of the whole picture
+
+
+def compare_with_noise(
+    picture: NDArray[np.floating],
+    estimate: RadianceEstimate,
+    judged: Mask,
+    rounding: Floats | float = 0.0,
+) -> NoiseTest:
+    """Test whether a picture is what a noisy reference converges to.
+
+    Parameters
+    ----------
+    picture
+        (H, W, 3) linear RGB, without noise.
+    judged
+        (H, W) pixels to be tested. Where an edge crosses a pixel so that few of its samples meet a
+        surface, chance may miss that surface altogether, and then neither mean nor variance knows of it:
+        leave out pixels in which a surface may cover less than 1 - (level of one test)^(1 / samples).
+    rounding
+        Radiance by which picture and mean may differ for other reasons than noise, such as their rounding
+        to float32. It alone decides where samples do not vary.
+    """
+    tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
+    difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
+    variance = np.asarray(estimate.variance_of_mean, dtype=np.float64)[tested]
+    excess = np.sign(difference) * np.maximum(
+        np.abs(difference) - np.broadcast_to(rounding, picture.shape)[tested], 0.0
+    )
+    noisy = variance > 0
+    scaled = np.where(excess == 0, 0.0, np.copysign(np.inf, excess))
+    np.divide(excess, np.sqrt(variance), out=scaled, where=noisy)
+    chance = 2 * scipy.stats.t.sf(np.abs(scaled), estimate.samples - 1)
+    differs = np.zeros(tested.shape, dtype=np.bool_)
+    differs[tested] = (chance < single_level(ALPHA, chance.size)).any(axis=-1)
+    numbers = NoiseNumbers(
+        agrees=not differs.any(),
+        differ=int(differs.sum()),
+        alpha=ALPHA,
+        tests=chance.size,
+        p_value=joint_chance(float(chance.min(initial=1.0)), chance.size),
+        farthest=float(np.abs(scaled).max(initial=0.0)),
+        without_noise=int((~noisy).all(axis=-1).sum()),
+        bias=float(difference.mean()) if len(difference) else 0.0,
+        bias_error=float(np.sqrt(variance.sum()) / variance.size) if variance.size else 0.0,
+    )
+    return NoiseTest(numbers=numbers, differs=differs)
+
+
+def joint_chance(chance: float, tests: int) -> float:
+    """Return the chance that the least of several independent p-values is at most `chance` (Sidak)."""
+    if chance >= 1:
+        return 1.0
+    return float(-np.expm1(tests * np.log1p(-chance)))
+
+
+def single_level(chance: float, tests: int) -> float:
+    """Return the level of each single test for which all tests together have the level `chance` (Sidak)."""
+    return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))
+
+
+# What is left out ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOutNumbers:
+    """What shadows and interreflection do to an image; radiance is positive where the raster lacks light."""
+
+    shadows: bool
+    interreflection: bool
+    light_paths: int  # per pixel of one of the two truths
+    pixels: int  # that change beyond noise
+    darker: int  # of these, on the mean of their channels
+    brighter: int
+    mean: float  # change of radiance over pixels and channels
+    mean_of_image: float | None  # over the mean radiance of the image without them; None where that is 0
+    rms: float  # of the change, from which the noise is taken off
+    rms_noise: float
+    alpha: float  # level of the test that tells pixels from noise, for the whole picture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeftOut:
+    """What shadows and interreflection do to an image."""
+
+    numbers: LeftOutNumbers
+    difference: RadianceEstimate  # the truth with them minus the truth without; samples are those of one
+    without: Floats  # the truth without them, (H, W, 3)
+
+
+def transported(
+    scene: Scene,
+    aperture: Aperture,
+    transport: Transport,
+    *,
+    seed: int = 0,
+    done: Callable[[], object] | None = None,
+) -> RadianceEstimate:
+    """Return the color of an aperture by light paths, averaged over its sub-apertures.
+
+    The scene's sampling says where light paths start; `done` is called after each sub-aperture.
+    """
+    points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
+    tracer = PathTracer(scene)
+    mean, variance = np.zeros(()), np.zeros(())
+    for number, point in enumerate(points):
+        part = tracer.render(point, transport, seed=seed + number)
+        mean = mean + part.mean / len(points)
+        variance = variance + part.variance_of_mean / len(points) ** 2
+        if done is not None:
+            done()
+    # The mean of several estimates is nearer to normal than each of them.
+    return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=transport.samples)
+
+
+def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object] | None = None) -> LeftOut:
+    """Measure what the light transport that a scene asks for does to an image."""
+    local = replace(scene.transport, shadows=False, interreflection=False)
+    full = transported(scene, aperture, scene.transport, done=done)
+    without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)
+    # Welch's degrees of freedom are at least the smaller of the two samples' own.
+    difference = RadianceEstimate(
+        mean=full.mean - without.mean,
+        variance_of_mean=full.variance_of_mean + without.variance_of_mean,
+        samples=min(full.samples, without.samples),
+    )
+    # The hypothesis is that they do nothing: what differs is what a rasterizer misses.
+    change = difference.mean
+    everywhere = np.ones(change.shape[:2], dtype=np.bool_)
+    test = compare_with_noise(np.zeros(change.shape), difference, everywhere)
+    brightness, mean = float(np.mean(without.mean)), float(np.mean(change))
+    # Noise adds its variance to the mean square, whether or not anything changes.
+    noise = float(np.mean(difference.variance_of_mean))
+    numbers = LeftOutNumbers(
+        shadows=scene.transport.shadows,
+        interreflection=scene.transport.interreflection,
+        light_paths=difference.samples,
+        pixels=test.numbers.differ,
+        darker=int((test.differs & (change.mean(axis=-1) < 0)).sum()),
+        brighter=int((test.differs & (change.mean(axis=-1) > 0)).sum()),
+        mean=mean,
+        mean_of_image=mean / brightness if brightness else None,
+        rms=float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
+        rms_noise=float(np.sqrt(noise)),
+        alpha=test.numbers.alpha,
+    )
+    return LeftOut(numbers=numbers, difference=difference, without=without.mean)
+
+
+# Radiance and looks --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,13 +272,6 @@ def perceptual_difference(
             )
         )
     return PerceptualDifference(flip=float(flip_map.mean(dtype=np.float64)), ssim=ssim, flip_map=flip_map)
-
-
-STEP = 1 / 255
-"""One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
-
-Rgb = tuple[float, float, float]
-"""One number for each of red, green and blue."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from itertools import groupby
 from typing import TypeVar
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.metrics.noise import is_worse
+from xfrustum.compare.metrics.error_maps import is_worse
 from xfrustum.reports.error_report.measurement import Measurement
 from xfrustum.reports.error_report.settings import geometries_of, geometry_names, geometry_of
 from xfrustum.scenes.notebook import digits, percent, plain

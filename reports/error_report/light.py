@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.left_out import LeftOutNumbers, measure_left_out
+from xfrustum.compare.metrics.radiance import LeftOutNumbers, measure_left_out
 from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

@@ -9,7 +9,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from xfrustum.compare.attribution.budget import ShearNumbers
-from xfrustum.compare.metrics.noise import CONFIDENCE
+from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED

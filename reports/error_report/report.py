@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.metrics.noise import CONFIDENCE
+from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.json_ready import json_object, json_ready, write_json

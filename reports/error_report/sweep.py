@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.budget import Budget
-from xfrustum.compare.metrics.noise import PixelSet
+from xfrustum.compare.metrics.error_maps import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.compare.scout import AutoApertures

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.left_out import transported
+from xfrustum.compare.metrics.radiance import transported
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
 from xfrustum.raster.plate.renderer import PlateRenderer

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from xfrustum.compare.metrics.noise import ALPHA, NoiseTest, compare_with_noise, joint_chance, single_level
+from xfrustum.compare.metrics.radiance import ALPHA, NoiseTest, compare_with_noise, joint_chance, single_level
 from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.arrays import Floats
 
@@ -88,7 +88,6 @@ def test_only_judged_pixels_count() -> None:
     judged[0, 0] = False
     outcome = compare_with_noise(picture, exact, judged)
     assert outcome.numbers.agrees and outcome.numbers.tests == 3 * (EVERYWHERE.size - 2)
-    assert np.isnan(outcome.deviation[0, 0]).all() and np.isnan(outcome.deviation[1, 1]).all()
     nothing = compare_with_noise(picture, exact, np.zeros_like(judged))
     assert nothing.numbers.agrees and nothing.numbers.tests == 0 and nothing.numbers.p_value == 1.0
 

@@ -14,8 +14,7 @@ import pytest
 from tests.support.rows import GPU_S, NO_CAUSES, TIMES, comparison_numbers
 from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
-from xfrustum.compare.metrics.noise import NoiseNumbers
-from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
+from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED, json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tests.support.rows import comparison_numbers, measured_row
-from xfrustum.compare.metrics.noise import CONFIDENCE, PixelSet, is_worse
+from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, is_worse
 from xfrustum.reports.error_report.best import (
     SURFACE_TIE_FRACTION,
     best_per_depth,
