@@ -479,7 +479,7 @@ class _Loop(Generic[Result]):
         if predictor and isinstance(shared, ChainStart):
             prediction, links = predictor.predict_links(setting)
             predicted = time.perf_counter()
-            budget = charged(shared, drawn.image, links, comparison.errors)
+            budget = charged(shared, comparison.errors, links)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
             done = time.perf_counter()
         times = StageTimes(

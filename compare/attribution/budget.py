@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.error_maps import (
     PixelErrors,
-    differing_pixels,
     film_shifts,
     judged_pixels,
     lengths,
@@ -360,31 +359,18 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
     gaps = reference.gaps(start.truth.camera.aperture)
     predictor = Predictor(start.truth, gaps, reference.scene.frustum, chain.subpixel_bits)
-    return charged(start, chain.images[-1], predictor.predict_links(chain.settings)[1])
+    errors = pixel_errors(start.truth, chain.images[-1], reference, start.exact)
+    return charged(start, errors, predictor.predict_links(chain.settings)[1])
 
 
-def charged(
-    start: ChainStart,
-    drawn: HogelImage,
-    predicted: tuple[LinkPrediction, ...],
-    errors: PixelErrors | None = None,
-) -> Budget:
-    """Charge every wrong pixel of a drawn image to one link of its chain.
+def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPrediction, ...]) -> Budget:
+    """Charge every wrong pixel of an image, whose errors were found beside those of R0, to one link.
 
     A pixel is charged to the last link that changed its triangle: the smallest for which every
     later link agrees with the final image. By surfaces, it is charged to the link from which on it is wrong.
-
-    Parameters
-    ----------
-    errors
-        Errors of the last image, where it was compared with the truth beside R0 already.
     """
-    exact, depth = start.images[-1], start.depth
-    changed, surface = (errors.changed, errors.surface) if errors else (None, None)
-    if changed is None:
-        changed = differing_pixels(exact, drawn)
-    if surface is None:
-        surface = wrong_surface(start.truth, drawn, start.reference) & start.judged
+    exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
+    assert changed is not None and errors.surface is not None, "judged beside R0, with the scene at hand"
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
     before, after = (image.triangle.reshape(-1).take(changed) for image in (exact, drawn))
     by_depth = changed[(before != after) & wrong.reshape(-1).take(changed)]
@@ -400,7 +386,7 @@ def charged(
         drawn=drawn,
         changed=changed,
         charge=charge,
-        surface_charge=np.where(surface, by_surface, np.int8(RIGHT)),
+        surface_charge=np.where(errors.surface, by_surface, np.int8(RIGHT)),
         explanation=rounded.joined(swapped),
         predicted=predicted,
     )

@@ -24,7 +24,6 @@ import flip_evaluator
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
 from skimage.metrics import structural_similarity
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
@@ -394,17 +393,11 @@ def compare_radiance(
     return RadianceError(numbers=numbers, truth=truth, raster=raster, judged=judged)
 
 
-def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> Mask:
+def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
     """Return the pixels that show the same triangle in both images, (H, W).
 
     What such a pixel's center shows is shaded continuously from one image to the other, however
-    coarse the mesh. Where images give no triangle numbers, no pixel is away from edges. Pixels within a
-    margin about another triangle are left out too, where colors are averaged over a pixel's area or over the
-    aperture.
+    coarse the mesh. Where images give no triangle numbers, no pixel is away from edges.
     """
     same = (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
-    if margin > 0:
-        size = 2 * margin + 1
-        for number in (truth.triangle, raster.triangle):
-            same &= maximum_filter(number, size) == minimum_filter(number, size)
     return np.asarray(same)

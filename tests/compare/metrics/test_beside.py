@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare import compare_images
-from xfrustum.compare.attribution.budget import ChainStart, charged, make_budget
+from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     PixelErrors,
@@ -83,18 +83,6 @@ def test_a_pixel_differs_if_one_coordinate_does(drawn: Drawn, axis: int) -> None
     moved[row, column, axis] += 1
     found = differing_pixels(drawn.exact, replace(drawn.exact, position=moved))
     assert found.tolist() == [row * moved.shape[1] + column]
-
-
-def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:
-    alone = make_budget(drawn.reference, drawn.chain)
-    errors = compare_images(drawn.truth, drawn.starved, drawn.reference, beside=drawn.judged()).errors
-    start = ChainStart(
-        reference=drawn.reference, images=drawn.chain.images[:-1], subpixel_bits=drawn.chain.subpixel_bits
-    )
-    shared = charged(start, drawn.starved, alone.predicted, errors)
-    np.testing.assert_array_equal(shared.charge, alone.charge)
-    np.testing.assert_array_equal(shared.surface_charge, alone.surface_charge)
-    assert shared.numbers == alone.numbers
 
 
 def test_a_pixel_is_charged_to_the_last_link_that_changed_it(drawn: Drawn) -> None:
