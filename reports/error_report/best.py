@@ -106,7 +106,7 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     wrong surfaces. The second does the same for wrong colors, where the scene is shaded. The third keeps
     those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
     `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
-    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.noise`). The worst aperture counts.
+    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.error_maps`). The worst aperture counts.
 
     Raises
     ------
