@@ -19,73 +19,22 @@ Words: see the glossary in CONVENTIONS.md.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from xfrustum.scenes.errors import InputError
-    from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
-    from xfrustum.scenes.model.scene import Scene, SceneObject
-    from xfrustum.scenes.opening import open_scene
-    from xfrustum.scenes.plate.double_frustum import (
-        Camera,
-        Cull,
-        DepthFormat,
-        DepthMapping,
-        DoubleFrustum,
-        Fit,
-        Offset,
-        Pivot,
-    )
-    from xfrustum.scenes.plate.frustum import Frustum, Screen
-    from xfrustum.scenes.plate.plate import Aperture, Plate
-
-__all__ = [
-    "NOTHING",
-    "Aperture",
-    "Camera",
-    "Certainty",
-    "Cull",
-    "DepthFormat",
-    "DepthMapping",
-    "DoubleFrustum",
-    "Fit",
-    "Frustum",
-    "HogelCamera",
-    "HogelImage",
-    "InputError",
-    "Offset",
-    "Pivot",
-    "Plate",
-    "Scene",
-    "SceneObject",
-    "Screen",
-    "open_scene",
-]
-
-_MODULES = {
-    "NOTHING": "model.hogel_image",
-    "Aperture": "plate.plate",
-    "Camera": "plate.double_frustum",
-    "Certainty": "model.hogel_image",
-    "Cull": "plate.double_frustum",
-    "DepthFormat": "plate.double_frustum",
-    "DepthMapping": "plate.double_frustum",
-    "DoubleFrustum": "plate.double_frustum",
-    "Fit": "plate.double_frustum",
-    "Frustum": "plate.frustum",
-    "HogelCamera": "model.hogel_image",
-    "HogelImage": "model.hogel_image",
-    "InputError": "errors",
-    "Offset": "plate.double_frustum",
-    "Pivot": "plate.double_frustum",
-    "Plate": "plate.plate",
-    "Scene": "model.scene",
-    "SceneObject": "model.scene",
-    "Screen": "plate.frustum",
-    "open_scene": "opening",
+_NAMES = {
+    "errors": "InputError",
+    "model.hogel_image": "NOTHING Certainty HogelCamera HogelImage",
+    "model.scene": "Scene SceneObject",
+    "opening": "open_scene",
+    "plate.double_frustum": "Camera Cull DepthFormat DepthMapping DoubleFrustum Fit Offset Pivot",
+    "plate.frustum": "Frustum Screen",
+    "plate.plate": "Aperture Plate",
 }
-"""Module of each name. They are imported when first used: the command line reads `tolerances` before it knows
-whether any command runs, and must not load meshes and images for that."""
+"""Public names by the module that has them; type checkers read `__init__.pyi`. They are imported when first
+used: the command line, which must not load meshes to answer `--help`, imports this package."""
+
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = sorted(_MODULES)  # noqa: PLE0605 - a list, of what is above
 
 
 def __getattr__(name: str) -> object:

@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
@@ -50,29 +49,35 @@ def _made_by(module: str, function: str, *arguments: object, **named: object) ->
 
 
 _GRAY = _made_by("appearance.appearance", "Appearance")
-"""Makes the look of scenes that say nothing of it: gray under one light."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Builtin:
+@dataclass(frozen=True)
+class BuiltinScene:
     """One entry of the catalogue; functions make its objects and its look, in scene coordinates."""
 
-    purpose: str  #: in one line
+    name: str
     triangles: int  #: of all objects, stated so that the scenes can be listed without being built
+    purpose: str  #: in one line; of a hard case why it is hard
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = _PLATE
     frustum: Frustum = _CENTERED
     appearance: Callable[[], Appearance] = _GRAY
     sampling: Sampling = field(default_factory=Sampling)
 
+    def build(self) -> Scene:
+        """Return the scene; the same on every machine."""
+        from xfrustum.scenes.model.scene import Scene  # noqa: PLC0415 - loads NumPy
 
-@dataclass(frozen=True, kw_only=True)
-class Listing:
-    """One line of `xfrustum scenes`: a scene's name, its purpose, and its number of triangles."""
-
-    name: str
-    purpose: str
-    triangles: int
+        return Scene(
+            name=self.name,
+            units="mm",
+            plate=self.plate,
+            frustum=self.frustum,
+            objects=self.objects(),
+            source=self.name,
+            appearance=self.appearance(),
+            sampling=self.sampling,
+        )
 
 
 def _transferred_car() -> tuple[SceneObject, ...]:
@@ -84,106 +89,62 @@ def _transferred_car() -> tuple[SceneObject, ...]:
     return tuple(place(part, behind) for part in car())
 
 
-SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
-    {
-        "car": Builtin(
-            purpose="a car body of about 42,000 triangles across the plate, as in the paper: the main job",
-            triangles=41_896,
-            objects=_made_by("library.car", "car"),
-        ),
-        "car-recentered": Builtin(
-            purpose="the car on a fixed projection screen: every aperture shears its frustum",
-            triangles=41_896,
-            objects=_made_by("library.car", "car"),
-            plate=_CAR_PLATE,
-            frustum=_CAR_RECENTERED,
-        ),
-        "car-transfer": Builtin(
-            purpose="a master for transfer: the car behind the plate, the screen in the transfer plane",
-            triangles=41_896,
-            objects=_transferred_car,
-            frustum=_TRANSFER,
-        ),
-        "asymmetric": Builtin(
-            purpose="different parts on both sides of the plate: no flip or swap of axes goes unseen",
-            triangles=4_896,
-            objects=_made_by("library.targets", "asymmetric"),
-        ),
-        "asymmetric-recentered": Builtin(
-            purpose="the same parts on an off-center screen: no sign of the shear goes unseen",
-            triangles=4_896,
-            objects=_made_by("library.targets", "asymmetric"),
-            frustum=_RECENTERED,
-        ),
-        "sheets": Builtin(
-            purpose="parallel sheets 1e-1 to 1e-6 of the reach apart, at graded heights: depth order",
-            triangles=288,
-            objects=_made_by("library.targets", "sheets", reach=_REACH[0]),
-        ),
-        "crossing": Builtin(
-            purpose="a wavy surface through the middle aperture itself: what happens where the plate is cut",
-            triangles=10_598,
-            objects=_made_by("library.targets", "crossing"),
-        ),
-        "large-triangles": Builtin(
-            purpose="triangles far larger than the plate that cross it beside the aperture: clipping",
-            triangles=2_319,
-            objects=_made_by("library.targets", "large_triangles"),
-        ),
-        "car-studio": Builtin(
-            purpose="the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
-            triangles=41_896,
-            objects=_made_by("library.studio", "studio_car"),
-            appearance=_made_by("library.studio", "studio"),
-        ),
-        "mirror-sphere": Builtin(
-            purpose="pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
-            triangles=72_960,
-            objects=_made_by("library.targets", "mirror_spheres"),
-            appearance=_made_by("library.targets", "mirror"),
-        ),
-        "grating": Builtin(
-            purpose="bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
-            triangles=464,
-            objects=_made_by("library.targets", "gratings", (80 / 81, 60 / 61)),
-            frustum=_SMALL,
-            appearance=_made_by("library.targets", "plain"),
-            sampling=Sampling(aperture=16),
-        ),
-        "empty": Builtin(
-            purpose="nothing at all: the true image of nothing is nothing",
-            triangles=0,
-            objects=lambda: (),
-        ),
-    }
-)
+_CAR, _ASYMMETRIC = _made_by("library.car", "car"), _made_by("library.targets", "asymmetric")
+
+_ENTRIES = (
+    BuiltinScene("car", 41_896,
+                 "a car body of about 42,000 triangles across the plate, as in the paper: the main job",
+                 _CAR),
+    BuiltinScene("car-recentered", 41_896,
+                 "the car on a fixed projection screen: every aperture shears its frustum",
+                 _CAR, plate=_CAR_PLATE, frustum=_CAR_RECENTERED),
+    BuiltinScene("car-transfer", 41_896,
+                 "a master for transfer: the car behind the plate, the screen in the transfer plane",
+                 _transferred_car, frustum=_TRANSFER),
+    BuiltinScene("asymmetric", 4_896,
+                 "different parts on both sides of the plate: no flip or swap of axes goes unseen",
+                 _ASYMMETRIC),
+    BuiltinScene("asymmetric-recentered", 4_896,
+                 "the same parts on an off-center screen: no sign of the shear goes unseen",
+                 _ASYMMETRIC, frustum=_RECENTERED),
+    BuiltinScene("sheets", 288,
+                 "parallel sheets 1e-1 to 1e-6 of the reach apart, at graded heights: depth order",
+                 _made_by("library.targets", "sheets", reach=_REACH[0])),
+    BuiltinScene("crossing", 10_598,
+                 "a wavy surface through the middle aperture itself: what happens where the plate is cut",
+                 _made_by("library.targets", "crossing")),
+    BuiltinScene("large-triangles", 2_319,
+                 "triangles far larger than the plate that cross it beside the aperture: clipping",
+                 _made_by("library.targets", "large_triangles")),
+    BuiltinScene("car-studio", 41_896,
+                 "the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
+                 _made_by("library.studio", "studio_car"), appearance=_made_by("library.studio", "studio")),
+    BuiltinScene("mirror-sphere", 72_960,
+                 "pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
+                 _made_by("library.targets", "mirror_spheres"),
+                 appearance=_made_by("library.targets", "mirror")),
+    BuiltinScene("grating", 464,
+                 "bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
+                 _made_by("library.targets", "gratings", (80 / 81, 60 / 61)), frustum=_SMALL,
+                 appearance=_made_by("library.targets", "plain"), sampling=Sampling(aperture=16)),
+    BuiltinScene("empty", 0, "nothing at all: the true image of nothing is nothing", lambda: ()),
+)  # fmt: skip
+
+SCENES = MappingProxyType({entry.name: entry for entry in _ENTRIES})
+"""The built-in scenes by name, in the order of the catalogue."""
 
 
 def names() -> list[str]:
-    """Return the names of the built-in scenes in the order of the catalogue."""
+    """Return the names of the built-in scenes."""
     return list(SCENES)
 
 
-def listing() -> list[Listing]:
-    """Return name, purpose and number of triangles of every built-in scene."""
-    return [Listing(name=n, purpose=one.purpose, triangles=one.triangles) for n, one in SCENES.items()]
+def listing() -> list[BuiltinScene]:
+    """Return the entries of all built-in scenes."""
+    return list(SCENES.values())
 
 
 @cache
 def build(name: str) -> Scene:
-    """Return a built-in scene, the same on every machine; InputError where there is none of that name."""
-    if name not in SCENES:
-        raise InputError(f"no built-in scene is called {name!r}; there are {', '.join(SCENES)}")
-    from xfrustum.scenes.model.scene import Scene  # noqa: PLC0415 - loads NumPy
-
-    entry = SCENES[name]
-    return Scene(
-        name=name,
-        units="mm",
-        plate=entry.plate,
-        frustum=entry.frustum,
-        objects=entry.objects(),
-        source=name,
-        appearance=entry.appearance(),
-        sampling=entry.sampling,
-    )
+    """Return a built-in scene, made once, by a name out of `SCENES`."""
+    return SCENES[name].build()

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.geometry.shapes import build_shape, grid_faces, triangulate
-from xfrustum.scenes.library.builtin import Listing
+from xfrustum.scenes.library.builtin import BuiltinScene
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.targets import asymmetric
 from xfrustum.scenes.model.scene import Scene, SceneObject
@@ -45,73 +44,47 @@ It has a screen and not an angle, because no angle in radians has the tangent 1/
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class HardCase:
+@dataclass(frozen=True)
+class HardCase(BuiltinScene):
     """One scene at which a renderer of crossed frusta may fail, and the true image that is expected."""
 
-    name: str  #: on the command line: `hard/...`
-    why: str  #: why the scene is hard, in one line
-    expected: str  #: content of the true image, in one line
-    triangles: int  #: of all objects, stated so that the cases can be listed without being built
-    objects: Callable[[], Objects]
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
+    expected: str = ""  #: content of the true image, in one line
     apertures: tuple[tuple[int, int], ...] = ((2, 2),)  #: column and row of those that matter
     giant: bool = False  #: whether the case takes minutes or gigabytes
-
-    def build(self) -> Scene:
-        """Return the scene; the same on every machine."""
-        return Scene(
-            name=self.name,
-            units="mm",
-            plate=self.plate,
-            frustum=self.frustum,
-            objects=self.objects(),
-            source=self.name,
-        )
 
 
 _CASES: dict[str, HardCase] = {}
 
 CASES = MappingProxyType(_CASES)
-"""The cases by name, in the order of the suite."""
+"""The cases by name, `hard/...`, in the order of the suite."""
+
+Maker = Callable[[], Objects]
 
 
-def _case(
-    name: str, triangles: int, why: str, expected: str, **how: Any
-) -> Callable[[Callable[[], Objects]], Callable[[], Objects]]:
+def _case(name: str, triangles: int, why: str, expected: str, **how: Any) -> Callable[[Maker], Maker]:
     """Enter the function that follows, which makes a case's objects, into the suite."""
 
-    def entered(objects: Callable[[], Objects]) -> Callable[[], Objects]:
-        full = f"hard/{name}"
-        _CASES[full] = HardCase(
-            name=full, why=why, expected=expected, triangles=triangles, objects=objects, **how
-        )
+    def entered(objects: Maker) -> Maker:
+        _CASES[f"hard/{name}"] = HardCase(f"hard/{name}", triangles, why, objects, expected=expected, **how)
         return objects
 
     return entered
 
 
 def names(*, giants: bool = True) -> list[str]:
-    """Return the names of the cases in the order of the suite, with or without the giants."""
+    """Return the names of the cases, with or without the giants."""
     return [name for name, case in CASES.items() if giants or not case.giant]
 
 
-def listing() -> list[Listing]:
-    """Return name, difficulty and number of triangles of every case."""
-    return [Listing(name=name, purpose=case.why, triangles=case.triangles) for name, case in CASES.items()]
+def listing() -> list[BuiltinScene]:
+    """Return the entries of all cases."""
+    return list(CASES.values())
 
 
 def build(name: str) -> Scene:
-    """Return the scene of a hard case, made anew each time: one of them takes hundreds of megabytes.
-
-    Raises
-    ------
-    InputError
-        There is no such case.
-    """
-    if name not in CASES:
-        raise InputError(f"no hard case is called {name!r}; there are {', '.join(CASES)}")
+    """Return the scene of one of `CASES`, made anew each time: one of them takes hundreds of megabytes."""
     return CASES[name].build()
 
 

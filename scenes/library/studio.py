@@ -19,32 +19,15 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import car, rim_faces
 from xfrustum.scenes.model.scene import Scene, SceneObject, read_only
 
-_MATERIALS = MappingProxyType(
-    {
-        "paint": Material(
-            ambient=(0.03, 0.006, 0.008),
-            diffuse=(0.42, 0.045, 0.05),
-            specular=(0.35, 0.35, 0.35),
-            exponent=50.0,
-            reflectivity=(0.16, 0.16, 0.16),
-        ),
-        "glass": Material(
-            ambient=(0.004, 0.006, 0.007),
-            diffuse=(0.015, 0.022, 0.025),
-            specular=(0.6, 0.6, 0.6),
-            exponent=200.0,
-            reflectivity=(0.3, 0.32, 0.34),
-        ),
-        "tire": Material(ambient=(0.008,) * 3, diffuse=(0.035,) * 3, specular=(0.04,) * 3, exponent=8.0),
-        "metal": Material(
-            ambient=(0.02,) * 3,
-            diffuse=(0.12, 0.12, 0.13),
-            specular=(0.5,) * 3,
-            exponent=80.0,
-            reflectivity=(0.55, 0.55, 0.58),
-        ),
-    }
-)
+_MATERIALS = MappingProxyType({
+    "paint": Material(ambient=(0.03, 0.006, 0.008), diffuse=(0.42, 0.045, 0.05), specular=(0.35,) * 3,
+                      exponent=50.0, reflectivity=(0.16,) * 3),
+    "glass": Material(ambient=(0.004, 0.006, 0.007), diffuse=(0.015, 0.022, 0.025), specular=(0.6,) * 3,
+                      exponent=200.0, reflectivity=(0.3, 0.32, 0.34)),
+    "tire": Material(ambient=(0.008,) * 3, diffuse=(0.035,) * 3, specular=(0.04,) * 3, exponent=8.0),
+    "metal": Material(ambient=(0.02,) * 3, diffuse=(0.12, 0.12, 0.13), specular=(0.5,) * 3,
+                      exponent=80.0, reflectivity=(0.55, 0.55, 0.58)),
+})  # fmt: skip
 _MATERIAL_OF_PART = MappingProxyType({"body": "paint", "glass": "glass", "trim": "metal"})
 
 _LIGHTS = (

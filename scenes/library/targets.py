@@ -75,10 +75,9 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
     """Return pairs of parallel sheets: object 0 the upper sheets, toward the viewer, object 1 the lower.
 
     Seen from the middle aperture, the pairs behind the plate fill the left half of the film and those
-    in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
-    `SHEET_SEPARATIONS` from the left. In every cell the upper sheet covers the left 7/10 and the
-    lower one the right 7/10, so both show, and where they overlap a wrong order shows too. The pairs
-    lean a little: a sheet of one single depth would be all right or all wrong.
+    in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns `SHEET_SEPARATIONS` from
+    the left. In every cell the upper sheet covers the left 7/10 and the lower one the right 7/10, so both
+    show, and where they overlap a wrong order shows too.
     """
     upper, lower = [], []
     for side, first_column in ((-1, 0), (1, len(SHEET_SEPARATIONS))):
@@ -102,8 +101,8 @@ _CELL_FILLED = 0.9
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
-    The sheet leans about the point in which the line through the cell's middle has height z, so the
-    sheets of a pair are parallel and exactly the difference of their heights apart along that line.
+    It leans about the point in which the line through the cell's middle has height z: a sheet of one depth
+    would be all right or all wrong. A pair is parallel, and its heights' difference apart along that line.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
