@@ -26,7 +26,7 @@ from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.benchmarks import common
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import race
-from xfrustum.scenes.library.globes import globes
+from xfrustum.scenes.library.targets import globes
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture

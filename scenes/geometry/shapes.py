@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,35 +32,19 @@ def square() -> Mesh:
     return corners, triangulate(np.array([(0, 1, 2, 3)]))
 
 
-def sphere() -> Mesh:
-    """Return a sphere of diameter 1, poles on the y axis, 48 sectors by 24 bands."""
-    polar = np.linspace(0, np.pi, 25)
-    return lathe(0.5 * np.sin(polar), -0.5 * np.cos(polar), sectors=48)
-
-
-def cylinder() -> Mesh:
-    """Return a closed cylinder about the y axis, diameter and height 1."""
-    return lathe(np.array([0, 0.5, 0.5, 0]), np.array([-0.5, -0.5, 0.5, 0.5]), sectors=48)
-
-
-def cone() -> Mesh:
-    """Return a closed cone about the y axis, diameter and height 1, tip at the top."""
-    return lathe(np.array([0, 0.5, 0]), np.array([-0.5, -0.5, 0.5]), sectors=48)
-
-
-def torus() -> Mesh:
-    """Return a torus about the y axis of outer diameter 1 and tube diameter 0.3."""
-    turn = np.linspace(0, 2 * np.pi, 25)
-    return lathe(0.35 + 0.15 * np.cos(turn), 0.15 * np.sin(turn), sectors=48)
-
-
-def lathe(radii: Floats, heights: Floats, *, sectors: int) -> Mesh:
+def lathe(radii: Floats, heights: Floats, *, sectors: int = 48) -> Mesh:
     """Turn a profile (N,), from the bottom up along the outside, about the y axis; facets face outward."""
     turn = 2 * np.pi * np.arange(sectors) / sectors
     level = np.broadcast_to(heights[:, None], (len(heights), sectors))
     return wrapped_grid(
         np.stack([radii[:, None] * np.sin(turn), level, radii[:, None] * np.cos(turn)], axis=-1)
     )
+
+
+def ball(radius: float, bands: int, sectors: int) -> Mesh:
+    """Return a sphere about the origin, poles on the y axis."""
+    polar = np.linspace(0, np.pi, bands + 1)
+    return lathe(radius * np.sin(polar), -radius * np.cos(polar), sectors=sectors)
 
 
 def wrapped_grid(rings: Floats) -> Mesh:
@@ -108,9 +93,24 @@ def join(*meshes: Mesh) -> Mesh:
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
-SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType(
-    dict(zip(SHAPE_NAMES, (box, square, sphere, cylinder, cone, torus), strict=True))
-)
+_TURN = np.linspace(0, 2 * np.pi, 25)
+
+SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
+    "box": box,
+    "square": square,
+    "sphere": lambda: ball(0.5, 24, 48),
+    "cylinder": lambda: lathe(np.array([0, 0.5, 0.5, 0]), np.array([-0.5, -0.5, 0.5, 0.5])),
+    "cone": lambda: lathe(np.array([0, 0.5, 0]), np.array([-0.5, -0.5, 0.5])),
+    "torus": lambda: lathe(0.35 + 0.15 * np.cos(_TURN), 0.15 * np.sin(_TURN)),
+})  # fmt: skip
+"""Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on top; the
+tube of the torus has a diameter of 0.3."""
+assert tuple(SHAPES) == SHAPE_NAMES
+
+
+def as_object(name: str, mesh: Mesh, **attributes: Any) -> SceneObject:
+    """Return a mesh as an object of a scene."""
+    return SceneObject(name=name, vertices=mesh[0], faces=mesh[1], **attributes)
 
 
 def build_shape(name: str, *, material: str | None = None) -> SceneObject:
@@ -121,5 +121,4 @@ def build_shape(name: str, *, material: str | None = None) -> SceneObject:
             f"no built-in shape is called {name!r}; the nearest is {nearest}, "
             f"and there are {', '.join(SHAPES)}"
         )
-    vertices, faces = SHAPES[name]()
-    return SceneObject(name=name, vertices=vertices, faces=faces, material=material)
+    return as_object(name, SHAPES[name](), material=material)

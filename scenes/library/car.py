@@ -12,7 +12,7 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry.operations import place, placement
-from xfrustum.scenes.geometry.shapes import Mesh, join, lathe, wrapped_grid
+from xfrustum.scenes.geometry.shapes import Mesh, as_object, join, lathe, wrapped_grid
 from xfrustum.scenes.model.scene import SceneObject
 
 Knots = Sequence[tuple[float, float]]
@@ -22,10 +22,8 @@ _ARCH_RADIUS = 8.6
 _AXLES = (-29.5, 31.0)
 _TRACK = 17.6
 _WHEEL_SECTORS = 60
-_END = 45.0
-"""|z| at which the body turns into a rounded cap at either end."""
-_CAP = 5.0
-"""Length of each cap."""
+_END, _CAP = 45.0, 5.0
+"""|z| at which the body turns into a rounded cap at either end, and the length of each cap."""
 _SECTION = 3.4
 """Exponent of the lower body's cross section."""
 
@@ -66,10 +64,7 @@ def car() -> tuple[SceneObject, ...]:
         "trim": _trim(),
     }
     scene_from_car = placement(1.0, (0.0, 35.0, 0.0), (-14.0, -27.0, -17.0))
-    return tuple(
-        place(SceneObject(name=f"car {name}", vertices=vertices, faces=faces), scene_from_car)
-        for name, (vertices, faces) in parts.items()
-    )
+    return tuple(place(as_object(f"car {name}", mesh), scene_from_car) for name, mesh in parts.items())
 
 
 def rim_faces(wheels: SceneObject) -> Mask:
@@ -186,19 +181,16 @@ def _wheel(side: int, axle: float) -> Mesh:
 
 
 def _trim() -> Mesh:
-    """Return bumpers, lamps, mirrors and door handles."""
-    parts = [
-        _pebble((0, 9.0, 48.0), (17.0, 1.6, 3.4), 4.0),
-        _pebble((0, 10.5, -48.0), (17.5, 1.6, 3.2), 4.0),
-    ]
-    for side in (-1, 1):
-        parts += [
-            _pebble((side * 13.0, 13.6, 46.6), (3.0, 1.9, 3.0), 2.4),
-            _pebble((side * 13.8, 16.0, -47.2), (2.8, 1.7, 2.4), 2.8),
-            _pebble((side * 19.4, 21.5, 11.0), (2.4, 1.6, 1.3), 2.6),
-            _pebble((side * 20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
-        ]
-    return join(*parts)
+    """Return bumpers, and lamps, mirrors and door handles on both sides."""
+    bumpers = (((0, 9.0, 48.0), (17.0, 1.6, 3.4), 4.0), ((0, 10.5, -48.0), (17.5, 1.6, 3.2), 4.0))
+    both = (
+        ((13.0, 13.6, 46.6), (3.0, 1.9, 3.0), 2.4),
+        ((13.8, 16.0, -47.2), (2.8, 1.7, 2.4), 2.8),
+        ((19.4, 21.5, 11.0), (2.4, 1.6, 1.3), 2.6),
+        ((20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
+    )
+    paired = [((side * x, y, z), half, exponent) for side in (-1, 1) for (x, y, z), half, exponent in both]
+    return join(*(_pebble(*one) for one in (*bumpers, *paired)))
 
 
 def _pebble(center: tuple[float, float, float], half: tuple[float, float, float], exponent: float) -> Mesh:

@@ -2,10 +2,7 @@
 
 The objects of `cars` lie on one side of the plate. For C* they are reflected through the middle aperture,
 which moves no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the
-farthest.
-
-The other functions change one thing each: content on both sides at once, an aperture off the middle, a
-recentered frustum, or a surface that runs through the plate.
+farthest. The other functions change one thing each.
 """
 
 from __future__ import annotations
@@ -26,10 +23,8 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 REACH = 1000.0
-"""Reach on both sides, scene units."""
-
 FARTHEST = 0.999 * REACH
-"""Largest |z| of any surface, so that the reach cuts nothing."""
+"""Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing."""
 
 CAR_RATIO = 1.5
 """Ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower."""
@@ -45,11 +40,9 @@ corner of the screen."""
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 
-_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1))
-"""Places of the cars: the middles of the film's quarters, in halves of its half-extent, so that none hides
-another at any depth."""
-_BETWEEN_QUARTERS = ((-1, 0), (1, 0))
-"""Places of the cars before the plate where there are cars on both sides, in the same unit."""
+_QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
+"""Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that none hides
+another at any depth; and those before the plate where there are cars on both sides."""
 
 _CAR_REACH, _CAR_FOV, _CAR_ROW = 150.0, math.radians(60), -10.0
 """Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the

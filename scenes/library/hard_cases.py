@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.geometry.operations import place, placement
-from xfrustum.scenes.geometry.shapes import build_shape, grid_faces, triangulate
+from xfrustum.scenes.geometry.shapes import as_object, build_shape, grid_faces, triangulate
 from xfrustum.scenes.library.builtin import BuiltinScene
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.targets import asymmetric
@@ -103,7 +103,7 @@ def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
 def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
     """Return an object of triangles (F, 3, 3) that share no vertices."""
     corners = np.asarray(triangles, dtype=np.float64).reshape(-1, 3)
-    return SceneObject(name=name, vertices=corners, faces=np.arange(len(corners)).reshape(-1, 3))
+    return as_object(name, (corners, np.arange(len(corners)).reshape(-1, 3)))
 
 
 def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: ArrayLike) -> Floats:
@@ -137,8 +137,7 @@ def _bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], sid
         np.arange(columns[0], columns[1] + 1, GRID_STEP), np.arange(rows[0], rows[1] + 1, GRID_STEP)
     )
     s = side * (32.0 + 4.0 * ((7 * column + 3 * row) // GRID_STEP % 8))
-    vertices = on_line(column, row, s).reshape(-1, 3)
-    return SceneObject(name=name, vertices=vertices, faces=grid_faces(*column.shape))
+    return as_object(name, (on_line(column, row, s).reshape(-1, 3), grid_faces(*column.shape)))
 
 
 @_case("vertices-and-edges", 392,
@@ -180,7 +179,7 @@ def _vertex_on_aperture() -> Objects:
     base = [(16.0, 16.0, -64.0), (-16.0, 16.0, -64.0), (-16.0, -16.0, -64.0), (16.0, -16.0, -64.0)]
     vertices: Floats = np.array([(0.0, 0.0, 0.0), *base])
     faces = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (1, 4, 3), (1, 3, 2)])
-    return (SceneObject(name="pyramid", vertices=vertices, faces=faces),)
+    return (as_object("pyramid", (vertices, faces)),)
 
 
 @_case("edge-through-aperture", 3,
@@ -240,11 +239,9 @@ def _coincident_other_triangles() -> Objects:
         return np.stack((x, y, -64 + x / 4 + y / 8), axis=-1)
 
     corners = ((-24.0, -24.0), (24.0, -24.0), (24.0, 24.0), (-24.0, 24.0))
-    two = SceneObject(
-        name="two triangles", vertices=in_plane(*corners), faces=triangulate(np.array([(0, 1, 2, 3)]))
-    )
+    two = as_object("two triangles", (in_plane(*corners), triangulate(np.array([(0, 1, 2, 3)]))))
     fan = np.array([(4, 0, 1), (4, 1, 2), (4, 2, 3), (4, 3, 0)])
-    return two, SceneObject(name="four triangles", vertices=in_plane(*corners, (4.0, -8.0)), faces=fan)
+    return two, as_object("four triangles", (in_plane(*corners, (4.0, -8.0)), fan))
 
 
 @_case("nearly-coincident", 40,
@@ -359,8 +356,7 @@ def _duplicates() -> Objects:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
     # All faces come twice on shared vertices, the second time wound the other way, and once more loose.
     faces = np.concatenate([box.faces, box.faces[:, ::-1]])
-    twice = SceneObject(name="faces twice", vertices=box.vertices, faces=faces)
-    return twice, loose("vertices twice", box.vertices[box.faces])
+    return as_object("faces twice", (box.vertices, faces)), loose("vertices twice", box.vertices[box.faces])
 
 
 SMALLEST = 2.0**-240
@@ -451,12 +447,16 @@ _case("steep", 12,
 def _picture_on_the_screen() -> Objects:
     """Return a sheet that fills the projection screen, with a hole through which a wall shows."""
     x, y = np.meshgrid(np.linspace(-10, 10, 9), np.linspace(-10, 10, 9))
-    index = np.arange(81).reshape(9, 9)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
     # The hole lies beside the middle, so that mirror images differ.
-    quads = np.delete(quads, [18, 19, 26, 27], axis=0)
+    quads = np.delete(_quads_to_viewer(9, 9), [18, 19, 26, 27], axis=0)
     screen = np.stack([x, y, np.full_like(x, SHEARED_SCREEN.height)], axis=-1).reshape(-1, 3)
-    return SceneObject(name="picture", vertices=screen, faces=triangulate(quads)), wall(-90.0)
+    return as_object("picture", (screen, triangulate(quads))), wall(-90.0)
+
+
+def _quads_to_viewer(rows: int, columns: int) -> Indices:
+    """Return the quads (N, 4) of a grid of vertices whose rows run upward."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    return np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
 
 
 def _screen_at(height: float) -> Frustum:
@@ -497,7 +497,4 @@ def _ten_million() -> Objects:
     # Heights are rounded, so that sine tables that differ in the last bit make the same mesh.
     z = np.round(-60 + 8 * np.sin(0.9 * x) * np.sin(0.7 * y) + 0.2 * np.sin(9.1 * x + 7.3 * y), 6)
     vertices = np.stack([np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape), z], axis=-1)
-    index = np.arange(z.size).reshape(z.shape)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1)
-    faces = triangulate(quads.reshape(-1, 4))
-    return (SceneObject(name="wave", vertices=vertices.reshape(-1, 3), faces=faces),)
+    return (as_object("wave", (vertices.reshape(-1, 3), triangulate(_quads_to_viewer(*z.shape)))),)

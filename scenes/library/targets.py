@@ -1,5 +1,7 @@
 """Objects made to show one thing each: orientation, depth order, the cut at the plate, clipping, reflection.
 
+Globes about a plate show the same picture in any number of triangles.
+
 The shading of mirror spheres, and of gratings near the aperture's limit, is known in closed form.
 
 Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
@@ -7,6 +9,7 @@ Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -14,10 +17,22 @@ import numpy as np
 
 from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import place, placement
-from xfrustum.scenes.geometry.shapes import Mesh, box, build_shape, join, lathe, open_grid, triangulate
+from xfrustum.scenes.geometry.shapes import (
+    Mesh,
+    as_object,
+    ball,
+    box,
+    build_shape,
+    join,
+    open_grid,
+    triangulate,
+)
 from xfrustum.scenes.library.studio import surroundings
-from xfrustum.scenes.model.scene import SceneObject
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Plate
 
 Vector = tuple[float, float, float]
 
@@ -52,9 +67,8 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
         ((0.0, 0.3, -0.5), (2.0, 1.0, 2.0)),
     ]  # middle and extent of each
     corners, faces = box()
-    vertices, all_faces = join(*((corners * extent + middle, faces) for middle, extent in strokes))
-    letter = SceneObject(name="letter", vertices=vertices, faces=all_faces)
-    return place(letter, placement(size, rotate_deg, center))
+    letter = join(*((corners * extent + middle, faces) for middle, extent in strokes))
+    return place(as_object("letter", letter), placement(size, rotate_deg, center))
 
 
 def _bar(start: Vector, end: Vector, *, width: float) -> SceneObject:
@@ -62,7 +76,7 @@ def _bar(start: Vector, end: Vector, *, width: float) -> SceneObject:
     corners, faces = box()
     along = corners[:, 2:] + 0.5
     middle = np.array(start) * (1 - along) + np.array(end) * along
-    return SceneObject(name="bar", vertices=middle + corners * (width, width, 0.0), faces=faces)
+    return as_object("bar", (middle + corners * (width, width, 0.0), faces))
 
 
 SHEET_HEIGHTS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
@@ -88,8 +102,7 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
                 cell = (first_column + column, row)
                 upper.append(_sheet(max(near, far), cell, (0.0, 0.7)))
                 lower.append(_sheet(min(near, far), cell, (0.3, 1.0)))
-    joined = {"upper sheets": join(*upper), "lower sheets": join(*lower)}
-    return tuple(SceneObject(name=name, vertices=v, faces=f) for name, (v, f) in joined.items())
+    return as_object("upper sheets", join(*upper)), as_object("lower sheets", join(*lower))
 
 
 _SHEET_SLOPES = (-0.55, 0.55)
@@ -137,9 +150,8 @@ def crossing() -> tuple[SceneObject, ...]:
     fade = np.clip(distance / 6, 0, 1)
     wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
     points = np.stack([columns, rows, 2 * columns + wave], axis=-1)
-    vertices, faces = open_grid(points)
     return (
-        SceneObject(name="wave", vertices=vertices, faces=faces),
+        as_object("wave", open_grid(points)),
         _shape("sphere", 12.0, (0.0, 0.0, 0.0), (-12.0, 8.0, 55.0)),
         _shape("box", 16.0, (20.0, 30.0, 0.0), (-18.0, 6.0, -70.0)),
     )
@@ -148,8 +160,8 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its
-    length or less: the rest is for clipping to remove.
+    Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its length or
+    less: the rest is for clipping to remove.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
@@ -158,7 +170,7 @@ def large_triangles() -> tuple[SceneObject, ...]:
     }
     faces = np.array([[0, 1, 2]])
     return (
-        *(SceneObject(name=name, vertices=np.array(one), faces=faces) for name, one in large.items()),
+        *(as_object(name, (np.array(corners), faces)) for name, corners in large.items()),
         _shape("sphere", 14.0, (0.0, 0.0, 0.0), (7.0, 6.0, 42.0)),
         _shape("box", 18.0, (30.0, 20.0, 10.0), (24.0, -12.0, -66.0)),
         _shape("cone", 20.0, (15.0, 0.0, 40.0), (-20.0, 14.0, 80.0)),
@@ -177,12 +189,11 @@ def mirror_spheres() -> tuple[SceneObject, ...]:
     The normals at the vertices are those of the spheres, as long as the radius: interpolated over a
     facet they point from the center to the facet's point exactly.
     """
-    polar = np.linspace(0, np.pi, 97)
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
-        outward, faces = lathe(radius * np.sin(polar), -radius * np.cos(polar), sectors=192)
-        sphere = SceneObject(name=f"mirror sphere {number}", vertices=outward + center, faces=faces)
-        spheres.append(replace(sphere, material="mirror", vertex_normals=outward))
+        outward, faces = ball(radius, 96, 192)
+        sphere = as_object(f"mirror sphere {number}", (outward + center, faces), material="mirror")
+        spheres.append(replace(sphere, vertex_normals=outward))
     return tuple(spheres)
 
 
@@ -228,13 +239,61 @@ def _bars(name: str, turns: Floats, z: float, span: tuple[float, float], *, upri
     along = straight + GRATING_LEAN * across
     # Rows times columns of the grid point to the viewer.
     x, y = (along, across) if upright else (across[:, ::-1], along[:, ::-1])
-    vertices, faces = open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
+    sheet = open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
     brightness = np.abs(np.arange(len(turns)) - int(np.argmin(np.abs(turns)))) % 2
     colors = np.repeat(np.repeat(brightness.astype(np.float64), len(span))[:, None], 3, axis=1)
-    return SceneObject(name=name, vertices=vertices, faces=faces, material="plain", vertex_colors=colors)
+    return as_object(name, sheet, material="plain", vertex_colors=colors)
 
 
 def plain() -> Appearance:
     """Return a material that shows the vertex colors as they are, without any light."""
     own_color = Material(ambient=(1.0, 1.0, 1.0), diffuse=_BLACK)
     return Appearance(materials=MappingProxyType({"plain": own_color}), lights=())
+
+
+GLOBE_REACH = 100.0
+"""Reach on both sides, scene units; every globe lies within it."""
+
+GLOBES = (
+    ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
+    ((12.0, -12.0, 60.0), (11.0, 11.0, 11.0)),
+    ((9.0, 2.0, 0.0), (6.0, 6.0, 40.0)),
+    ((-16.0, -8.0, -50.0), (13.0, 13.0, 13.0)),
+    ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
+)
+"""Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind."""
+
+MAX_FACTOR_RATIO = 2.5
+"""Largest ratio of sectors to rings: a number whose factors differ more is refused."""
+
+
+def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
+    """Return closed globes before, across and behind the plate, seen through an aperture at the origin.
+
+    All together have exactly that number of triangles: each globe has 2 sectors (bands - 1). Vertices lie on
+    the same ellipsoids whatever their number: with m sectors or bands a silhouette is off by at most
+    1 - cos(pi / m) of a semi-axis.
+
+    Raises
+    ------
+    InputError
+        No globe has that many triangles.
+    """
+    # A product of sectors, and of rings of vertices between the poles, as even as it can be.
+    product, rest = divmod(triangles, 2 * len(GLOBES))
+    factors = range(2, math.isqrt(max(product, 0)) + 1) if not rest else range(0)
+    rings = max((n for n in factors if product % n == 0), default=0)
+    if not rings or product > MAX_FACTOR_RATIO * rings**2:
+        raise InputError(
+            f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
+            "32000 or 100000"
+        )
+    unit, faces = ball(0.5, rings + 1, product // rings)
+    objects = tuple(
+        as_object("globe", (2.0 * np.array(semi_axes) * unit + np.array(center), faces))
+        for center, semi_axes in GLOBES
+    )
+    fov = math.radians(60)
+    frustum = Frustum(resolution=resolution, reach=(GLOBE_REACH, GLOBE_REACH), fov=(fov, fov))
+    plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
+    return Scene(name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects)

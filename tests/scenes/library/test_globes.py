@@ -10,7 +10,7 @@ import pytest
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, InputError
 from xfrustum.scenes.arrays import Numbers
-from xfrustum.scenes.library.globes import GLOBES, REACH, globes
+from xfrustum.scenes.library.targets import GLOBE_REACH, GLOBES, globes
 
 
 @pytest.mark.parametrize("triangles", [1000, 10_000, 100_000])
@@ -19,7 +19,7 @@ def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> No
     assert len(scene.faces) == triangles
     # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
-    assert np.abs(scene.vertices[:, 2]).max() < REACH
+    assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
     ends = [
         np.sign([part.vertices[:, 2].min(), part.vertices[:, 2].max()]).tolist() for part in scene.objects
     ]
