@@ -21,7 +21,7 @@ from xfrustum.reports.inspection.channels import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 
 SPARSE_FRACTION = 0.002
@@ -34,9 +34,6 @@ precision places on large films are known to some 1e-12 px: larger shears have s
 EQUAL_FRACTION = 1e-6
 """Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""
 
-MAX_TOLD_GEOMETRIES = 2
-"""Largest number of geometries that are compared in sentences: of more, only a table can be read."""
-
 Shears = Mapping[tuple[Aperture, float], ShearNumbers]
 """What the shear alone does to points at each aperture and near, ascending."""
 
@@ -48,7 +45,6 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     """
     scene, reach = sweep.scene, sweep.scene.frustum.longest_reach
     names, shears = geometry_names(sweep.geometries), _shears(sweep)
-    per_geometry = best.best_per_geometry(sweep.rows)
     (width, height), (toward, behind) = scene.frustum.resolution, scene.frustum.reach
     kind = "recentered" if scene.frustum.recentered else "centered"
     culled = "" if sweep.options.cull is Cull.NONE else ", faces turned away from the viewer culled"
@@ -85,9 +81,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "pixels_per_degree": PIXELS_PER_DEGREE,
         "equally_good": best.equally_good_sentence(sweep.rows),
         "cost": sweep.cost_sentence,
-        "per_geometry": per_geometry,
+        "per_geometry": best.best_per_geometry(sweep.rows),
         "name_of": lambda settings: names[geometry_of(settings)],
-        "geometry_sentences": [*_compared(sweep, per_geometry), *_shear_sentences(sweep, shears)],
+        "shear_sentences": _shear_sentences(sweep, shears),
         "shears": shears,
         "without_offset": any(one.offset is Offset.NONE for one in sweep.geometries),
         "dominant": _dominant(sweep),
@@ -267,46 +263,18 @@ def _sheared(numbers: ShearNumbers) -> bool:
     return numbers.closed_form_rms_px > ROUNDED_SHEAR_PX
 
 
-def _compared(sweep: Sweep, per_geometry: list[best.Recommendation]) -> list[str]:
-    """Say for each geometry how good its best setting is, where there are two; the table tells of more."""
-    if not 1 < len(per_geometry) <= MAX_TOLD_GEOMETRIES:
-        return []
-    names, units = geometry_names(sweep.geometries), sweep.scene.units
-    return [
-        f"With {names[geometry_of(one.settings)]} the best setting is near {digits(one.settings.near)} "
-        f"{units} and {one.settings.depth_label} depth: {percent(one.surface_fraction)} of the judged pixels "
-        f"show the wrong surface, and {best.where_it_lies(one.displacement_p99_px)}.{best.gap(one, units)}"
-        for one in per_geometry
-    ]
-
-
 def _shear_sentences(sweep: Sweep, shears: Shears) -> list[str]:
-    """Say what the shear does, and up to which near each pivot keeps the displacement that nobody sees."""
+    """Say what the shear alone does, and how far its closed form is from what is traced."""
     sheared = {key: one for key, one in shears.items() if _sheared(one)}
     if not sheared:
         return []
     units = sweep.scene.units
     (place, near), worst = max(sheared.items(), key=lambda item: item[1].rms_px)
     apart = max(abs(one.rms_px / one.closed_form_rms_px - 1) for one in sheared.values())
-    said = [
+    return [
         "Beside what the near offset does, a shear about the cameras' own centers moves points by up to "
         f"{digits(worst.rms_px)} px (rms, at near {digits(near)} {units} and aperture "
         f"{place.column},{place.row}), and a shear about the aperture by nothing.",
         "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
         + (f"at most {percent(apart)} at every near." if apart > EQUAL_FRACTION else "nothing but rounding."),
     ]
-    parts, unseen = [], best.UNSEEN_DISPLACEMENT_PX
-    for pivot in Pivot:
-        # The worst aperture counts, of the usual fit and offset, no cuts, and the best depth buffer.
-        usual, moved = DoubleFrustum(near=1.0, pivot=pivot), dict[float, float]()
-        for row in sweep.rows:
-            same = row.settings.depth_label == sweep.best.settings.depth_label
-            if same and geometry_of(row.settings) == usual:
-                near = row.settings.near
-                moved[near] = max(moved.get(near, 0.0), row.displacement_p99_px)
-        if not moved:
-            return said
-        kept = max((near for near, px in moved.items() if px <= unseen), default=0.0)
-        where = f"up to near {digits(kept)} {units}" if kept else "at no near that was measured"
-        parts.append(f"with pivot {pivot} {where}")
-    return [*said, f"99 % of the picture lies within {digits(unseen)} px {', '.join(parts)}."]

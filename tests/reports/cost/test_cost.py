@@ -18,8 +18,10 @@ from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
+from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import ways as cost_ways
+from xfrustum.reports.cost.page import trade_off_figure
 from xfrustum.reports.cost.trade_off import (
     Option,
     answers,
@@ -151,6 +153,43 @@ def test_the_answers_are_sentences_about_the_tolerance_and_a_fifth_of_it() -> No
     assert "under 0.5 px: 1 s" in loose.sentence
     assert "0.1 px would cost 3.00 times" in strict.sentence
     assert "Nothing" in answers([option(1, 0.4)], 0.5)[1].sentence
+
+
+def test_no_two_curves_of_a_figure_look_the_same() -> None:
+    most = len(COLORS) * len(MARKERS)
+    assert len({look(place) for place in range(most)}) == most
+    families = [f"family {number}" for number in range(13)]
+    figure = trade_off_figure([replace(option(1.0, 1.0), family=name) for name in families], 0.5)
+    looks = {
+        (trace.marker.color, trace.marker.symbol[0].removesuffix("-open"))
+        for trace in figure.data
+        if trace.name in families
+    }
+    assert len(looks) == len(families)
+
+
+@pytest.mark.parametrize("tolerance", [0.5, 3.0, 1e-3])
+def test_the_labels_of_tolerances_stand_on_their_lines(tolerance: float) -> None:
+    """On a logarithmic axis plotly takes the value of a line, but the logarithm of where a label stands."""
+    figure = trade_off_figure([option(1.0, 1.0)], tolerance)
+    assert figure.layout.yaxis.type == "log"
+    lines = [line.y0 for line in figure.layout.shapes]
+    labels = [(label.text, label.y) for label in figure.layout.annotations]
+    assert lines == pytest.approx([tolerance, tolerance / 5])
+    assert [text for text, _ in labels] == [f"{line:g} px" for line in lines]
+    assert [y for _, y in labels] == pytest.approx([math.log10(line) for line in lines])
+
+
+def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> None:
+    """A lower median is no advantage where the repetitions do not tell times apart: less error is."""
+    times = {seconds: Timing.of([0.5 * seconds, seconds, 3 * seconds]) for seconds in (1.0, 1.2)}
+    quicker = replace(option(1.0, 0.3), family="D16", time_s=times[1.0])
+    better = replace(option(1.2, 0.01), family="D24", time_s=times[1.2])
+    drawn = trade_off_figure([quicker, better], 0.5).data
+    filled = [
+        trace.name for trace in drawn if trace.marker.symbol and not trace.marker.symbol[0].endswith("-open")
+    ]
+    assert filled == ["D24"] and (drawn[-1].x, drawn[-1].y) == ((1200.0,), (0.01,))
 
 
 @pytest.mark.parametrize("tracer", TRACERS)

@@ -1,83 +1,103 @@
-"""Which of the measured settings is called best, and what is said of it."""
+"""A report recommends a window of nears between which no measurement decides, and says so in a sentence."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
 
-from tests.support.rows import MIDDLE, NO_PREDICTION, comparison_numbers, measured_row
+from tests.support.rows import MIDDLE, NO_CAUSES, NO_PREDICTION, comparison_numbers, measured_row
 from xfrustum.compare import Spread
-from xfrustum.compare.prediction.predict import Separations
+from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, is_worse
 from xfrustum.reports.error_report.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,
+    best_per_depth,
     best_setting,
+    cause_sentences,
+    equally_good,
     pixels,
+    reigns,
     sentence,
 )
+from xfrustum.reports.error_report.figures import cause_figure
 from xfrustum.reports.error_report.measurement import Measurement
-from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum
+from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.plate.double_frustum import Pivot
 
 CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
+FILM = (256, 256)
+PIXELS = FILM[0] * FILM[1]
+GENERATOR = np.random.default_rng(7)
 
 
-def measured(
+def measured(near: float, surface: float, p99: float | None, **changes: object) -> Measurement:
+    """Return a made-up row with a share of wrong surfaces and a displacement."""
+    row = measured_row(DoubleFrustum(near=near), comparison_numbers(3072, 1000, surface, p99))
+    return replace(row, **changes)  # type: ignore[arg-type]
+
+
+def some(count: int, first: int = 0) -> Mask:
+    """Return a film on which so many pixels are set, from a first one on."""
+    mask = np.zeros(FILM, dtype=np.bool_)
+    mask.ravel()[first : first + count] = True
+    return mask
+
+
+def judged(
     near: float,
-    surface: float,
-    p99: float | None,
+    surface: Mask,
+    p99: float = 0.01,
     *,
     depth: DepthFormat = DepthFormat.D24,
-    aperture: Aperture = MIDDLE,
+    color: Mask | None = None,
 ) -> Measurement:
-    predicted = replace(
-        NO_PREDICTION,
-        displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
-        silhouettes=0.1,
-        depth=0.2,
-        separation=Separations(c=1e-3, c_star=None),
-    )
-    row = measured_row(DoubleFrustum(near=near, depth=depth), comparison_numbers(3072, 1000, surface, p99))
-    return replace(row, aperture=aperture, predicted=predicted)
+    """Return a made-up row that knows which pixels are wrong."""
+    wrong: dict[str, Mask] = {"surface": surface} | ({} if color is None else {"radiance": color})
+    wrong_colors = None if color is None else float(color.mean())
+    numbers = comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors)
+    row = measured_row(DoubleFrustum(near=near, depth=depth), numbers)
+    return replace(row, wrong={name: PixelSet.of(mask) for name, mask in wrong.items()})
 
 
 def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
-    ratios = measured(1.0, 0.14, 0.5).measured_over_predicted
+    spread = Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3)
+    predicted = replace(NO_PREDICTION, displacement_px=spread, silhouettes=0.1, depth=0.2)
+    ratios = measured(1.0, 0.14, 0.5, predicted=predicted).measured_over_predicted
     # Causes that know nothing of each other: 1 - 0.9 * 0.8.
     assert ratios["surface"] == pytest.approx(0.14 / 0.28)
-    assert ratios["displacement_p99"] == 2.0
-    assert ratios["displacement_rms"] == 2.5
-    nothing = measured(1.0, 0.0, None).measured_over_predicted
+    assert (ratios["displacement_p99"], ratios["displacement_rms"]) == (2.0, 2.5)
+    nothing = measured(1.0, 0.0, None, predicted=predicted).measured_over_predicted
     assert nothing == {"displacement_rms": None, "displacement_p99": None, "surface": 0.0}
 
 
-def test_least_surface_error_is_best_whatever_the_displacement() -> None:
-    rows = [measured(1.0, 0.02, 0.1), measured(2.0, 0.01, 5.0)]
-    assert best_setting(rows).settings.near == 2.0
+# Which setting is best -----------------------------------------------------------------------------------
 
 
-def test_among_equal_surfaces_least_displacement_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE_FRACTION, 0.05)]
-    assert best_setting(rows).settings.near == 0.1
-    # 30 and 90 of 3,072 pixels.
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.03, 0.05)]
-    assert best_setting(rows).settings.near == 1.0
+def test_surfaces_come_first_and_displacement_decides_among_equal_ones() -> None:
+    cases = [
+        ([measured(1.0, 0.02, 0.1), measured(2.0, 0.01, 5.0)], 2.0),
+        ([measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE_FRACTION, 0.05)], 0.1),
+        ([measured(1.0, 0.01, 0.5), measured(0.1, 0.03, 0.05)], 1.0),  # 30 and 90 of 3,072 pixels
+    ]
+    assert [best_setting(rows).settings.near for rows, _ in cases] == [near for _, near in cases]
 
 
 def test_where_all_displacements_are_seen_those_equal_to_the_least_are_best() -> None:
-    rows = [
-        measured(1e-6, 0.01, 0.3),
-        measured(1e-5, 0.01, 0.3 + 0.9 * DISPLACEMENT_TIE_PX),
-        measured(1e-4, 0.01, 0.3 + 1.1 * DISPLACEMENT_TIE_PX),
-    ]
-    best = best_setting(rows)
+    ties = {1e-6: 0.0, 1e-5: 0.9, 1e-4: 1.1}
+    best = best_setting([measured(near, 0.01, 0.3 + k * DISPLACEMENT_TIE_PX) for near, k in ties.items()])
     assert (best.settings.near, best.window.low, best.window.high) == (1e-5, 1e-6, 1e-5)
 
 
-def test_at_equal_near_the_depth_buffer_listed_first_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.1, depth=depth) for depth in (DepthFormat.D24, DepthFormat.D32F)]
-    assert best_setting(rows).settings.depth == DepthFormat.D24
+def test_displacement_that_nobody_sees_does_not_decide_and_more_does() -> None:
+    rows = [judged(1e-4, some(0), p99=0.004), judged(1e-3, some(0), p99=0.09), judged(1e-2, some(0), p99=0.7)]
+    assert {one.near for one in equally_good(rows)} == {1e-4, 1e-3}
+    assert {one.near for one in equally_good([rows[2], judged(3e-2, some(0), p99=2.0)])} == {1e-2}
 
 
 def test_the_worst_aperture_counts() -> None:
@@ -91,6 +111,103 @@ def test_the_worst_aperture_counts() -> None:
     assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
     assert best.aperture == best.displaced_aperture == CORNER
     assert "at the worst of 2 apertures (0,0)" in sentence(rows, "mm", 150.0)
+
+
+def test_two_pixels_make_no_headline() -> None:
+    """One setting has three wrong pixels, the other five: either near is as good."""
+    rows = [judged(0.002, some(5)), judged(0.001, some(3, first=100))]
+    window = best_setting(rows).window
+    assert (window.low, window.high, window.nears) == (0.001, 0.002, 2)
+    said = sentence(rows, "mm", 150.0)
+    assert "near 0.001 to 0.002 mm" in said and "the 2 nears measured there are equally good" in said
+
+
+def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
+    few = int(SURFACE_TIE_FRACTION * PIXELS)
+    assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few))])) == 2
+    assert is_worse(few + 10, 0)
+    assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few + 10))])) == 1
+
+
+def test_pixels_wrong_in_both_say_nothing_and_those_of_one_alone_decide() -> None:
+    """Forty pixels more decide where no other pixel differs, and are noise where a thousand do."""
+    worse, better = some(540), some(500)
+    shuffled = GENERATOR.permutation(some(500).ravel()).reshape(FILM)
+    assert len(equally_good([judged(1e-3, better), judged(2e-3, worse)])) == 1
+    assert len(equally_good([judged(1e-3, shuffled), judged(2e-3, worse)])) == 2
+
+
+@pytest.mark.parametrize(
+    ("counts", "window"),
+    [
+        ({1e-4: 340, 5e-4: 64, 1e-3: 60, 2e-3: 70, 1e-2: 900}, (5e-4, 2e-3, 3)),
+        # A near that is worse parts a window in two, and the wider one counts.
+        ({1e-5: 0, 1e-4: 0, 1e-3: 0, 1e-2: 500, 2e-2: 0}, (1e-5, 1e-3, 3)),
+    ],
+)
+def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance(
+    counts: dict[float, int], window: tuple[float, float, int]
+) -> None:
+    rows = [judged(near, some(count, 2000 * place)) for place, (near, count) in enumerate(counts.items())]
+    found = best_setting(rows).window
+    assert (found.low, found.high, found.nears) == window
+
+
+def test_the_command_is_for_the_middle_of_the_window_by_ratio() -> None:
+    rows = [judged(near, some(0)) for near in (1e-5, 1e-4, 1e-3, 1e-2)]
+    assert best_setting(rows).settings.near in (1e-4, 1e-3)
+    assert best_setting(rows[:3]).settings.near == 1e-4
+
+
+def test_of_depth_buffers_the_one_with_the_widest_window_is_recommended_and_else_the_first() -> None:
+    rows = [judged(near, some(500 if near < 1e-2 else 0)) for near in (1e-3, 1e-2)]
+    rows += [judged(near, some(0), depth=DepthFormat.D32F) for near in (1e-3, 1e-2)]
+    assert best_setting(rows).settings.depth == DepthFormat.D32F
+    windows = [(one.settings.depth, one.window.nears) for one in best_per_depth(rows)]
+    assert windows == [(DepthFormat.D24, 1), (DepthFormat.D32F, 2)]
+    assert best_setting([rows[1], rows[3]]).settings.depth == DepthFormat.D24
+
+
+def test_colors_decide_where_a_scene_is_shaded_after_surfaces_and_before_displacement() -> None:
+    right, off = some(0), some(2000)
+    rows = [judged(1e-3, right, p99=0.05, color=right), judged(1e-4, right, p99=0.004, color=off)]
+    best = best_setting(rows)
+    assert (best.settings.near, best.radiance_fraction) == (1e-3, 0.0)
+    assert "0 % are off in color by more than a level of 255" in sentence(rows, "mm", 150.0)
+    worse = judged(1e-3, some(500), color=right)
+    assert best_setting([worse, rows[1]]).settings.near == 1e-4
+    unshaded = [judged(1e-3, right)]
+    assert best_setting(unshaded).radiance_fraction is None
+    assert "color" not in sentence(unshaded, "mm", 150.0)
+
+
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_the_paired_test_is_the_exact_one_of_a_coin(here: int, there: int) -> None:
+    total = here + there
+    certain = total > 0 and binomtest(here, total, alternative="greater").pvalue < 1 - CONFIDENCE
+    assert is_worse(here, there) == (certain and here > there)
+    # With many comparisons each one has to be surer.
+    assert is_worse(here, there) or not is_worse(here, there, comparisons=10)
+
+
+@pytest.mark.parametrize("comparisons", [1, 100])
+def test_equally_wrong_pictures_are_called_worse_no_more_often_than_it_says(comparisons: int) -> None:
+    """All outcomes of the coin are counted with their chances, so that the test depends on no sample."""
+    total = 50
+    chances = [binomtest(k, total, alternative="greater").pvalue for k in range(total + 1)]
+    called = [p for k, p in enumerate(chances) if is_worse(k, total - k, comparisons)]
+    assert 0 < max(called) < (1 - CONFIDENCE) / comparisons
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_sets_of_pixels_know_what_they_share(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    one, other = (generator.random((13, 7)) < share for share in (0.3, 0.6))
+    assert PixelSet.of(one).count == one.sum()
+    assert PixelSet.of(one).shared_with(PixelSet.of(other)) == (one & other).sum()
+
+
+# What is said of it --------------------------------------------------------------------------------------
 
 
 def test_the_sentence_names_near_format_surface_and_displacement() -> None:
@@ -107,39 +224,36 @@ def test_the_most_displaced_aperture_is_named_where_another_has_most_wrong_surfa
     assert "at the worst of 2 apertures (1,1)" in said and "(the worst at 0,0)." in said
 
 
-@pytest.mark.parametrize(("surface", "p99"), [(0.78, 12345.0), (0.0, 0.51), (0.0101, 0.1)])
-def test_what_misses_a_tolerance_is_the_least_bad(surface: float, p99: float) -> None:
-    rows = [measured(1.0, surface, p99), measured(2.0, surface + 0.2, p99)]
-    said = sentence(rows, "mm", 150.0)
-    assert said.startswith(
-        "At hogel 1,1: no setting measured keeps to 0.5 px and 1 % wrong surfaces. "
-        "The least bad of 2: near 1 mm"
-    )
-    assert sentence(rows[:1], "mm", 150.0).startswith(
-        "At hogel 1,1: the one setting measured does not keep to 0.5 px"
-    )
+LIMITS = "0.5 px and 1 % wrong surfaces"
 
 
-def test_a_best_that_keeps_the_tolerances_is_called_best() -> None:
-    rows = [measured(1.0, 0.01, 0.5), measured(2.0, 0.5, 9.0)]
-    assert sentence(rows, "mm", 150.0).startswith("At hogel 1,1: best of 2 settings: near 1 mm")
-
-
-def test_nothing_is_denied_of_settings_that_keep_the_tolerances() -> None:
-    """The one with the fewest wrong surfaces displaces too much; the other one does not."""
-    rows = [measured(1.0, 0.0, 0.7), measured(0.1, 0.009, 0.1)]
-    said = sentence(rows, "mm", 150.0)
-    assert said.startswith(
-        "At hogel 1,1: best of 2 settings by wrong surfaces, though only others keep to 0.5 px and 1 %"
-    )
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (
+            [(1.0, 0.78, 12345.0), (2.0, 0.98, 12345.0)],
+            f"no setting measured keeps to {LIMITS}. The least bad",
+        ),
+        ([(1.0, 0.0, 0.51), (2.0, 0.2, 0.51)], f"no setting measured keeps to {LIMITS}. The least bad of 2:"),
+        ([(1.0, 0.0101, 0.1)], f"the one setting measured does not keep to {LIMITS}: near 1 mm"),
+        ([(1.0, 0.01, 0.5), (2.0, 0.5, 9.0)], "best of 2 settings: near 1 mm"),
+        # The one with the fewest wrong surfaces displaces too much; the other one does not.
+        (
+            [(1.0, 0.0, 0.7), (0.1, 0.009, 0.1)],
+            f"best of 2 settings by wrong surfaces, though only others keep to {LIMITS}: near 1 mm",
+        ),
+    ],
+)
+def test_a_setting_is_praised_as_far_as_it_keeps_the_tolerances(
+    rows: list[tuple[float, float, float]], said: str
+) -> None:
+    assert sentence([measured(*row) for row in rows], "mm", 150.0).startswith(f"At hogel 1,1: {said}")
 
 
 def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
-    row = measured(1.0, 0.5, 5.0)
-    for most, said in ((0.6, True), (0.5, False)):
-        counts = {"near offset": round(most * 1000), "depth": 1000 - round(most * 1000)}
-        causes = tuple(replace(one, surface=counts.get(one.name, 0)) for one in row.causes)
-        text = sentence([replace(row, causes=causes)], "mm", 150.0)
+    for most, said in ((600, True), (500, False)):
+        rows = [caused(1.0, near_offset=most, depth=1000 - most)]
+        text = sentence(rows, "mm", 150.0)
         assert ("wrong surface, most of them by the near offset, and" in text) is said
     assert "most of them" not in sentence([measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0)
 
@@ -154,3 +268,46 @@ def test_the_pivot_of_a_centered_frustum_is_not_named() -> None:
     rows.append(replace(rows[0], settings=replace(rows[0].settings, pivot=Pivot.CAMERA)))
     assert "and pivot" in sentence(rows, "mm", 150.0)
     assert "pivot" not in sentence(rows, "mm", 150.0, recentered=False)
+
+
+# Causes over near ----------------------------------------------------------------------------------------
+
+
+def caused(near: float, offset: Offset = Offset.PLATE, **surface: int) -> Measurement:
+    """Return a made-up row whose causes have numbers of wrong surfaces; _ stands for a space."""
+    named = {name.replace("_", " "): count for name, count in surface.items()}
+    causes = tuple(replace(cause, surface=named.get(cause.name, 0)) for cause in NO_CAUSES)
+    settings = DoubleFrustum(near=near, offset=offset)
+    return measured(near, sum(surface.values()) / 10_000, 0.1, causes=causes, settings=settings)
+
+
+def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
+    rows = [
+        caused(1.0, near_offset=500),
+        caused(1e-6, depth=900, near_offset=3),
+        caused(1e-2, rasterization=1),
+        caused(0.1, near_offset=50, depth=20),
+        caused(1e-4, depth=40),
+    ]
+    assert [(one.cause, one.low, one.high) for one in reigns(rows)] == [
+        ("the depth buffer", 1e-6, 1e-4),
+        (None, 1e-2, 1e-2),
+        ("the near offset", 0.1, 1.0),
+    ]
+    assert cause_sentences(rows, "mm") == [
+        "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a "
+        "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
+    ]
+    stays = caused(1.0, Offset.NONE, near_offset=500)
+    assert cause_sentences([stays], "mm") == ["D24 standard: at n = 1 mm the gap at the plate dominates."]
+
+
+def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
+    rows = [caused(1.0, near_offset=30, pivot=60, depth=10), caused(0.1, near_offset=1), caused(0.01)]
+    figure = cause_figure(list(enumerate(rows)), 10.0)
+    assert figure is not None
+    stacked = {trace.name: dict(zip(trace.x, trace.y, strict=True)) for trace in figure.data}
+    assert stacked["near offset"] == {0.01: 100.0, 0.1: 30.0}
+    assert stacked["pivot"] == {0.01: 0.0, 0.1: 60.0}
+    assert sum(area[0.1] for area in stacked.values()) == pytest.approx(100.0)
+    assert cause_figure([(0, caused(1.0))], 10.0) is None

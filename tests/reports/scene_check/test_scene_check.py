@@ -16,11 +16,8 @@ from hypothesis import strategies as st
 
 import xfrustum
 from tests.support.scene_file import film, named, part
-from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
-from xfrustum.reports.error_report.report import make_report
-from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.reports.scene_check.drawing import PictureFrame, View, draw_view, outlines
 from xfrustum.scenes import InputError, Scene, open_scene
 
@@ -129,13 +126,6 @@ def test_every_kind_of_scene_has_both_views(name: str) -> None:
         svg = draw_view(open_scene(name), side)
         assert "nan" not in svg and "inf" not in svg.replace("info", "")
         assert "plate" in words(svg)
-
-
-def test_a_report_begins_with_the_views(tmp_path: Path) -> None:
-    files = make_report(view("asymmetric", (16, 16)), tmp_path / "out", ReportOptions(nears=[0.1]))
-    page = files.html.read_text()
-    assert page.count("Side view</text>") == page.count("Top view</text>") == 1
-    assert page.index("Side view</text>") < page.index("Top view</text>") < page.index('class="verdict"')
 
 
 def mesh(
