@@ -9,9 +9,7 @@ pictures     The image of an aperture, made of decisions along its lines: points
 truth        True images: asks `certify` for each pixel, then adds points, normals and color
 plain        What a ray tracer in single precision shows alone, in the place of the truth; nothing is examined
 alone        What ray tracers in single precision would have got wrong alone, without the certificate
-averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
-convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6)
-layers       What single cameras show, and how they overlay
+averages     Color averaged over the boxes of pixels and over apertures, and to convergence (paper, section 6)
 eye/         What an eye before the plate sees, truly and replayed, certified
 tracers/     Ray tracers as second opinions
 transport/   Light transport: shadows and interreflection, by light paths
@@ -26,8 +24,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from xfrustum.reference.averages import Converged
     from xfrustum.reference.certify.occlusion import SurfacePoints
-    from xfrustum.reference.convergence import Converged
     from xfrustum.reference.tracers.tracer import TRACERS
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference
@@ -36,7 +34,7 @@ __all__ = ["TRACERS", "Converged", "PathTracer", "RadianceEstimate", "Reference"
 
 _MODULES = {
     "TRACERS": "tracers.tracer",
-    "Converged": "convergence",
+    "Converged": "averages",
     "PathTracer": "transport.transport",
     "RadianceEstimate": "transport.transport",
     "Reference": "truth",

@@ -8,13 +8,20 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
+from xfrustum.reference.averages import (
+    AVERAGED_PIXELS,
+    TOLERANCE,
+    Converged,
+    averages,
+    converged,
+    mean_color,
+    points_per_side,
+)
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
-from xfrustum.reference.convergence import TOLERANCE, Converged, converged
-from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
+from xfrustum.reference.lines.triangles import drawn_triangles
 from xfrustum.reference.memory import BAND_PIXELS, WHOLE_PIXELS, bands
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader

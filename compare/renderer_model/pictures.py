@@ -11,10 +11,9 @@ from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Fron
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
-from xfrustum.reference.layers import Layer, overlaid
-from xfrustum.reference.lines.facing import facing
 from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.reference.lines.planes import distance_to_triangles, plane_places, triangle_normals
+from xfrustum.reference.lines.triangles import distance_to_triangles, facing, plane_places, triangle_normals
+from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.planes import cross_products
+from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping

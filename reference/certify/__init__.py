@@ -5,7 +5,6 @@ boxes            The broad phase: the bounding box, on the film, of every triang
 filter           The narrow phase: nearest sure and nearest possible surface of each pixel
 certify          The decision: pixels that `filter` settles are proven; all others go to integers
 exact            Decisions in integers: whether and where a line meets a triangle
-pairs            Pixels and the triangles that their lines meet, or may meet
 occlusion        The occlusion query: which drawn points another surface hides on their own lines
 arbitrary_lines  First surfaces along any lines through one point; all decided in integers
 """

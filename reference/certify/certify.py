@@ -15,8 +15,7 @@ import numpy as np
 
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.filter import Filter
-from xfrustum.reference.certify.pairs import Pairs
+from xfrustum.reference.certify.filter import Filter, Pairs
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty

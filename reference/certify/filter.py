@@ -15,7 +15,7 @@ All formulas are those of `cone`; docs/truth.md derives the bounds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -33,10 +33,50 @@ from xfrustum.reference.certify.cone import (
     in_range,
 )
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Floats, Numbers
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pairs:
+    """Pixels (N,), row * W + column, and triangle numbers (N,), in NumPy.
+
+    The true place where the line meets the triangle's plane lies in s +- error; `sure` says whether the line
+    surely meets the triangle, inside the pencil's range.
+    """
+
+    pixel: Indices
+    triangle: Indices
+    s: Floats
+    error: Floats
+    sure: Mask
+
+    def __getitem__(self, chosen: Mask | Indices) -> Pairs:
+        """Return some of the pairs."""
+        return Pairs(**{name: values[chosen] for name, values in vars(self).items()})
+
+    @property
+    def nearest(self) -> Floats:
+        """Smallest s that is possible."""
+        return self.s - self.error
+
+    @property
+    def farthest(self) -> Floats:
+        """Largest s that is possible."""
+        return self.s + self.error
+
+    @staticmethod
+    def joined(parts: Sequence[Pairs]) -> Pairs:
+        """Return the pairs of all parts, one part after the other."""
+        return Pairs(
+            **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+        )
+
+
+_NONE = np.zeros(0, dtype=np.int64)
+NO_PAIRS = Pairs(pixel=_NONE, triangle=_NONE, s=np.zeros(0), error=np.zeros(0), sure=np.zeros(0, np.bool_))
+
 
 DOUBTFUL_WEIGHT = 2
 """Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""

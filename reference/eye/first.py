@@ -22,7 +22,7 @@ from xfrustum.reference.backend import constants, dr, on_device, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.cone import Cones, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.pairs import NO_PAIRS, Pairs
+from xfrustum.reference.certify.filter import NO_PAIRS, Pairs
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty

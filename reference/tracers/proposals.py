@@ -11,7 +11,7 @@ import numpy as np
 from xfrustum.reference.backend import constants, dr, interleaved, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.planes import plane_places, triangle_normals
+from xfrustum.reference.lines.triangles import plane_places, triangle_normals
 from xfrustum.reference.pictures import pixel_directions
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers

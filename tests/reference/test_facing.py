@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.facing import drawn_triangles, facing
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
+from xfrustum.reference.lines.triangles import drawn_triangles, facing
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import Cull

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, ball, card, lit, quad, sky
-from xfrustum.reference import Reference, convergence
+from xfrustum.reference import Reference, averages
 from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.scenes import Scene
 from xfrustum.scenes.appearance.appearance import Material
@@ -200,7 +200,7 @@ class TestSmoothPicture:
         assert 0.2 < actual / claimed < 1.8
 
     def test_what_does_not_converge_ends_and_says_so(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(convergence, "MAX_SAMPLES", 64)
+        monkeypatch.setattr(averages, "MAX_SAMPLES", 64)
         found = Reference(self.scene()).converged(self.COARSE.middle, tolerance=0.0)
         assert found.points == 64
         assert found.error > 0

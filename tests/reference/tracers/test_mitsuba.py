@@ -17,7 +17,7 @@ from scipy import stats
 
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.reference.lines.planes import distance_to_triangles
+from xfrustum.reference.lines.triangles import distance_to_triangles
 from xfrustum.reference.llvm import (
     LLVM_VARIABLE,
     OLDEST_LLVM,
