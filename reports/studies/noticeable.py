@@ -39,7 +39,7 @@ from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Pivot
-from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
 
@@ -128,25 +128,14 @@ class Row(Replay, Cell):
     sheared: bool  # the frustum is recentered, and the pivot is `aperture`
 
     @property
-    def offset_seen(self) -> bool:
-        """Whether the viewer notices the near offset, whatever the depth buffer does."""
-        return self.stereo_seen or self.crack_seen
-
-    @property
     def stereo_seen(self) -> bool:
         """Whether the viewer sees the change of depth."""
         return self.stereo_arcsec > STEREO_ACUITY_ARCSEC
 
     @property
-    def crack_seen(self) -> bool:
-        """Whether the viewer sees the crack."""
-        return self.crack_arcmin is not None and self.crack_arcmin > self.crack_hidden_arcmin
-
-    @property
-    def depth_seen(self) -> bool:
-        """Whether the depth buffer confuses what the viewer tells apart, or was measured to be wrong."""
-        wrong = self.replayed_depth_wrong is not None and self.replayed_depth_wrong > MAX_DEPTH_WRONG
-        return wrong or self.ordered_separation > self.resolved_separation
+    def offset_seen(self) -> bool:
+        """Whether the viewer notices the near offset, whatever the depth buffer does: by depth or a crack."""
+        return self.stereo_seen or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import secrets
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -51,9 +50,8 @@ ROUNDING_PX = 1e-6
 """Largest difference between two displacements that is rounding, px: they are found from doubles of
 coordinates up to 1e3 px, with some hundred operations."""
 
-MAX_TOLD, MAX_ROWS = 8, 20
-"""Largest numbers of changes of a kind that the terminal names one by one, and of changes in the summary for
-GitHub, which drops summaries of over a mebibyte."""
+MAX_TOLD = 8
+"""Largest number of changes of a kind that are named one by one."""
 
 GIT_SECONDS = 20.0
 """Longest time that git may take, seconds."""
@@ -416,18 +414,11 @@ def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) 
     same = any(one.commit == run.commit and not one.modified for one in alike)
     if held.change in (Change.WORSE, Change.BETTER) and not options.repeated and run.commit and same:
         yield "a run of this very commit is accepted: if the renderer has noise, give --approve --repeated"
-    if not alike:
-        others = {
-            tuple(
-                f"{name} {getattr(other, name)!r}, not {getattr(run, name)!r}"
-                for name in ("renderer", "device", "judged")
-                if getattr(other, name) != getattr(run, name)
-            )
-            for other in everything
-            if other.scene_hash == run.scene_hash
-        }
-        for differ in sorted(others):
-            yield f"of this scene, measures are accepted for {'; '.join(differ)}"
+    others = [one for one in everything if one.scene_hash == run.scene_hash]
+    if others and not alike:
+        kept = sorted({f"{one.renderer} on {one.device} ({one.judged})" for one in others})
+        yield f"of this scene, measures are accepted for {'; '.join(kept)}"
+        yield f"what is judged now is {run.renderer} on {run.device} ({run.judged})"
 
 
 def commit_of(folder: Path) -> tuple[str | None, bool]:
@@ -460,7 +451,7 @@ def sentence(held: Baseline) -> str:
 
 
 def lines(held: Baseline) -> str:
-    """Return what changed as lines for the terminal."""
+    """Return what changed as lines for the terminal and for GitHub."""
     found = [sentence(held)]
     for change in (Change.WORSE, Change.BETTER):
         changed = held.of_kind(change)
@@ -470,29 +461,18 @@ def lines(held: Baseline) -> str:
 
 
 def append_step_summary(held: Baseline) -> str | None:
-    """Append the changes to the summary that GitHub shows, if it asks for one; return what went wrong."""
+    """Append what changed to the summary that GitHub shows, if it asks for one; return what went wrong."""
     name = os.environ.get("GITHUB_STEP_SUMMARY")
     if not name:
         return None
+    run = held.run
+    commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
+    made = f"{run.scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
+    # A block of code shows every text as it is: no name becomes markup.
+    block = f"{made}\n{lines(held)}".replace("```", "")
     try:
         with Path(name).open("a", encoding="utf-8") as file:
-            file.write(markdown(held) + "\n")
+            file.write(f"### xfrustum verify\n\n```\n{block}\n```\n")
     except OSError as error:
         return f"the summary for GitHub was not written: {name}: {error.strerror}"
     return None
-
-
-def markdown(held: Baseline) -> str:
-    """Return a sentence and what changed, as Markdown; every text is on one line, and shown as it is."""
-
-    def plain(text: str) -> str:
-        return re.sub(r"([\\`*_{}\[\]<>&#|~])", r"\\\1", " ".join(text.split()))
-
-    run, kinds = held.run, (Change.WORSE, Change.BETTER)
-    changed = [one for kind in kinds for one in held.of_kind(kind)]
-    told = [f"{one.change}: {plain(one.words)}" for one in changed[:MAX_ROWS]]
-    told += [f"note: {plain(note)}" for note in held.notes]
-    commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
-    made = f"{commit}, {run.renderer} on {run.device}, xfrustum {run.xfrustum}"
-    head = [f"### xfrustum verify: {plain(run.scene)}", "", plain(sentence(held)), ""]
-    return "\n".join([*head, *(f"* {one}" for one in told), "", plain(made), ""])

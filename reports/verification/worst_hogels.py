@@ -35,8 +35,6 @@ class Pictured:
     aperture: Aperture
     words: str
     badness: tuple[float, float]  # as found, then corrected
-    fraction: float
-    corrected_fraction: float
     pictures: dict[str, str]
     inspected: InspectedHogel | None = None  # all channels, where they were asked for
 
@@ -63,8 +61,6 @@ class WorstHogels:
             aperture=aperture,
             words=as_found.numbers.limited_words,
             badness=badness,
-            fraction=as_found.numbers.fraction,
-            corrected_fraction=corrected.numbers.fraction,
             pictures={name: _encoded(pixels) for name, pixels in shown.items()},
             inspected=None
             if self.scene is None

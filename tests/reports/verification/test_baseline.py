@@ -20,7 +20,6 @@ from xfrustum.reports.verification.baseline import (
     baseline,
     commit_of,
     lines,
-    markdown,
     sentence,
 )
 from xfrustum.scenes.errors import InputError
@@ -128,7 +127,7 @@ def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_count
     found = held(tmp_path, {**RIGHT, (3, 0): 900, (4, 0): None, (5, 0): 1})
     assert found.change is Change.SAME and not found.passed
     words = "3 hogels not accepted before, 2 of them beyond the limits"
-    assert words in lines(found) and words in markdown(found)
+    assert words in lines(found)
     told = found.summary()
     assert (told["new_hogels"], told["new_beyond_limits"], told["not_judged_hogels"]) == (3, 2, 0)
     assert held(tmp_path, {**RIGHT, (3, 0): 900}, approve=True).passed
@@ -146,7 +145,9 @@ def test_measures_of_another_device_are_new_and_the_accepted_one_is_named(tmp_pa
     held(tmp_path, RIGHT, approve=True)
     other = held(tmp_path, WORSE, device="other")
     assert other.change is Change.NEW and not other.compared
-    assert "measures are accepted for device 'toy', not 'other'" in lines(other)
+    told = lines(other)
+    assert "measures are accepted for hogels/{i}x{j}.png on toy (compare color" in told
+    assert "what is judged now is hogels/{i}x{j}.png on other (compare color" in told
 
 
 def test_uncommitted_changes_are_noted(tmp_path: Path) -> None:
@@ -181,9 +182,9 @@ def test_the_summary_for_github_is_appended(tmp_path: Path, monkeypatch: pytest.
     found = held(tmp_path, WORSE)
     assert append_step_summary(found) is None
     text = summary.read_text()
-    assert text.startswith("what another step wrote\n### xfrustum verify: asymmetric\n")
+    assert text.startswith("what another step wrote\n### xfrustum verify\n\n```\nasymmetric: ")
     assert "Baseline: worse than accepted: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text
-    assert "* worse: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text.splitlines()
+    assert "  worse: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text.splitlines()
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "nowhere" / "summary.md"))
     assert "was not written" in (append_step_summary(found) or "")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY")
