@@ -52,7 +52,7 @@ D24 = (DepthFormat.D24, DepthMapping.STANDARD)
 EXACT = (DepthFormat.D32F, DepthMapping.REVERSED)
 
 TINY = (
-    (1e-2, 1e-4, 1e-6),
+    (1e-2, 1e-3, 1e-6),
     (
         Grid(
             family=Family.ONE_SIDE,

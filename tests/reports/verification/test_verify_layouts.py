@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.files import table
@@ -56,6 +55,18 @@ def horizontal() -> tuple[Scene, Plates]:
     return scene, true_plate(scene)
 
 
+@pytest.fixture
+def wide() -> tuple[Scene, Plates]:
+    scene = scene_of((24, 16))
+    return scene, true_plate(scene)
+
+
+@pytest.fixture
+def tiled() -> tuple[Scene, Plates]:
+    scene = scene_of((40, 1), (7, 7))
+    return scene, true_plate(scene)
+
+
 def written(plate: Plates, name: str, folder: Path) -> Path:
     layout = layout_for(name, None)
     write_files(plate, Target(layout=layout, naming=Naming(suffix=layout.suffix)), folder)
@@ -70,157 +81,116 @@ def faults(found: Verification) -> set[str]:
     return {fault.fault for fault in found.diagnosis.faults}
 
 
-def words(found: Verification) -> str:
-    return "; ".join(fault.words for fault in found.diagnosis.faults)
+slow = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "plated"),
     [
-        *("hogels", "views"),
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("burnett", "hocking", "mosaic", "stanford", "pleno", "hci")
-        ),
+        *(("hogels", "full"), ("views", "full")),
+        *(pytest.param(name, "full", marks=slow) for name in ("burnett", "hocking", "mosaic")),
+        *(pytest.param(name, "full", marks=slow) for name in ("stanford", "pleno", "hci")),
+        *(pytest.param(name, "horizontal", marks=slow) for name in ("hocking-columns", "quilt")),
     ],
 )
-def test_a_true_plate_is_right_in_every_layout(name: str, full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = full
-    found = asked(scene, written(plate, name, tmp_path))
+def test_a_true_plate_is_right_in_every_layout(
+    name: str, plated: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    scene, plate = request.getfixturevalue(plated)
+    found = asked(scene, written(plate, name, tmp_path), name if plated == "horizontal" else None)
     assert found.passed
     assert f"layout {name}" in found.source
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hocking-columns", "quilt"])
-def test_a_true_plate_is_right_in_layouts_of_horizontal_parallax(
-    name: str, horizontal: tuple[Scene, Plates], tmp_path: Path
-) -> None:
-    scene, plate = horizontal
-    assert asked(scene, written(plate, name, tmp_path), name).passed
-
-
-def test_burnett_read_as_column_before_row_and_upright(full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = full
-    found = asked(scene, written(plate, "burnett", tmp_path), "hogels")
-    assert not found.passed
-    assert faults(found) == {"orientation", "aperture-order"}
-    assert "turned by 180 degrees" in words(found)
-
-
-@pytest.mark.slow
-def test_hocking_read_with_rows_from_the_top(full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = full
-    pattern = str(written(plate, "hocking", tmp_path)) + "/hogel_{i:04d}_0003_{j:04d}_0003.png"
-    found = verify(scene, pattern, encoding="triangle-id")
-    assert [fault.value for fault in found.diagnosis.faults] == ["rows counted from the bottom"]
-
-
-@pytest.mark.slow
-def test_pleno_with_s_before_t(full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = full
-    exchanged = Plates(pixels=plate.pixels.swapaxes(2, 3).copy(), levels=255)
-    found = asked(scene, written(exchanged, "pleno", tmp_path))
-    assert [fault.value for fault in found.diagnosis.faults] == ["transposed (rows and columns exchanged)"]
-
-
-@pytest.mark.slow
-def test_pleno_with_s_before_t_where_there_are_fewer_rows_than_columns(tmp_path: Path) -> None:
-    scene = scene_of((24, 16))
-    exchanged = Plates(pixels=true_plate(scene).pixels.swapaxes(2, 3).copy(), levels=255)
-    found = asked(scene, written(exchanged, "pleno", tmp_path), "pleno")
-    assert not found.passed
-    assert faults(found) == {"layout"}
-    assert "numbers of its names exchanged" in words(found)
-
-
-@pytest.mark.slow
-def test_columns_that_are_not_mirrored(horizontal: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = horizontal
-    mirrored = Plates(pixels=plate.pixels[:, :, :, ::-1].copy(), levels=255)
-    found = asked(scene, written(mirrored, "hocking-columns", tmp_path))
-    assert [fault.value for fault in found.diagnosis.faults] == ["mirrored left to right"]
-
-
-def test_a_quilt_whose_name_says_rows_before_columns(
-    horizontal: tuple[Scene, Plates], tmp_path: Path
-) -> None:
-    scene, plate = horizontal
-    file = next(written(plate, "quilt", tmp_path).iterdir())
-    file.rename(tmp_path / "quilt_qs6x8a1.png")
-    found = asked(scene, tmp_path, "quilt")
-    assert not found.passed
-    assert faults(found) == {"layout"}
-    assert "the name says rows x columns" in words(found)
-
-
-@pytest.mark.slow
-def test_a_quilt_whose_views_begin_at_the_top_left(horizontal: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = horizontal
-    file = next(written(plate, "quilt", tmp_path).iterdir())
+def tiles_upside_down(folder: Path, rows: int) -> None:
+    """Let the tiles of the one picture in a folder begin at the other side."""
+    (file,) = folder.iterdir()
     pixels = np.asarray(Image.open(file))
-    rows = pixels.reshape(6, -1, *pixels.shape[1:])[::-1]
-    Image.fromarray(np.ascontiguousarray(rows).reshape(pixels.shape)).save(file)
-    found = asked(scene, tmp_path, "quilt")
-    assert not found.passed
-    assert faults(found) == {"layout"}
-    assert "view 0 of the leftmost eye at the top left" in words(found)
+    turned = pixels.reshape(rows, -1, *pixels.shape[1:])[::-1]
+    Image.fromarray(np.ascontiguousarray(turned).reshape(pixels.shape)).save(file)
 
 
-@pytest.mark.slow
-def test_views_read_as_hogels(full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    """Names of two numbers may be either; the numbers and sizes of the pictures tell which."""
-    scene, plate = full
-    found = asked(scene, written(plate, "views", tmp_path), "hogels")
-    assert not found.passed
-    assert [(fault.fault, fault.value) for fault in found.diagnosis.faults] == [("layout", "views")]
-    assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
+def renamed(folder: Path) -> None:
+    (file,) = folder.iterdir()
+    file.rename(folder / "quilt_qs6x8a1.png")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("downward", [True, False])
-def test_a_picture_of_cubevi_begins_at_the_top_left(downward: bool, tmp_path: Path) -> None:
-    scene = scene_of((40, 1), (7, 7))
-    file = written(true_plate(scene), "cubevi", tmp_path) / "cubevi.png"
-    if not downward:
-        pixels = np.asarray(Image.open(file))
-        rows = pixels.reshape(5, -1, *pixels.shape[1:])[::-1]
-        Image.fromarray(np.ascontiguousarray(rows).reshape(pixels.shape)).save(file)
-    found = asked(scene, tmp_path, "cubevi")
-    assert found.passed == downward
-    assert faults(found) == (set() if downward else {"layout"})
-    assert downward or "view 0 of the leftmost eye at the bottom left" in words(found)
+def exchanged(plate: Plates) -> Plates:
+    return Plates(pixels=plate.pixels.swapaxes(2, 3).copy(), levels=255)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("layout", "program", "named"),
-    [
-        # T. Burnett's renderer samples pixels at their corners.
-        ("burnett", {"shift": (-0.5, -0.5)}, {"shift-x", "shift-y"}),
-        # J. Hocking's recipe works for scenes behind the plate only; its field of view is 70 degrees.
-        ("hocking", {"front": "missing"}, {"front-missing"}),
-        (
-            "hocking",
-            {"fov": (math.tan(math.radians(35)) / math.tan(math.radians(30)),) * 2},
-            {"fov-x", "fov-y"},
-        ),
-    ],
-)
-def test_what_the_program_of_a_layout_draws_otherwise(
-    layout: str, program: dict[str, Any], named: set[str], tmp_path: Path
-) -> None:
-    scene = small("asymmetric", 48)
-    with Faulty(scene=scene, **program) as renderer:
-        columns, rows = scene.plate.hogels
-        pixels = [
-            [packed(renderer(scene, scene.plate.aperture(i, j)).triangle) for i in range(columns)]
-            for j in range(rows)
-        ]
-    found = asked(scene, written(Plates(pixels=np.asarray(pixels), levels=255), layout, tmp_path))
-    assert f"layout {layout}" in found.source
-    assert not found.passed
+def mirrored(plate: Plates) -> Plates:
+    return Plates(pixels=plate.pixels[:, :, :, ::-1].copy(), levels=255)
+
+
+MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
+    # Plate, layout, what is changed in the plate or in its files, how it is read, faults, and their words.
+    "columns before rows, upright": (
+        *("full", "burnett", None, "hogels"),
+        *({"orientation", "aperture-order"}, "turned by 180 degrees"),
+    ),
+    # Names of two numbers may be either; the numbers and sizes of the pictures tell which.
+    "views as hogels": ("full", "views", None, "hogels", {"layout"}, "hold "),
+    "rows from the top": (
+        *("full", "hocking", None, "/hogel_{i:04d}_0003_{j:04d}_0003.png"),
+        *({"aperture-order"}, "rows counted from the bottom"),
+    ),
+    # Where there are as many rows as columns, it may as well be a transposed picture.
+    "s before t": (
+        "full",
+        "pleno",
+        exchanged,
+        None,
+        {"orientation"},
+        "transposed (rows and columns exchanged)",
+    ),
+    "s before t, fewer rows": (
+        "wide",
+        "pleno",
+        exchanged,
+        "pleno",
+        {"layout"},
+        "numbers of its names exchanged",
+    ),
+    "not mirrored": (
+        *("horizontal", "hocking-columns", mirrored, None, {"orientation"}),
+        "mirrored left to right",
+    ),
+    "rows before columns": (
+        *("horizontal", "quilt", renamed, "quilt", {"layout"}),
+        "the name says rows x columns",
+    ),
+    "quilt from the top": (
+        *("horizontal", "quilt", partial(tiles_upside_down, rows=6), "quilt", {"layout"}),
+        "view 0 of the leftmost eye at the top left",
+    ),
+    "cubevi": ("tiled", "cubevi", None, "cubevi", set(), ""),
+    "cubevi from the bottom": (
+        *("tiled", "cubevi", partial(tiles_upside_down, rows=5), "cubevi", {"layout"}),
+        "view 0 of the leftmost eye at the bottom left",
+    ),
+}
+FAST = ("columns before rows, upright", "rows before columns")
+
+
+@pytest.mark.parametrize("case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD])
+def test_a_wrong_reading_is_named(case: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    plated, layout, change, read, named, told = MISREAD[case]
+    scene, plate = request.getfixturevalue(plated)
+    of_plate = change in (exchanged, mirrored)
+    written(change(plate) if of_plate else plate, layout, tmp_path)
+    if change is not None and not of_plate:
+        change(tmp_path)
+    if read is not None and read.startswith("/"):
+        found = verify(scene, f"{tmp_path}{read}", encoding="triangle-id")
+    else:
+        found = asked(scene, tmp_path, read)
+    assert found.passed == (not named)
     assert faults(found) == named
+    assert told in "; ".join(f"{fault.words}; {fault.value}" for fault in found.diagnosis.faults)
+    if case == "views as hogels":
+        assert [fault.value for fault in found.diagnosis.faults] == ["views"]
+        assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
 
 
 @pytest.mark.slow
