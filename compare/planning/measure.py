@@ -97,26 +97,27 @@ def measured(
     truths = {view.aperture: view.truth for view in views.views}
     with Judge(views.scene, reference=views.reference) as judge:
         results = list(hogel_results(judge, truths, settings, truths))
-    found = []
-    for view, result in zip(views.views, results, strict=True):
-        quality = Quality(
-            displacement_p99_px=result.displacement_p99_px,
-            surface_fraction=result.surface_fraction,
-            depth_wrong=result.depth_wrong,
-            misordered=misordered(views.scene, view, settings, separation),
-            separation=_smallest_separation(views, view, settings) if smallest else math.nan,
-        )
-        found.append(quality)
+    wrong = []
+    for view in views.views:
+        wrong.append(misordered(views.scene, view, settings, separation))
         done(1)
-    return results, Quality.worst(found)
+    quality = Quality(
+        displacement_p99_px=max(one.displacement_p99_px for one in results),
+        surface_fraction=max(one.surface_fraction for one in results),
+        depth_wrong=max(one.depth_wrong for one in results),
+        misordered=max(wrong),
+        separation=_smallest_separation(views, settings) if smallest else math.nan,
+    )
+    return results, quality
 
 
-def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> float:
-    """Return the smallest separation of sheets that are ordered; infinite where none so far is."""
-    predicted = replace(views, views=(view,)).separation(settings)
+def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
+    """Return the smallest separation of sheets that are ordered everywhere; infinite where none so far is."""
+    predicted = views.separation(settings)
 
     def ordered(separation: float) -> bool:
-        return misordered(views.scene, view, settings, separation) <= MAX_MISORDERED_FRACTION
+        shares = (misordered(views.scene, view, settings, separation) for view in views.views)
+        return all(share <= MAX_MISORDERED_FRACTION for share in shares)
 
     low, high = predicted / SEARCH_RATIO, predicted * SEARCH_RATIO
     if not predicted or not ordered(high):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
 from typing import ClassVar
@@ -81,11 +81,6 @@ class Quality(Errors):
 
     misordered: float
     separation: float
-
-    @classmethod
-    def worst(cls, found: Sequence[Quality]) -> Quality:
-        """Return the largest of each number."""
-        return cls(**{item.name: max(getattr(one, item.name) for one in found) for item in fields(cls)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The scene that a viewer sees where cameras step back: triangles cut and moved (`compare.eye.moved`)."""
+"""A scene that a viewer sees where cameras step back (`compare.eye.noticeable`): cut and moved triangles."""
 
 from __future__ import annotations
 

@@ -96,23 +96,13 @@ def test_fixed_point_depth_rises_again(
         assert 5 < surface[1e-7] / surface[1e-6] < 20
 
 
-def test_fewer_bits_rise_sooner(curves: dict[str, Curve]) -> None:
+def test_formats_differ_in_where_the_curve_rises(curves: dict[str, Curve]) -> None:
+    """Fewer bits rise sooner; fixed point gains little by reversing, for it has equal steps: only rounding
+    before the last step is better. Float gains nothing unless it is reversed, and then stays flat."""
     assert curves["d16"].surface[1e-6] > 20 * curves["d24"].surface[1e-6]
-
-
-def test_reversing_fixed_point_depth_gains_little(curves: dict[str, Curve]) -> None:
-    """It has equal steps: reversed, only rounding before the last step is better."""
     assert curves["d24 reversed"].surface[1e-8] > 0.05
-
-
-def test_float_depth_gains_nothing_unless_reversed(curves: dict[str, Curve]) -> None:
+    flat = curves["d32f reversed"]
     for near in (1e-6, 1e-7, 1e-8):
         assert curves["d32f"].surface[near] == pytest.approx(curves["d24"].surface[near], rel=0.5)
-
-
-def test_reversed_float_depth_stays_flat(curves: dict[str, Curve]) -> None:
-    curve = curves["d32f reversed"]
-    for near in (1e-6, 1e-7, 1e-8):
-        assert curve.surface[near] < SNAPPED_SURFACE
-        assert curve.triangle[near] < SNAPPED_TRIANGLE
-    assert min(curve.triangle.values()) > 0.5 * curve.triangle[1e-8]
+        assert flat.surface[near] < SNAPPED_SURFACE and flat.triangle[near] < SNAPPED_TRIANGLE
+    assert min(flat.triangle.values()) > 0.5 * flat.triangle[1e-8]

@@ -60,6 +60,12 @@ def drawn_by_the_model(
     return found
 
 
+@pytest.fixture(scope="module")
+def asymmetric() -> tuple[Frustum, HogelImage]:
+    scene = view("asymmetric", (96, 72))
+    return scene.frustum, Reference(scene).trace(scene.plate.middle)
+
+
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str, options: dict[str, Any]) -> None:
@@ -74,35 +80,28 @@ def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str, opt
         np.testing.assert_allclose(predicted, model, rtol=1e-12, atol=ROUNDING_PX)
 
 
-def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_the_error_changes_its_sign_there() -> None:
-    scene = view("asymmetric", (96, 72))
-    truth = Reference(scene).trace(scene.plate.middle)
+def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_beyond_the_first_slab_everything(
+    asymmetric: tuple[Frustum, HogelImage],
+) -> None:
+    """The error changes its sign at the fitted height."""
+    frustum, truth = asymmetric
     height = np.abs(truth.height)
     fitted = float(np.nanmedian(height))
-    columns = displacements(TruePoints.of(truth), scene.frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
-    right = np.arange(96) > 48
-    shown = truth.off_plate & right
+    columns = displacements(TruePoints.of(truth), frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
+    shown = truth.off_plate & (np.arange(96) > 48)
     np.testing.assert_array_equal(columns[shown] > 0, height[shown] < fitted)
-
-
-def test_outside_the_first_slab_nothing_is_displaced() -> None:
-    scene = view("asymmetric", (96, 72))
-    truth = Reference(scene).trace(scene.plate.middle)
-    moved = displacements(
-        TruePoints.of(truth), scene.frustum, DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
-    )
-    height = np.abs(truth.height)
+    settings = DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
+    moved = displacements(TruePoints.of(truth), frustum, settings)
     assert (height > 40).any() and (height < 40).any()
     np.testing.assert_array_equal(moved[height > 40], 0.0)
     assert (np.abs(moved[height < 40]).max(axis=-1) > 0).all()
 
 
-def test_a_small_near_loses_no_digits() -> None:
+def test_a_small_near_loses_no_digits(asymmetric: tuple[Frustum, HogelImage]) -> None:
     """u n / (|z| + n), not a difference of nearly equal numbers: 1e-12 of the reach is as good as a tenth."""
-    scene = view("asymmetric", (96, 72))
-    truth = Reference(scene).trace(scene.plate.middle)
+    frustum, truth = asymmetric
     small, smaller = (
-        displacements(TruePoints.of(truth), scene.frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
+        displacements(TruePoints.of(truth), frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
     )
     shown = truth.off_plate
     # To first order in n over the smallest height.
