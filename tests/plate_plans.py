@@ -59,21 +59,15 @@ class Trial:
     reason: str
 
     @property
-    def beyond(self) -> int:
-        """Number of surveyed hogels that are beyond."""
-        return int(self.survey.beyond)
-
-    @property
-    def share_at_least(self) -> float:
-        """Lower bound of the share of hogels that are beyond (Clopper and Pearson 1934)."""
-        beyond, judged = self.survey.beyond, self.survey.judged
-        return float(beta.ppf(1 - CONFIDENCE, beyond, judged - beyond + 1)) if beyond else 0.0
-
-    @property
     def kept(self) -> bool:
-        """Whether the survey does not refute what the plan promises."""
+        """Whether the survey does not refute what the plan promises of the share of hogels beyond.
+
+        The lower bound of that share, with `CONFIDENCE`, is that of Clopper and Pearson (1934).
+        """
         assert self.plan is not None and self.plan.plate is not None
-        return self.share_at_least <= self.plan.plate.share_beyond_at_most
+        beyond, judged = self.survey.beyond, self.survey.judged
+        at_least = float(beta.ppf(1 - CONFIDENCE, beyond, judged - beyond + 1)) if beyond else 0.0
+        return at_least <= self.plan.plate.share_beyond_at_most
 
     def row(self) -> str:
         """Return the row of a table; see `HEADER`."""
@@ -90,7 +84,7 @@ class Trial:
             "yes" if made.within else "no",
             f"{plate.hopeless} of {plate.scouted}",
             f"at most {plate.share_beyond_at_most:.2%}",
-            f"{self.beyond} of {self.survey.judged}{'' if self.kept else ' REFUTED'}",
+            f"{self.survey.beyond} of {self.survey.judged}{'' if self.kept else ' REFUTED'}",
             f"{worst.aperture[0]},{worst.aperture[1]}: {moved}, {worst.surface_fraction:.2%} wrong",
         ]
         return " | ".join(cells)
@@ -99,54 +93,46 @@ class Trial:
 def try_plan(
     scene: Scene,
     hogels: int,
-    requirement: Requirement | None = None,
+    requirement: Requirement,
     buffer: tuple[DepthFormat | None, DepthMapping | None] = (None, None),
     seed: int = SEED,
 ) -> Trial:
     """Plan for the plate of a scene, and survey hogels of it with what was planned."""
-    requirement = requirement or Requirement()
+    made, found = None, None
     try:
         made = make_plan(scene, None, requirement, depth_buffers(*buffer))
+        reason = made.reason
     except InputError as error:
-        return Trial(scene=scene, requirement=requirement, plan=None, survey=None, reason=str(error))
-    found = None
-    if made.settings is not None:
+        reason = str(error)
+    if made is not None and made.settings is not None:
+        chosen, engine = Chosen(sample=hogels, seed=seed), Engine(workers=1)
         with tempfile.TemporaryDirectory() as folder:
             done = survey(
                 scene,
                 made.settings,
                 Path(folder),
-                Chosen(sample=hogels, seed=seed),
+                chosen,
                 tolerance_px=requirement.tolerance_px,
-                engine=Engine(workers=1),
+                engine=engine,
             )
             found = done.share(0)
-    return Trial(scene=scene, requirement=requirement, plan=made, survey=found, reason=made.reason)
-
-
-def shape(name: str) -> Scene:
-    """Return the scene of one of `SHAPES`."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "shape.toml"
-        path.write_text(named(name, "mm") + FILM + SHAPES[name])
-        return open_scene(str(path))
-
-
-def fitted(mesh: Path) -> Scene:
-    """Return the scene that `xfrustum new` fits to a mesh of 60 mm."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "fitted.toml"
-        new_scene(mesh.resolve(), path, units="mm", size=60.0)
-        return open_scene(str(path))
+    return Trial(scene=scene, requirement=requirement, plan=made, survey=found, reason=reason)
 
 
 def opened(name: str, resolution: int) -> Scene:
-    """Return a scene by name or path, one of `SHAPES`, or a mesh beside the checkout, with a square film."""
+    """Return a scene by name or path, one of `SHAPES`, or a mesh beside the checkout, with a square film.
+
+    A mesh is scaled to 60 mm, and gets the scene that `xfrustum new` fits to it.
+    """
     mesh, file = SHARED / "data" / name, SHARED / "scenes" / f"{name}.toml"
-    if name in SHAPES:
-        scene = shape(name)
-    else:
-        scene = fitted(mesh) if mesh.is_file() else open_scene(str(file) if file.is_file() else name)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        if name in SHAPES:
+            path.write_text(named(name, "mm") + FILM + SHAPES[name])
+        elif mesh.is_file():
+            new_scene(mesh.resolve(), path, units="mm", size=60.0)
+        known = str(path) if path.is_file() else str(file) if file.is_file() else name
+        scene = open_scene(known)
     return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
 
 

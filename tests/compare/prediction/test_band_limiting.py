@@ -24,12 +24,11 @@ from xfrustum.compare.prediction.band_limiting import (
     needed_sub_apertures,
     sub_apertures_for,
 )
-from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, Material
-from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, additive_recurrence, sub_apertures
+from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
@@ -131,27 +130,6 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
                 means[number] = total / number
     error = {n: np.abs(mean - means[8 * count]).max() for n, mean in means.items()}
     assert error[count] <= LEVEL < error[count // 2]
-
-
-def test_a_plate_is_band_limited_as_a_single_hogel_is() -> None:
-    scene = replace(white_ball(0.8), sampling=Sampling(aperture=5))
-    small = replace(scene, frustum=replace(scene.frustum, resolution=(16, 16)))
-    apertures = [small.plate.middle, *small.plate.corners]
-    for kind in ColorType:
-        for ids in (True, False):
-            with (
-                PlateRenderer(small, SHARP, PlateContent(color=kind, ids=ids)) as plate,
-                Rasterizer(small) as one,
-            ):
-                hogels = list(plate.hogels(apertures))
-                assert [hogel.aperture for hogel in hogels] == apertures
-                for hogel in hogels:
-                    image = one.render(hogel.aperture, SHARP)
-                    assert image.color is not None
-                    wanted = np.rint(image.color * 255) if kind is ColorType.UINT8 else image.color
-                    np.testing.assert_array_equal(hogel.color, wanted.astype(kind.dtype))
-                    if ids:
-                        np.testing.assert_array_equal(hogel.triangle, image.triangle)
 
 
 def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
