@@ -19,12 +19,12 @@ from xfrustum.reports.eye.pictures import (
     height_ends,
     heights_picture,
     loss_map,
-    numbers_picture,
     png,
     shown,
     side_by_side,
 )
 from xfrustum.reports.eye.view import EyeRecord, SceneView
+from xfrustum.reports.plate.rows import packed
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.model.eye import EyeImage
@@ -82,7 +82,7 @@ def render_page(found: SceneView) -> str:
         encoded = {
             name: {
                 "color": _address(shown(image)),
-                "numbers": _address(numbers_picture(image)),
+                "numbers": _address(packed(image.triangle)),
                 "heights": _address(heights_picture(image, low, high)),
             }
             for name, image in some.items()

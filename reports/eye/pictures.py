@@ -34,13 +34,6 @@ def loss_map(image: EyeImage, maps: LossMaps) -> Bytes:
     return marked(shown(image), maps.wrong, maps.displacement_arcmin / SEEN_ARCMIN)
 
 
-def numbers_picture(image: EyeImage) -> Bytes:
-    """Return triangle numbers plus one as red * 65536 + green * 256 + blue, (H, W, 3)."""
-    packed = (image.triangle + 1).astype(np.uint32)
-    picture: Bytes = np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
-    return picture
-
-
 def heights_picture(image: EyeImage, low: float, high: float) -> Bytes:
     """Return heights between two ends in `HEIGHT_STEPS` as red * 256 + green, the last one for none."""
     height = image.position[..., 2]

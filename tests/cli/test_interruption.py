@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -15,10 +14,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.processes import signals_by_default
-from tests.support.scene_file import film, part
-
-FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
-SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
 
@@ -278,43 +273,3 @@ def cpu_s(pid: int) -> float:
     """Return the CPU time that a process has taken, in seconds; proc(5), /proc/pid/stat."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def assert_stopped_traces_leave_nothing(count: int, seed: int, folder: Path) -> None:
-    """Stop a cheap command over and over, and see what it leaves."""
-    random_number = random.Random(seed)
-    (folder / "boxes.toml").write_text(SCENE)
-    command = from_the_first_moment(["trace", "boxes.toml", "--quiet", "--out", "x.exr"])
-    begun = time.monotonic()
-    with start(command, folder) as process:
-        _, said = process.communicate(timeout=300)
-    assert (process.returncode, said) == (0, "")
-    whole = time.monotonic() - begun
-    for _ in range(count):
-        (folder / "x.exr").unlink(missing_ok=True)
-        stop = random_number.choice(list(ENDED))
-        with start(command, folder) as process:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            time.sleep(random_number.uniform(0, whole))
-            for _ in range(random_number.choice([1, 1, 2])):
-                process.send_signal(stop)
-            _, said = process.communicate(timeout=300)
-        left = sorted(path.name for path in folder.iterdir() if path.name not in ("boxes.toml", "temporary"))
-        if process.returncode == 0:  # it was done before
-            assert (said, left) == ("", ["x.exr"])
-        else:
-            assert (process.returncode, said) == ENDED[stop]
-            # A signal that comes after the file has taken its place does not remove the file.
-            assert left in ([], ["x.exr"])
-        assert list((folder / "temporary").iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path) -> None:
-    assert_stopped_traces_leave_nothing(3, 13, tmp_path)
-
-
-@pytest.mark.slow
-def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
-    assert_stopped_traces_leave_nothing(40, 14, tmp_path)

@@ -80,16 +80,18 @@ def test_effects_by_name_leave_out_the_others() -> None:
 def test_samples_average_color_and_nothing_else() -> None:
     run("raster", "boxes.toml", "--near", "0.1", "--out", "once.exr")
     run(
-        "raster",
-        "boxes.toml",
-        "--near",
-        "0.1",
-        "--supersample",
-        "3",
-        "--aperture-samples",
-        "2",
-        "--out",
-        "x.exr",
+        *[
+            "raster",
+            "boxes.toml",
+            "--near",
+            "0.1",
+            "--supersample",
+            "3",
+            "--aperture-samples",
+            "2",
+            "--out",
+            "x.exr",
+        ]
     )
     once, many = read_image("once.exr"), read_image("x.exr")
     np.testing.assert_array_equal(once.triangle, many.triangle)

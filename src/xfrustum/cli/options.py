@@ -261,6 +261,8 @@ DEPTHS = list_of(
     Read("FORMAT[:MAPPING]", _depth, ""),
     wants=f"a list of {', '.join(DepthFormat)}, each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
+_DEVICES = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
+_PART = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
 TEXT = click.STRING
 FOLDER: click.ParamType[Path] = click.Path(path_type=Path)
 
@@ -304,7 +306,7 @@ def settings_of(**given: Any) -> DoubleFrustum | None:
 
 
 def settings_options(*, required: bool = False) -> Any:
-    """Return the options of the two cameras: a DoubleFrustum, or None where they may be left out and are."""
+    """Return the options of the two cameras: a DoubleFrustum, or None where they are left out."""
     return group(settings_of, **settings_members(required=required))
 
 
@@ -325,16 +327,13 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
 
     Only where blocks are drawn, devices are chosen.
     """
-    members: dict[str, Any] = {
+    members = {
         "scheduler": option(TEXT, "Address of a Dask scheduler, such as tcp://host:8786."),
         "workers": option(click.IntRange(1), f"Processes of this machine.  [default: {default}]"),
+        "devices": option(_DEVICES, "EGL devices by index, taken in turn.  [default: GPUs]"),
+        "part": option(_PART, "Do one of N parts, without Dask: for job arrays."),
     }
-    if draws:
-        indices = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
-        members["devices"] = option(indices, "EGL devices by index, taken in turn.  [default: GPUs]")
-    part = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
-    words = "Do one of N parts, without Dask: for job arrays."
-    return group(engine_of, **members, part=option(part, words))
+    return group(engine_of, **{name: one for name, one in members.items() if draws or name != "devices"})
 
 
 def _scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:

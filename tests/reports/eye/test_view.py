@@ -75,15 +75,10 @@ def test_view_prints_the_contract_and_writes_all_its_files(
             assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
             assert loss["depth_error"]["p50"] <= loss["depth_error"]["p99"]
         assert eye["display"]["displacement_arcmin"]["p50"] > eye["renderer"]["displacement_arcmin"]["p50"]
-    pictures = [
-        f"{name}_{k}.{kind}"
-        for name in ("true", "replayed", "drawn")
-        for k in "01"
-        for kind in ("exr", "png")
-    ]
-    assert sorted(path.name for path in out.iterdir()) == sorted(
-        ["index.html", "view.json", "views.gif", *pictures]
-    )
+    kinds = [f"{k}.{kind}" for k in "01" for kind in ("exr", "png")]
+    pictures = [f"{name}_{kind}" for name in ("true", "replayed", "drawn") for kind in kinds]
+    names = sorted(path.name for path in out.iterdir())
+    assert names == sorted(["index.html", "view.json", "views.gif", *pictures])
     assert json.loads((out / "view.json").read_text()) == found
     page = (out / "index.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -93,14 +88,6 @@ def test_view_prints_the_contract_and_writes_all_its_files(
     assert {"R", "P.X", "Z", "id.triangle", "certainty"} <= set(header["channels"])
     with Image.open(out / "views.gif") as animation:
         assert getattr(animation, "n_frames", 1) == 2
-
-
-def test_the_display_alone_is_judged_where_no_hogels_are_named(
-    scene_file: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (eye,) = told(capfd, str(scene_file), "--eye=0,0,300", RESOLUTION)["eyes"]
-    assert eye["renderer"] is None
-    assert eye["display"]["flip"] > 0
 
 
 def test_a_stored_plate_and_one_made_on_the_fly_show_the_same_pixels(
@@ -122,14 +109,8 @@ def test_anybodys_images_are_judged_by_what_they_say(
     write_hogels(scene, tmp_path)
     fly = told(capfd, str(scene_file), EYES, RESOLUTION, NEAR)
     for pattern, encoding in (("{i}x{j}.exr", "rgb"), ("{i}x{j}.png", "triangle-id")):
-        files = told(
-            capfd,
-            str(scene_file),
-            EYES,
-            RESOLUTION,
-            f"--images={tmp_path / pattern}",
-            f"--encoding={encoding}",
-        )
+        source = (f"--images={tmp_path / pattern}", f"--encoding={encoding}")
+        files = told(capfd, str(scene_file), EYES, RESOLUTION, *source)
         for one, other in zip(files["eyes"], fly["eyes"], strict=True):
             # Pictures of numbers do not say where on a triangle their points lie.
             if encoding == "rgb":
@@ -254,10 +235,7 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
         (["--eye=0,0,300", "--depth=d16"], "give --near too"),
         (["--eye=0,0,300", "--encoding=rgb"], "give both"),
         (["--eye=0,0,300", "--path=3"], "two eyes"),
-        (["--eye=0,0,300", "--resolution=4"], "W,H"),
         (["--eye=0,0,300", "--quilt=2x2"], "needs --out"),
-        (["--eye=0,0,300", "--quilt=2"], "COLUMNSxROWS"),
-        (["--eye=1e20,0,1"], "bring it nearer"),
         (["--eye=1e200,0,1", "--near=0.5"], "bring it nearer"),
     ],
 )

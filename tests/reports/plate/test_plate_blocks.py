@@ -25,7 +25,6 @@ from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, d
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import StoredPlate, camera_of
 from xfrustum.scenes import InputError, Plate
-from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 BLOCK = (3, 2)
@@ -49,13 +48,8 @@ def plate(clean: Path, tmp_path: Path) -> Path:
 
 def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_images(clean: Path) -> None:
     scene, group = small(), zarr.open_group(clean, mode="r")
-    assert array(group, "color").shards == (2, 3, 12, 20, 3) and array(group, "color").chunks == (
-        1,
-        1,
-        12,
-        20,
-        3,
-    )
+    color = array(group, "color")
+    assert (color.shards, color.chunks) == ((2, 3, 12, 20, 3), (1, 1, 12, 20, 3))
     assert array(group, "height").shards == (2, 3, 12, 20)
     with Rasterizer(scene) as rasterizer:
         for aperture in scene.plate.apertures():
@@ -116,12 +110,8 @@ def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(plate: 
 def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
     scene = small()
     plate = xarray.open_zarr(clean)
-    assert plate.color.dims == ("row", "column", "v", "u", "rgb") and plate.height.dims == (
-        "row",
-        "column",
-        "v",
-        "u",
-    )
+    assert plate.color.dims == ("row", "column", "v", "u", "rgb")
+    assert plate.height.dims == ("row", "column", "v", "u")
     assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"} and bool(plate.finished.all())
     shown = repr(plate)
     assert all(name in shown for name in ("row", "column", "color", "height", "normal", "triangle"))
@@ -225,15 +215,6 @@ def test_questions_that_make_no_sense_are_refused_in_one_line(
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1 and said in printed.err
     assert not out.exists()
-
-
-@pytest.mark.slow
-def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
-    scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
-    out = write_plate(scene, None, tmp_path / "x.zarr", [scene.plate.middle]).out
-    said: Any = zarr.open_group(out, mode="r").attrs["xfrustum"]
-    assert said["transport"] == {"shadows": True, "interreflection": False, "samples": 4}
-    assert "settings" not in said
 
 
 sizes = st.integers(1, 9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 import subprocess
 import sys
@@ -72,20 +71,6 @@ def test_workers_draw_a_scene_that_was_made_in_memory(
     assert {name: drawn[name] for name in shards} == {name: alone[name] for name in shards}
 
 
-def test_what_is_gone_is_drawn_again(
-    scene_path: Path, alone: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "x.zarr"
-    for name, content in alone.items():
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_bytes(content)
-    (out / "color" / "c" / "0" / "0" / "0" / "0" / "0").unlink()
-    capsys.readouterr()
-    assert drawn(scene_path, out, "--part", "1/1", "--json") == alone
-    printed = capsys.readouterr()
-    assert json.loads(printed.out)["drawn"] == 4
-
-
 @pytest.mark.slow
 def test_killed_workers_change_no_byte_of_a_plate(
     scene_path: Path, alone: dict[str, bytes], tmp_path: Path
@@ -105,8 +90,3 @@ def test_killed_workers_change_no_byte_of_a_plate(
     assert run.returncode == 0
     assert kills
     assert files_of(out) == alone
-
-
-@pytest.mark.slow
-def test_workers_make_the_same_plate(scene_path: Path, alone: dict[str, bytes], tmp_path: Path) -> None:
-    assert drawn(scene_path, tmp_path / "x.zarr", "--workers", "2") == alone

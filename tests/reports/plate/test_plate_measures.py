@@ -17,8 +17,6 @@ from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, t
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.device.context import open_context
-from xfrustum.raster.rasterizer import Drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.plate import PlateFiles, write_plate
 from xfrustum.scenes import InputError
@@ -137,26 +135,6 @@ def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(plate: Pat
     assert pixels.items() <= tree(plate).items()
     with pytest.raises(InputError, match=r"other content"):
         judged(out)
-
-
-def test_a_judged_hogel_is_drawn_once_in_one_context(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    contexts: list[None] = []
-    drawn: list[Aperture] = []
-    draw = Rasterizer.draw
-
-    def opened() -> object:
-        contexts.append(None)
-        return open_context()
-
-    def noted(self: Rasterizer, aperture: Aperture, *how: Any, **named: Any) -> Drawn:
-        drawn.append(aperture)
-        return draw(self, aperture, *how, **named)
-
-    for module in ("xfrustum.raster.rasterizer", "xfrustum.raster.plate.renderer"):
-        monkeypatch.setattr(f"{module}.open_context", opened)
-    monkeypatch.setattr(Rasterizer, "draw", noted)
-    assert judged(tmp_path / "x.zarr", apertures()[:2]).drawn == 2
-    assert len(contexts) == 1 and drawn == apertures()[:2]
 
 
 @pytest.mark.parametrize(("name", "points"), [("mirror-sphere", 1), ("asymmetric-recentered", 3)])

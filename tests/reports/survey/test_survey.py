@@ -46,14 +46,6 @@ def surveyed(scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *m
     return {"status": status, **json.loads(printed.out or "{}"), "errors": printed.err}
 
 
-def test_the_last_line_is_the_page(scene_path: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--near", str(NEAR), "--all", "--workers", "1", "--quiet", "--out", str(whole)]
-    assert main(["survey", str(scene_path), *words]) == 0
-    page = Path(capsys.readouterr().out.splitlines()[-1])
-    assert page == whole / "index.html"
-    assert page.is_file()
-
-
 @pytest.fixture(scope="module")
 def whole(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("whole") / "survey"

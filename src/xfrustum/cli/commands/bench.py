@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import SIZES, Measured, option
-
-
-def _repeat(count: int) -> Any:
-    return option(click.IntRange(1), "Timed, after a warm-up.", default=count)
-
-
-def _sizes(default: str) -> Any:
-    return option(SIZES, f"W = H of each race.  [default: {default}]")
+from xfrustum.cli.options import Measured, option
 
 
 @click.group(
@@ -25,8 +18,24 @@ def bench() -> None:
     """Measure speed on this machine."""
 
 
+def _repeat(count: int) -> Any:
+    return option(click.IntRange(1), "Timed, after a warm-up.", default=count)
+
+
+def _sizes(default: str) -> Any:
+    return option(options.SIZES, f"W = H of each race.  [default: {default}]")
+
+
+def _measured(asked: Measured, name: str, *what: Any, **given: Any) -> None:
+    """Run a benchmark with the options that are given, and print what it found."""
+    module = import_module(f"xfrustum.reports.benchmarks.{name}")
+    known = {key: value for key, value in given.items() if value is not None}
+    found = getattr(module, f"benchmark_{name}")(*what, **known, progress=asked.progress)
+    asked.tell(lambda: found, lambda: module.table(found))
+
+
 class _Truth(Measured):
-    scene: str = options.argument(default="car")
+    scene = options.argument(default="car")
     resolution = _sizes("512,1024,2048")
     repeat = _repeat(9)
 
@@ -34,16 +43,12 @@ class _Truth(Measured):
 @options.command("xfrustum bench truth asymmetric --resolution 128 --repeat 1", bench)
 def truth(asked: _Truth) -> None:
     """Measure the certified truth beside bare tracers, in million pixels per second."""
-    opened = options.open_scene(asked.scene)
-    from xfrustum.reports.benchmarks import truth as benchmarks
-
-    sizes = asked.resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.benchmark_truth(opened, sizes, asked.repeat, progress=asked.progress)
-    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
+    scene = options.open_scene(asked.scene)
+    _measured(asked, "truth", scene, resolutions=asked.resolution, repeat=asked.repeat)
 
 
 class _Judge(Measured):
-    scenes: tuple[str, ...] = options.argument(metavar="[SCENE]...", nargs=-1)
+    scenes = options.argument(metavar="[SCENE]...", nargs=-1)
     resolution = _sizes("128,256,512,1024")
     triangles = option(click.IntRange(1), "Also globes of so many triangles.")
     hogels = option(click.IntRange(1), "Judged in each run.", default=6)
@@ -63,13 +68,11 @@ def judge(asked: _Judge) -> None:
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
     opened += [] if count is None else [benchmarks.globes_through_a_plate(count)]
-    sizes = asked.resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.benchmark_judge(opened, sizes, asked.hogels, asked.repeat, progress=asked.progress)
-    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
+    _measured(asked, "judge", opened, resolutions=asked.resolution, hogels=asked.hogels, repeat=asked.repeat)
 
 
 class _Plate(Measured):
-    scene: str = options.argument(default="car")
+    scene = options.argument(default="car")
     resolution = option(click.IntRange(1), "W = H.", default=128)
     repeat = _repeat(5)
 
@@ -77,11 +80,7 @@ class _Plate(Measured):
 @options.command("xfrustum bench plate asymmetric --resolution 64 --repeat 1", bench)
 def plate(asked: _Plate) -> None:
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
-    opened = options.open_scene(asked.scene)
-    from xfrustum.reports.benchmarks import plate as benchmarks
-
-    measured = benchmarks.benchmark_plate(opened, asked.resolution, asked.repeat, progress=asked.progress)
-    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
+    _measured(asked, "plate", options.open_scene(asked.scene), asked.resolution, asked.repeat)
 
 
 class _Table1(Measured):
@@ -92,7 +91,4 @@ class _Table1(Measured):
 @options.command("xfrustum bench table1 --resolution 128 --repeat 1", bench)
 def table1(asked: _Table1) -> None:
     """Measure table 1 of the paper on the project's own car."""
-    from xfrustum.reports.benchmarks import table1 as benchmarks
-
-    measured = benchmarks.benchmark_table1(asked.resolution, asked.repeat, progress=asked.progress)
-    asked.tell(lambda: measured, lambda: benchmarks.table(measured))
+    _measured(asked, "table1", asked.resolution, asked.repeat)

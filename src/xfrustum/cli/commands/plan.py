@@ -14,9 +14,6 @@ from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from xfrustum.compare.planning.search import DepthBuffer
-    from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.sampling import RandomSample
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
@@ -110,7 +107,24 @@ def plan(asked: _Asked) -> None:
     sample = RandomSample(hogels=asked.sample, seed=asked.seed)
     buffers = depth_buffers(asked.depth, asked.mapping)
     if asked.eyes:
-        _plan_for_eyes(asked, opened, requirement, buffers, sample)
+        from xfrustum.compare.eye.noticeable import Viewer, scene_length
+        from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
+        from xfrustum.reports.planning import make_viewer_plan
+
+        said = {_VIEWER_FIELDS[name]: value for name, value in asked.eyes.items() if name != "viewer"}
+        viewer = Viewer(distance=scene_length(asked.eyes["viewer"], opened), **said)
+        made, seen = make_viewer_plan(
+            opened, viewer, requirement, buffers, sample=sample, progress=asked.progress
+        )
+        options.warn_of(opened)
+        record = planned_record(opened, made, seen, progress=asked.progress)
+        made = replayed_plan(made, record)
+        # The last line is the command that draws so, as in all plans.
+        planned = table(made, opened, [opened.plate.middle], seen, record.exceeded)
+        asked.tell(
+            lambda: {**made.summary(), "viewer": record},
+            lambda: f"{planned_table(record, opened.units)}\n\n{planned}",
+        )
         return
     chosen = asked.chosen(opened)
     made = make_plan(opened, chosen, requirement, buffers, sample=sample, progress=asked.progress)
@@ -119,29 +133,3 @@ def plan(asked: _Asked) -> None:
         options.warn_of(opened)
     drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
     asked.tell(made.summary, lambda: table(made, opened, drawn, requirement))
-
-
-def _plan_for_eyes(
-    asked: _Asked,
-    scene: Scene,
-    requirement: Requirement,
-    buffers: Sequence[DepthBuffer],
-    sample: RandomSample,
-) -> None:
-    from xfrustum.compare.eye.noticeable import Viewer, scene_length
-    from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
-    from xfrustum.reports.planning import make_viewer_plan, table
-
-    said = {_VIEWER_FIELDS[name]: value for name, value in asked.eyes.items() if name != "viewer"}
-    viewer = Viewer(distance=scene_length(asked.eyes["viewer"], scene), **said)
-    made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=asked.progress)
-    options.warn_of(scene)
-    record = planned_record(scene, made, seen, progress=asked.progress)
-    made = replayed_plan(made, record)
-
-    def text() -> str:
-        # The last line is the command that draws so, as in all plans.
-        planned = table(made, scene, [scene.plate.middle], seen, record.exceeded)
-        return f"{planned_table(record, scene.units)}\n\n{planned}"
-
-    asked.tell(lambda: {**made.summary(), "viewer": record}, text)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import click
 
 from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, flag, option
-
-if TYPE_CHECKING:
-    from xfrustum.reports.studies.sweep import StudyFiles
 
 
 @click.group(no_args_is_help=False, epilog="\b\nExample:\n  xfrustum study splitting --quick --out splitting")
@@ -21,15 +18,16 @@ def study() -> None:
 
 class _Study(options.Measured):
     engine = options.engine_options("this process")
+    out: Any = None
+    quick = False
 
-    def told(
-        self,
-        files: StudyFiles | None,
-        record: Callable[[StudyFiles], dict[str, Any]],
-        sentence: Callable[[Sequence[Any]], str],
-    ) -> None:
-        """Print what a study found; files are None where other parts of a job array are not measured yet."""
-        if files is None:
+    def made(self, own: Any, asked: Any, record: Callable[..., Any], sentence: Callable[..., str]) -> None:
+        """Make a study, and print what it found."""
+        from xfrustum.reports.blocks import HERE
+
+        out, engine = self.out or own.DEFAULT_FOLDER, self.engine or HERE
+        files = own.make_study(out, asked, engine, progress=self.progress)
+        if files is None:  # other parts of a job array are not measured yet
             options.note("this part is measured; the last one to be finished writes the study")
         else:
             self.tell(lambda: record(files), lambda: f"{sentence(files.rows)}\n{files.document}")
@@ -46,13 +44,10 @@ def splitting(asked: _Splitting) -> None:
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.blocks import HERE
-    from xfrustum.reports.studies.splitting import DEFAULT_FOLDER, make_study
+    from xfrustum.reports.studies import splitting as own
     from xfrustum.reports.studies.splitting_cells import FULL, QUICK, record, sentence
 
-    cells = QUICK if asked.quick else FULL
-    files = make_study(asked.out or DEFAULT_FOLDER, cells, asked.engine or HERE, progress=asked.progress)
-    asked.told(files, record, sentence)
+    asked.made(own, QUICK if asked.quick else FULL, record, sentence)
 
 
 class _Noticeable(_Study):
@@ -67,11 +62,6 @@ def noticeable(asked: _Noticeable) -> None:
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
     replayed is kept: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.blocks import HERE
     from xfrustum.reports.studies import noticeable as own
 
-    cells = own.QUICK if asked.quick else own.FULL
-    files = own.make_study(
-        asked.out or own.DEFAULT_FOLDER, cells, asked.engine or HERE, progress=asked.progress
-    )
-    asked.told(files, own.record, own.sentence)
+    asked.made(own, own.QUICK if asked.quick else own.FULL, own.record, own.sentence)

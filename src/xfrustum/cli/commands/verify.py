@@ -24,7 +24,6 @@ from xfrustum.cli.options import (
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
-    from xfrustum.reports.verification.baseline import Baseline
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
 
@@ -103,20 +102,6 @@ class _Asked(options.Measured):
         device=option(TEXT, "Name of its device in --baseline.  [default: this machine's processor]"),
     )
 
-    def check_places(self) -> None:
-        """Refuse places that cannot be written, before anything is judged."""
-        from xfrustum.reports.common.outputs import check_writable_file
-        from xfrustum.reports.verification.files import FILES
-
-        if self.junit is not None:
-            check_writable_file(self.junit, "--junit")
-        options.check_out(self.out, FILES)
-        if self.baseline is not None:
-            from xfrustum.reports.verification.baseline import accepted_runs, check_folder
-
-            check_folder(self.baseline["folder"])
-            accepted_runs(self.baseline["folder"])
-
     def found(self, scene: Scene) -> Verification | None:
         """Judge here or where the options say; None where other parts are not finished yet."""
         from xfrustum.reports.verification.verification import VerifyOptions, verify
@@ -144,9 +129,17 @@ def verify(asked: _Asked) -> int:
     with --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
     """
     opened = options.open_scene(asked.scene)
-    from xfrustum.reports.verification.files import table, write_junit, write_verification
+    from xfrustum.reports.common.outputs import check_writable_file
+    from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
 
-    asked.check_places()
+    if asked.junit is not None:
+        check_writable_file(asked.junit, "--junit")
+    options.check_out(asked.out, FILES)
+    if asked.baseline is not None:
+        from xfrustum.reports.verification.baseline import accepted_runs, check_folder
+
+        check_folder(asked.baseline["folder"])
+        accepted_runs(asked.baseline["folder"])
     found = asked.found(opened)
     if found is None:
         options.note("this part is judged; the last one to be finished writes the verification")
@@ -162,9 +155,17 @@ def verify(asked: _Asked) -> int:
     if asked.baseline is None:
         asked.tell(found.summary, lambda: table(found))
         return 0 if found.passed else options.LIMIT_EXCEEDED
-    from xfrustum.reports.verification.baseline import lines
+    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary, baseline, lines
 
-    held = _held(found, asked)
+    said = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
+    if encoding == "rgb" and asked.judged["command"] is None:
+        said["encoding"] = None  # what is stated although it is the default judges the same
+    how = {**asked.baseline}
+    folder, tolerance = how.pop("folder"), how.pop("baseline_tolerance")
+    held = baseline(found, folder, BaselineOptions(tolerance=tolerance, **said, **how))
+    problem = append_step_summary(held)
+    if problem is not None:
+        options.note(problem)
     # Where measures are accepted, limits count only if they were stated.
     stated = any(map(options.is_given, ("max_wrong", "max_displacement_px", "max_color")))
     limited = stated or not (held.compared or held.approved)
@@ -175,25 +176,3 @@ def verify(asked: _Asked) -> int:
         lambda: f"{table(found)}\n{lines(held)}{decided}",
     )
     return 0 if passed else options.LIMIT_EXCEEDED
-
-
-def _held(found: Verification, asked: _Asked) -> Baseline:
-    """Hold a verification to a baseline, and append the summary that GitHub shows."""
-    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary, baseline
-
-    near, accept, encoding, command = (
-        asked.judged[name] for name in ("near", "accept", "encoding", "command")
-    )
-    # What is stated although it is the default judges the same.
-    encoding = None if encoding == "rgb" and command is None else encoding
-    how = dict(asked.baseline or {})
-    folder, tolerance = how.pop("folder"), how.pop("baseline_tolerance")
-    held = baseline(
-        found,
-        folder,
-        BaselineOptions(tolerance=tolerance, near=near, accept=accept, encoding=encoding, **how),
-    )
-    problem = append_step_summary(held)
-    if problem is not None:
-        options.note(problem)
-    return held
