@@ -146,6 +146,15 @@ def test_parts_of_a_job_array_make_the_survey_between_them(
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
 
 
+@pytest.mark.slow
+def test_workers_make_the_same_survey(
+    scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = surveyed(scene_path, tmp_path / "s", capsys, "--near", str(NEAR), "--all", "--workers", "2")
+    assert (said["judged"], said["workers"]) == (20, 2)
+    assert parts_of(tmp_path / "s") == parts_of(whole)
+
+
 def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
     scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
