@@ -31,17 +31,12 @@ def numbers(p99: float | None, at_plate: int = 0) -> Any:
     )
 
 
-def test_the_99th_percentile_or_more_than_one_percent_of_wrong_surfaces() -> None:
+def test_the_99th_percentile_or_more_than_one_percent_of_wrong_surfaces_or_what_is_undefined() -> None:
     assert not is_beyond(0.5, 0.01, 0.5)
     assert is_beyond(0.501, 0.0, 0.5) and is_beyond(0.0, 0.0101, 0.5)
-
-
-def test_undefined_never_passes() -> None:
     for undefined in (None, float("nan"), float("inf")):
         assert is_beyond(undefined, 0.0, 0.5) and is_beyond(undefined, 0.0, float("inf"))
-
-
-def test_a_hogel_that_shows_nothing_displaces_nothing() -> None:
+    # A hogel that shows nothing displaces nothing.
     assert displacement_p99(numbers(None)) == 0.0
 
 

@@ -202,19 +202,6 @@ def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
     assert "warning: scene: aperture 0,3 sees nothing" in error and "to the right" in error
 
 
-def test_a_flat_mesh_lies_at_one_height_and_spans_none(tmp_path: Path) -> None:
-    (tmp_path / "flat.obj").write_text("v -1 -1 0\nv 1 -1 0\nv 1 1 0\nf 1 2 3\n")
-    scene = Path(write(tmp_path, *FAR))
-    text = scene.read_text().replace('shape = "sphere"', 'mesh = "flat.obj"')
-    assert "flat.obj" in text
-    scene.write_text(text)
-    opened = open_scene(str(scene))
-    with pytest.raises(
-        InputError, match=r"\(flat\.obj\) lies [\d,]+ mm behind the plate; the reach is 150 mm"
-    ):
-        require_seen(opened, [opened.plate.middle])
-
-
 def test_the_hard_case_that_is_empty_on_purpose_is_still_traced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

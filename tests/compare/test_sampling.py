@@ -129,23 +129,6 @@ def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:
     assert clean_sample(0.001, 100, 0.05) == 100
 
 
-@given(st.integers(1, 500), st.data())
-def test_bounds_lie_between_what_was_seen_and_what_is_possible(hogels: int, data: st.DataObject) -> None:
-    judged = data.draw(st.integers(1, hogels))
-    beyond = data.draw(st.integers(0, judged))
-    bound = share_beyond(beyond, judged, hogels)
-    assert beyond / hogels <= bound <= (hogels - judged + beyond) / hogels
-    if judged == hogels:
-        assert bound == beyond / hogels
-
-
-def test_strange_samples_are_refused() -> None:
-    with pytest.raises(InputError, match="at least one hogel"):
-        GrowingSample(plate=plate(2, 2), first=0)
-    with pytest.raises(InputError, match="from 0"):
-        GrowingSample(plate=plate(2, 2), first=1, seed=-1)
-
-
 def test_fifty_nine_clean_hogels_bound_one_in_twenty_and_299_one_in_a_hundred() -> None:
     """(1 - q)^59 < 0.05 from q = 0.0495 on: Clopper and Pearson's bound where nothing was found."""
     assert share_at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
@@ -188,3 +171,5 @@ def test_a_sample_of_nothing_is_refused() -> None:
     for wrong in ({"hogels": 0}, {"seed": -1}):
         with pytest.raises(InputError):
             RandomSample(**wrong)
+    with pytest.raises(InputError, match="at least one hogel"):
+        GrowingSample(plate=plate(2, 2), first=0)

@@ -14,7 +14,6 @@ import pytest
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import Budget
-from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
@@ -55,12 +54,6 @@ def test_what_is_predicted_where_other_links_are_wrong_too(name: str) -> None:
     culling = charged(scene, culled(scene, 0.05)).numbers.links[4]
     assert culling.predicted_surface is not None
     assert culling.surface / 2 < culling.predicted_surface < 2 * culling.surface
-
-
-def test_without_culling_the_chain_is_as_it_was() -> None:
-    scene = view("large-triangles", FILM)
-    settings = replace(culled(scene, 1e-5), cull=Cull.NONE)
-    assert [link.name for link in charged(scene, settings).numbers.links] == list(LINKS)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import Any
 
@@ -21,9 +20,6 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DepthFormat, DoubleFrustum, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin
-
-LOG = logging.getLogger(__name__)
-"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 OTHER_TRIANGLES = 1e-3
 """Share of pixels where float32 and subpixel snapping may show another triangle than exact lines do."""
@@ -56,7 +52,6 @@ def assert_explained(name: str, nears: tuple[float, ...]) -> None:
                 assert sum(counts.values()) == wrong.sum()
                 report.append((near, aperture.index, int(wrong.sum()), counts))
     pixels = scene.frustum.resolution[0] * scene.frustum.resolution[1]
-    LOG.info(f"{name}: at most {max(wrong for *_, wrong, _ in report)} of {pixels} pixels differ")
     assert [row for row in report if row[2] >= OTHER_TRIANGLES * pixels] == []
     assert [row for row in report if row[3]["unexplained"]] == []
 
@@ -110,7 +105,6 @@ class Case:
     def assert_unexplained(self, drawn: HogelImage) -> None:
         wrong = differences(self.model, drawn).sum()
         unexplained = explain(self.scene, self.model, drawn, self.bits).counts()["unexplained"]
-        LOG.info(f"{self.scene.name}: {unexplained} of {wrong} wrong pixels unexplained")
         assert wrong > 500
         assert unexplained >= STAYS_UNEXPLAINED * wrong
 

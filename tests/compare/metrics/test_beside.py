@@ -68,14 +68,6 @@ def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> Non
     assert_equal(beside.maps, alone.maps)
 
 
-def test_a_picture_that_differs_nowhere_has_the_same_errors(drawn: Drawn) -> None:
-    assert differing_pixels(drawn.exact, drawn.again).size == 0
-    beside = drawn.judged()
-    found = compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False, beside=beside)
-    assert found.errors.raster is drawn.again
-    assert found.numbers == compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False).numbers
-
-
 @pytest.mark.parametrize("axis", range(3))
 def test_a_pixel_differs_if_one_coordinate_does(drawn: Drawn, axis: int) -> None:
     moved = np.array(drawn.exact.position)

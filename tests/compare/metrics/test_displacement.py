@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 import pytest
 
@@ -15,9 +13,6 @@ from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, HogelImage
-
-LOG = logging.getLogger(__name__)
-"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 """Near offsets as fractions of the reach."""
@@ -59,14 +54,13 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
     truth = reference.trace(aperture)
     largest_coordinate = np.abs(scene.triangles).max(axis=(1, 2))
     half_extent = np.array(truth.camera.half_extent)
-    seen, worst, used = 0, 0.0, 0.0
+    seen = 0
     with Rasterizer(scene) as raster:
         for near in np.array(NEARS) * scene.frustum.longest_reach:
             drawn = raster.render(aperture, reversed_d32f(float(near)), normals=False, color=False)
             measured = compare_images(truth, drawn, reference).maps.displacement
             shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
-            np.testing.assert_array_equal(np.isfinite(measured).all(axis=2), shown)
-            np.testing.assert_array_equal(np.isnan(measured).any(axis=2), ~shown)
+            np.testing.assert_array_equal(np.isfinite(measured), np.repeat(shown[..., None], 2, axis=2))
             with np.errstate(divide="ignore", invalid="ignore"):
                 off = np.abs(measured - closed_form(drawn, float(near)))[shown]
             z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
@@ -76,13 +70,9 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
             bound = known * np.array([256, 192]) / (2 * z * half_extent)
             assert (off <= bound).all()
             seen += len(off)
-            if len(off):
-                most = float(np.percentile(off.max(axis=1), 99))
-                worst, used = max(worst, most), max(used, float((off / bound).max()))
-                if (name, index) in MESHES:
-                    assert most <= MOST_PX
+            if len(off) and (name, index) in MESHES:
+                assert np.percentile(off.max(axis=1), 99) <= MOST_PX
     assert seen > 2000
-    LOG.info(f"{name} {index}: {seen} pixels, 99 % within {worst:.1e} px, {used:.0%} of the bound used")
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])

@@ -77,18 +77,3 @@ def test_what_is_fitted_to_the_wall_shows_nothing_from_outside(side: int) -> Non
     found = drawn(side, DoubleFrustum(near=20.0, fit=DEPTH))
     assert found.surface is not None
     assert found.surface.outside == found.surface.wrong == 0
-
-
-def test_the_truth_shows_nothing_from_outside() -> None:
-    scene = wall(-1)
-    reference = Reference(scene)
-    truth = reference.trace(scene.plate.middle)
-    found = compare_images(truth, truth, reference)
-    assert found.surface is not None
-    assert found.surface.outside == 0
-
-
-def test_without_the_scene_nothing_is_known() -> None:
-    scene = wall(-1)
-    truth = Reference(scene).trace(scene.plate.middle)
-    assert compare_images(truth, truth, None).maps.outside is None
