@@ -17,30 +17,3 @@ sampling        Samples of a plate's hogels, and what they bound: the share of a
 scout           Which apertures of a plate decide the error: a look through many, before any is measured
 selfcheck/       The truth against brute force in integers
 """
-
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from xfrustum.compare.metrics.comparison import Comparison, compare_images
-    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError, Spread
-
-__all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
-
-_MODULES = {
-    "Comparison": "metrics.comparison",
-    "ErrorMaps": "metrics.error_maps",
-    "HeightError": "metrics.error_maps",
-    "Spread": "metrics.error_maps",
-    "compare_images": "metrics.comparison",
-}
-"""Module of each name. They are imported when first used: `compare.extent` and closed forms answer from the
-scene alone, and must not load the reference for that."""
-
-
-def __getattr__(name: str) -> object:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'xfrustum.compare' has no attribute {name!r}")
-    return getattr(import_module(f"xfrustum.compare.{_MODULES[name]}"), name)

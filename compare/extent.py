@@ -45,10 +45,6 @@ the reach, has every error that grows as 1/|z|."""
 MAX_NAMED_OBJECTS = 3
 """Largest number of objects that one message names, so that it stays one line; the others are counted."""
 
-MAX_SINGLE_APERTURES = 4
-"""Largest number of apertures that are examined one by one. With more, the count over the whole plate first
-leaves out those that see nothing."""
-
 MIN_SIZE_FRACTION = 0.01
 """Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
 is more likely in other units, meters for millimeters or inches, than made for the plate: a pixel of a hogel
@@ -446,11 +442,9 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     """Say with sizes why apertures see nothing; None where one sees an object, or where there are none."""
     for part in scene.objects:
-        some = list(apertures)
-        if len(some) > MAX_SINGLE_APERTURES:
-            flags = apertures_in_view(part, scene.frustum, scene.plate)
-            some = [one for one in some if flags[one.row, one.column]]
-        if any(in_view(part, scene.frustum, one) for one in some):
+        # The count over the whole plate first leaves out apertures that see nothing.
+        flags = apertures_in_view(part, scene.frustum, scene.plate)
+        if any(flags[one.row, one.column] and in_view(part, scene.frustum, one) for one in apertures):
             return None
     if not scene.objects:
         return None

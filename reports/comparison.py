@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.compare import Comparison, HeightError, Spread, compare_images
-from xfrustum.compare.metrics.comparison import Share
+from xfrustum.compare.metrics.comparison import Comparison, Share, compare_images
+from xfrustum.compare.metrics.error_maps import HeightError, Spread
 from xfrustum.compare.metrics.radiance import RadianceSpread
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import write_json

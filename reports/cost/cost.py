@@ -10,9 +10,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
-from xfrustum.compare import compare_images
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer

@@ -22,7 +22,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 if TYPE_CHECKING:
-    from xfrustum.compare import Comparison
+    from xfrustum.compare.metrics.comparison import Comparison
     from xfrustum.scenes.model.scene import Scene
 
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)

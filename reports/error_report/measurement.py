@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers, ShearNumbers
 from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
-from xfrustum.compare.metrics.error_maps import PixelSet
+from xfrustum.compare.metrics.error_maps import PixelSet, Spread
 from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.run import StageTimes

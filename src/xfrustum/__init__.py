@@ -45,7 +45,7 @@ _NAMES = {
     "reports.verification.baseline": "Baseline BaselineOptions baseline",
     "reports.budget": "BudgetReport budget",
     "reports.exchange.cameras": "CameraFiles write_cameras",
-    "compare": "Comparison compare_images",
+    "compare.metrics.comparison": "Comparison compare_images",
     "reports.exchange.convert": "Conversion ConversionOptions convert",
     "reports.cost.cost": "CostReport cost",
     "reports.explain": "EffectsPlan explain",

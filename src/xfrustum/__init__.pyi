@@ -1,7 +1,7 @@
 """Public names with their types; `__init__.py` imports each when it is first used."""
 
-from xfrustum.compare import Comparison as Comparison
-from xfrustum.compare import compare_images as compare_images
+from xfrustum.compare.metrics.comparison import Comparison as Comparison
+from xfrustum.compare.metrics.comparison import compare_images as compare_images
 from xfrustum.compare.planning.plan import Plan as Plan
 from xfrustum.compare.planning.views import Requirement as Requirement
 from xfrustum.compare.run import Judge as Judge

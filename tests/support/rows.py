@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
+from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.prediction.predict import Prediction, Separations

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.views import reversed_d32f, soup, view
-from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import Budget
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of

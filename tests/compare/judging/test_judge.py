@@ -14,8 +14,9 @@ import pytest
 
 from tests.support.views import view
 from xfrustum import Judge, JudgedHogel, interrupts
-from xfrustum.compare import Comparison, compare_images, run
+from xfrustum.compare import run
 from xfrustum.compare.attribution.budget import make_budget
+from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

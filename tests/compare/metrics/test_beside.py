@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import make_budget
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
     PixelErrors,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, reversed_d32f, soup, view
-from xfrustum.compare import Spread, compare_images
+from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

@@ -7,8 +7,8 @@ import pytest
 
 from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.budget import misplaced
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference

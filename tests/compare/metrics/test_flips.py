@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras import passes
 from xfrustum.raster.cameras.depth_formats import nearest_wins

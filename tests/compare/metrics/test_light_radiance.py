@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.support.views import view
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.radiance import (
     STEP,
     RadianceSpread,

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from xfrustum.compare import Comparison, compare_images
+from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, SceneObject

@@ -14,7 +14,7 @@ from tests.plate_plans import SHAPES, opened, try_plan
 from tests.support.scene_file import film, part
 from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.main import main
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.planning.measure import hogel_results
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, exceptions, largest_share
 from xfrustum.compare.planning.views import Requirement

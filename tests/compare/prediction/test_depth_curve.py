@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, view
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
 from xfrustum.compare.prediction.displacement import TruePoints, displacements

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.rows import GPU_S, NO_CAUSES, TIMES, comparison_numbers
-from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED, json_ready

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tests.support.views import view
 from xfrustum.cli.main import main
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, look

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tests.support.rows import MIDDLE, NO_CAUSES, NO_PREDICTION, comparison_numbers, measured_row
-from xfrustum.compare import Spread
-from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, is_worse
+from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, Spread, is_worse
 from xfrustum.reports.error_report.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,

@@ -15,7 +15,7 @@ from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from xfrustum.cli.main import main
-from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.plate import PlateFiles, write_plate
