@@ -60,10 +60,10 @@ class Visibility:
 
     apertures: int
     of: int
-    columns: tuple[int, int] | None  # first and last column of these apertures
+    columns: tuple[int, int] | None  #: first and last column of these apertures
     rows: tuple[int, int] | None
     middle: bool
-    corners: tuple[bool, bool, bool, bool]  # top left, top right, bottom left, bottom right
+    corners: tuple[bool, bool, bool, bool]  #: top left, top right, bottom left, bottom right
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,10 +73,10 @@ class ObjectExtent:
     number: int
     name: str
     triangles: int
-    low: Point  # corners of the bounding box
+    low: Point  #: corners of the bounding box
     high: Point
-    share_in_reach: float | None  # of its surface; None where the surface has no area
-    sight: Visibility  # by the name that `check --json` has for it
+    share_in_reach: float | None  #: of its surface; None where the surface has no area
+    sight: Visibility  #: by the name that `check --json` has for it
 
     @property
     def size(self) -> Point:
@@ -358,10 +358,10 @@ class DepthBin:
 
     behind: bool
     heights: tuple[float, float]
-    nearest: float  # range of |z| of the content, from the bounding boxes of its triangles
+    nearest: float  #: range of |z| of the content, from the bounding boxes of its triangles
     farthest: float
-    triangles: int  # that reach into the bin, inside the frusta
-    share: float  # of the surface of all bins, by area; 0 where all of it has no area
+    triangles: int  #: that reach into the bin, inside the frusta
+    share: float  #: of the surface of all bins, by area; 0 where all of it has no area
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:

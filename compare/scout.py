@@ -48,9 +48,9 @@ class Look:
     """What the coarse film of one aperture shows."""
 
     aperture: Aperture
-    height: Floats  # (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
-    camera: HogelCamera  # the true frustum, with the resolution of the scene
-    outline_widths: float  # borders between objects, and between them and nothing, in widths of the film
+    height: Floats  #: (h, w) of the first surfaces, NaN without any, 0 where the line ends in the aperture
+    camera: HogelCamera  #: the true frustum, with the resolution of the scene
+    outline_widths: float  #: borders between objects, and between them and nothing, in widths of the film
 
     @classmethod
     def of(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> Look:

@@ -100,9 +100,9 @@ class BudgetNumbers:
 class VectorBudget(Brief):
     """What each link adds to a quantity, where every image of the chain shows a surface."""
 
-    steps: Floats  # (links, H, W, components) differences between neighboring images, NaN elsewhere
-    total: Floats  # (H, W, components) last image minus first
-    elsewhere: int  # pixels left out, because some image shows no surface or one in the plate
+    steps: Floats  #: (links, H, W, components) differences between neighboring images, NaN elsewhere
+    total: Floats  #: (H, W, components) last image minus first
+    elsewhere: int  #: pixels left out, because some image shows no surface or one in the plate
 
     @classmethod
     def of(cls, values: Floats) -> VectorBudget:
@@ -139,7 +139,7 @@ class ChainStart(Brief):
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    subpixel_bits: int  # of the device that drew R0
+    subpixel_bits: int  #: of the device that drew R0
 
     @property
     def truth(self) -> HogelImage:
@@ -252,10 +252,10 @@ class Budget(Shown):
 
     start: ChainStart
     drawn: HogelImage
-    changed: Indices  # (N,) flat numbers of the pixels at which the last image shows other than R0
-    charge: NDArray[np.int8]  # (H, W) the link that each wrong pixel is charged to, else `RIGHT`
-    surface_charge: NDArray[np.int8]  # (H, W) the link from which on each pixel shows a wrong surface
-    explanation: Causes  # of the pixels charged to rasterization and depth
+    changed: Indices  #: (N,) flat numbers of the pixels at which the last image shows other than R0
+    charge: NDArray[np.int8]  #: (H, W) the link that each wrong pixel is charged to, else `RIGHT`
+    surface_charge: NDArray[np.int8]  #: (H, W) the link from which on each pixel shows a wrong surface
+    explanation: Causes  #: of the pixels charged to rasterization and depth
     predicted: tuple[LinkPrediction, ...]
 
     @property
@@ -447,7 +447,7 @@ class ShearNumbers:
     rows down, and the largest difference is between a traced shift and its closed form.
     """
 
-    pixels: int  # that show a surface off the plate: all are measured
+    pixels: int  #: that show a surface off the plate: all are measured
     rms_px: float
     closed_form_rms_px: float
     mean_px: tuple[float, float]

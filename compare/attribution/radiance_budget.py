@@ -92,10 +92,10 @@ class RadianceBudget(Brief):
     """The radiance error of one image, link by link."""
 
     links: tuple[str, ...]
-    change: VectorBudget  # linear RGB; nothing is left out, for a pixel that shows no surface is black
-    judged: Mask  # (H, W) pixels whose truth is no tie
-    same: Mask  # (H, W) judged pixels that show the same triangle in all images of the chain
-    errors: dict[str, float]  # by link that is measured against samples, their rms standard error
+    change: VectorBudget  #: linear RGB; nothing is left out, for a pixel that shows no surface is black
+    judged: Mask  #: (H, W) pixels whose truth is no tie
+    same: Mask  #: (H, W) judged pixels that show the same triangle in all images of the chain
+    errors: dict[str, float]  #: by link that is measured against samples, their rms standard error
 
     @property
     def numbers(self) -> RadianceNumbers:

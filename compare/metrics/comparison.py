@@ -61,8 +61,8 @@ class Share:
 class SurfaceShare(Share):
     """How many of the judged pixels show the wrong surface."""
 
-    outside: int  # of these, those whose point belongs outside the true film, where no pixel shows it
-    culled: int | None = None  # those whose true surface culling left out; None where nothing was culled
+    outside: int  #: of these, those whose point belongs outside the true film, where no pixel shows it
+    culled: int | None = None  #: those whose true surface culling left out; None where nothing was culled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,15 +70,15 @@ class ComparisonNumbers:
     """How a raster image differs from the truth, in numbers: the object that `compare --json` prints."""
 
     pixels: int
-    judged: int  # pixels whose truth is no tie
-    covered: int  # pixels where the truth shows a surface
-    at_plate: int  # raster pixels that show a surface in the plate, where displacement is undefined
-    surface: SurfaceShare | None  # None where the scene was not at hand
-    triangle: Share | None  # None where the raster image names no triangles
-    displacement_px: Spread | None  # None where the raster shows no surface off the plate
-    height: HeightError | None  # None where no pixel shows the same triangle in both images
-    radiance: RadianceNumbers | None  # None where colors were not compared, or an image has none
-    certainty: dict[str, int]  # the truth's pixels by class
+    judged: int  #: pixels whose truth is no tie
+    covered: int  #: pixels where the truth shows a surface
+    at_plate: int  #: raster pixels that show a surface in the plate, where displacement is undefined
+    surface: SurfaceShare | None  #: None where the scene was not at hand
+    triangle: Share | None  #: None where the raster image names no triangles
+    displacement_px: Spread | None  #: None where the raster shows no surface off the plate
+    height: HeightError | None  #: None where no pixel shows the same triangle in both images
+    radiance: RadianceNumbers | None  #: None where colors were not compared, or an image has none
+    certainty: dict[str, int]  #: the truth's pixels by class
 
     def said(self) -> str:
         """Return the errors of an image in a line."""
@@ -114,7 +114,7 @@ class Comparison(Shown, ComparisonNumbers):
     """How a raster image differs from the truth: in numbers, and pixel by pixel."""
 
     errors: PixelErrors
-    colors: RadianceError | None  # None where they were not compared
+    colors: RadianceError | None  #: None where they were not compared
 
     @cached_property
     def maps(self) -> ErrorMaps:

@@ -113,9 +113,9 @@ def lengths(shift: Floats) -> Floats:
 class DrawnPoints:
     """Surface points that some pixels of an image show, as a structure of arrays."""
 
-    pixels: Indices  # (N,) flat numbers
-    coordinates: Floats  # (3, N) scene units
-    triangle: Numbers  # (N,) as the image has them
+    pixels: Indices  #: (N,) flat numbers
+    coordinates: Floats  #: (3, N) scene units
+    triangle: Numbers  #: (N,) as the image has them
 
     @classmethod
     def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
@@ -350,13 +350,13 @@ def culled_pixels(truth: HogelImage, raster: HogelImage) -> Mask | None:
 class ErrorMaps(Brief):
     """Each error as an image; errors are raster minus truth."""
 
-    judged: Mask  # (H, W) pixels whose truth is no tie
-    surface: Mask | None  # pixels that show the wrong surface; None where the scene was not at hand
-    outside: Mask | None  # of these, the ones whose point belongs outside the true film
-    triangle: Mask  # pixels that show another triangle number
-    displacement: Floats  # (H, W, 2) columns and rows in pixels, NaN where undefined
-    height: Floats  # (H, W), NaN where they do not show the same triangle
-    radiance: Floats | None  # (H, W, 3), NaN where it is not judged; None where it was not compared
+    judged: Mask  #: (H, W) pixels whose truth is no tie
+    surface: Mask | None  #: pixels that show the wrong surface; None where the scene was not at hand
+    outside: Mask | None  #: of these, the ones whose point belongs outside the true film
+    triangle: Mask  #: pixels that show another triangle number
+    displacement: Floats  #: (H, W, 2) columns and rows in pixels, NaN where undefined
+    height: Floats  #: (H, W), NaN where they do not show the same triangle
+    radiance: Floats | None  #: (H, W, 3), NaN where it is not judged; None where it was not compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

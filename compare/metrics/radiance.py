@@ -67,14 +67,14 @@ class NoiseNumbers:
     """
 
     agrees: bool
-    differ: int  # pixels
+    differ: int  #: pixels
     alpha: float
-    tests: int  # pixels times channels
+    tests: int  #: pixels times channels
     p_value: float
-    farthest: float  # deviation in standard errors; infinite where a pixel without noise differs
-    without_noise: int  # tested pixels in which no channel varies from sample to sample
-    bias: float  # mean of picture minus reference over the tested pixels
-    bias_error: float  # one standard error of it, from the variances
+    farthest: float  #: deviation in standard errors; infinite where a pixel without noise differs
+    without_noise: int  #: tested pixels in which no channel varies from sample to sample
+    bias: float  #: mean of picture minus reference over the tested pixels
+    bias_error: float  #: one standard error of it, from the variances
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +82,7 @@ class NoiseTest:
     """What a per-pixel test says of a picture against a noisy reference."""
 
     numbers: NoiseNumbers
-    differs: Mask  # (H, W) pixels that differ at the level of the whole picture
+    differs: Mask  #: (H, W) pixels that differ at the level of the whole picture
 
 
 def compare_with_noise(
@@ -152,15 +152,15 @@ class LeftOutNumbers:
 
     shadows: bool
     interreflection: bool
-    light_paths: int  # per pixel of one of the two truths
-    pixels: int  # that change beyond noise
-    darker: int  # of these, on the mean of their channels
+    light_paths: int  #: per pixel of one of the two truths
+    pixels: int  #: that change beyond noise
+    darker: int  #: of these, on the mean of their channels
     brighter: int
-    mean: float  # change of radiance over pixels and channels
-    mean_of_image: float | None  # over the mean radiance of the image without them; None where that is 0
-    rms: float  # of the change, from which the noise is taken off
+    mean: float  #: change of radiance over pixels and channels
+    mean_of_image: float | None  #: over the mean radiance of the image without them; None where that is 0
+    rms: float  #: of the change, from which the noise is taken off
     rms_noise: float
-    alpha: float  # level of the test that tells pixels from noise, for the whole picture
+    alpha: float  #: level of the test that tells pixels from noise, for the whole picture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,8 +168,8 @@ class LeftOut:
     """What shadows and interreflection do to an image."""
 
     numbers: LeftOutNumbers
-    difference: RadianceEstimate  # the truth with them minus the truth without; samples are those of one
-    without: Floats  # the truth without them, (H, W, 3)
+    difference: RadianceEstimate  #: the truth with them minus the truth without; samples are those of one
+    without: Floats  #: the truth without them, (H, W, 3)
 
 
 def transported(
@@ -238,9 +238,9 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object
 class PerceptualDifference:
     """How different two pictures look."""
 
-    flip: float  # mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
-    ssim: float | None  # mean over picture and channels, 1 for equal; None if smaller than its window
-    flip_map: Singles  # (H, W) float32
+    flip: float  #: mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020)
+    ssim: float | None  #: mean over picture and channels, 1 for equal; None if smaller than its window
+    flip_map: Singles  #: (H, W) float32
 
 
 def perceptual_difference(
@@ -296,7 +296,7 @@ class RadianceSpread:
     mean: float
     p99: float
     max: float
-    above_step: float  # share of pixels with a channel that is off by more than `STEP`
+    above_step: float  #: share of pixels with a channel that is off by more than `STEP`
     channels: ChannelSpread
 
     @staticmethod
@@ -334,11 +334,11 @@ class RadianceNumbers(RadianceSpread):
     How different the pictures look, and the viewing condition of FLIP, are None unless asked for.
     """
 
-    away_from_edges: RadianceSpread | None  # over those pixels that the function of that name returns
+    away_from_edges: RadianceSpread | None  #: over those pixels that the function of that name returns
     flip: float | None
     ssim: float | None
     pixels_per_degree: float | None
-    noise: NoiseNumbers | None  # whether pixels differ by more than `STEP` and the noise of light paths
+    noise: NoiseNumbers | None  #: whether pixels differ by more than `STEP` and the noise of light paths
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -39,9 +39,9 @@ CHUNK_TRIANGLES = 1 << 13
 class ExactRows:
     """The first triangle on each line of some rows, decided without any rounding."""
 
-    triangle: Numbers  # (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
-    s: Floats  # (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
-    ties: Indices  # (N, 3) row of the image, column and number of all triangles first together, sorted
+    triangle: Numbers  #: (rows, W) int32, the smallest number in a tie; `NOTHING` where a line meets none
+    s: Floats  #: (rows, W) the double nearest to the exact s of the meeting point; NaN where there is none
+    ties: Indices  #: (N, 3) row of the image, column and number of all triangles first together, sorted
 
 
 def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> ExactRows:

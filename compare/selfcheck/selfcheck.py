@@ -72,7 +72,7 @@ class Disagreement:
 
     row: int
     column: int
-    about: str  # "triangle", "certainty", "companions" or "position"
+    about: str  #: "triangle", "certainty", "companions" or "position"
     expected: str
     got: str
 
@@ -90,9 +90,9 @@ class ViewCheck:
     exact: int
     ties: int
     wrong: int
-    disagreements: tuple[Disagreement, ...]  # the first few
-    tracer_wrong: int  # pixels without a tie that the float32 tracer alone gets wrong
-    seconds: float  # other processes work ahead meanwhile
+    disagreements: tuple[Disagreement, ...]  #: the first few
+    tracer_wrong: int  #: pixels without a tie that the float32 tracer alone gets wrong
+    seconds: float  #: other processes work ahead meanwhile
 
 
 @dataclass(frozen=True, kw_only=True)
