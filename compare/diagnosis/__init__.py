@@ -11,5 +11,4 @@ faults        The faults of a renderer, in words with figures
 geometry_fit  Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded
 hypotheses    Mistakes without numbers: one entry for each, drawn and compared with the images
 registration  Conventions and geometry from pictures without triangles: registered with the reference's own
-stored_truth  Stored pixels beside what the truth would have stored, and the damage that explains them
 """

@@ -14,13 +14,7 @@ import numpy as np
 from xfrustum.compare.diagnosis.claims import Claims, claims_of, outside_px
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding
 from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence, shows
-from xfrustum.compare.diagnosis.faults import (
-    MISTAKEN_UNITS,
-    VIEW_SHEAR,
-    Fault,
-    faults_of,
-    with_joint_numbers,
-)
+from xfrustum.compare.diagnosis.faults import MISTAKEN_UNITS, VIEW_SHEAR, Fault, faults_of, with_joint_numbers
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.hypotheses import LIGHTS, find_composition
 from xfrustum.compare.diagnosis.registration import register

@@ -2,39 +2,32 @@
 
 Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
 triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.claims`), which hold
-whatever lies in front. Everything else is compared with the truth in
-`xfrustum.compare.diagnosis.stored_truth`. Another reading is a finding only where it holds and the stated
-reading fails.
+whatever lies in front. Everything else is compared with what the truth would have stored, and with the damage
+that explains the difference. Another reading is a finding only where it holds and the stated one fails.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.claims import Claims, claims_of, outside_px
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
-from xfrustum.compare.diagnosis.stored_truth import (
-    FIRST_NUMBER,
-    LOSSY,
-    OVERFLOW,
-    RESAMPLED,
-    Restoring,
-    StoredTruth,
-    repeated_pixels,
-    spoiled_numbers,
-)
-from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.files.foreign_images import (
     Encoding,
     ForeignImage,
     Reading,
+    radiance,
     read_again,
     stored_integers,
     stored_rgb,
@@ -43,48 +36,280 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
-WRONG_ENCODING = "wrong-encoding"
+WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
 ENCODING_FAULTS = (CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY)
+"""Names of the faults; after the last three numbers are lost."""
+
+# The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
+FIRST_NUMBER = "first"
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-"""Encodings whose pixels hold numbers and not colors."""
+_ENCODING_WORDS = dict(zip(NUMBER_ENCODINGS, ("numbers of triangles", "numbers of objects"), strict=True))
 
-# Largest mean distance by which the claims of a right reading fail: about 20 times the distance by which
-# rasterizers snap edges (`geometry_fit.SNAP_PX`). Beyond a pixel off, claims fail altogether: even those at
-# the other side of a triangle do not hold. One claim counts with the cap at most; that of a triangle that
-# does not exist counts with it.
+# Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the one that
+# comes first here is named first.
+CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
+
+# Largest mean distance by which the claims of a right reading fail: about 20 times that by which rasterizers
+# snap edges (`geometry_fit.SNAP_PX`). A pixel off, even claims at the other side of a triangle fail. One
+# claim counts with the cap at most, as does that of a triangle that does not exist.
 MAX_HELD_MISFIT_PX, MIN_FAILED_MISFIT_PX, MISFIT_CAP_PX = 0.05, 1.0, 8.0
 
-# Smallest ratio of the misfit of the stated reading to the misfit of a better one. Most wrong numbers belong
-# to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a fine mesh; but the
-# misfit of the right reading is that of rounding alone.
+# Smallest ratio of the misfit of the stated reading to that of a better one. Most wrong numbers belong to a
+# triangle within a pixel or two, so that even a wrong reading has a small misfit on a fine mesh; but that of
+# the right reading is that of rounding alone.
 MIN_IMPROVEMENT = 4.0
 
 # Smallest share of the stored integers that name something in the scene under a right reading; one in a
 # hundred may be damaged.
 MIN_VALID_FRACTION = 0.99
 
-# Smallest number of claims by which readings are told apart, and largest number that are tried under every
-# orientation and order; more do not change which reading is best.
-MIN_CLAIMS, MAX_SEARCHED_CLAIMS = 100, 600
-
-# Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the one that
-# comes first here is named first.
-CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
-
-# Near offsets that are tried, as parts of the reach.
+# Smallest number of claims by which readings are told apart; numbers of claims and of hogels, and rows and
+# columns of each, with more of which the same reading or damage is found; near offsets that are tried, as
+# parts of the reach.
+MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600, 3, 100
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 
-# Smallest shares of pixels that agree with the truth to within a pixel under a right reading. The second one
-# applies to objects of a renderer that may draw with another near offset or a moved scene, which change them.
+# Smallest shares of pixels that agree with the truth to within a pixel under a right reading, or for which a
+# kind of damage accounts, as `evidence.MIN_EXPLAINED_FRACTION`. The second one applies to objects of a
+# renderer that may draw with another near offset or a moved scene, which change them.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
-_ENCODING_WORDS = {
-    Encoding.TRIANGLE_ID: "numbers of triangles",
-    Encoding.OBJECT_ID: "numbers of objects",
-    Encoding.RGB: "colors",
-    Encoding.SRGB: "colors",
-}
+# Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a
+# factor f repeats 1 - 1 / f of the lines: 15 % at 1.18. In pictures drawn at their own size few lines repeat.
+MIN_REPEATED_FRACTION = 0.15
+
+# Smallest share of pixels with a number between those around them in a resampled picture; fewer are
+# accidents. And the smallest ratio of the number of different integers to that in the truth: values between
+# two numbers are new, while merely wrong numbers, such as those of objects in another order, are as many as
+# the right ones.
+MIN_MIXED_FRACTION, MIN_VALUES_FACTOR = 0.01, 1.2
+
+# Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
+# brightness in steps of at most 16, and chroma adds half a step of its own.
+MAX_LOSSY_STEPS = 24
+
+# Smallest number of gray values in a shaded picture, where masks and outlines have fewer, and correlation of
+# brightness with the truth's, where that of numbers is random. And the share of pixels as bright as the truth
+# for pictures to be read as sRGB: under the right reading nearly all are, under another light few.
+MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restoring:
+    """A way to restore damaged numbers with the help of the truth, and the share of pixels that it explains.
+
+    Restored numbers serve the figures after correction only; no image passes because of them. `bits` are the
+    low bits of each number that `OVERFLOW` has kept.
+    """
+
+    kind: str
+    reading: Reading
+    bits: int = 24
+    share: float = 0.0
+    orientation: Orientation = UPRIGHT
+    order: Orientation = UPRIGHT
+
+    def read(self, reference: Reference, image: HogelImage) -> HogelImage:
+        """Return an image with the truth's number wherever the damage explains what is stored instead."""
+        orientation, name = self.orientation, _name(self.reading)
+        beside = StoredTruth(reference, (image,)).beside(image, orientation, self.order, thinned=False)
+        as_read = read_again(image, self.reading)
+        numbers = np.array(orientation.upright(getattr(as_read, name)))
+        # The pixel's own number is tried last, and wins.
+        meant = getattr(beside, name)
+        for mask, number in reversed(list(zip(beside.explained(self), meant, strict=False))):
+            numbers[mask] = number[mask]
+        restored = orientation.applied(numbers)
+        return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
+
+
+def _name(reading: Reading) -> str:
+    """Return the name of the numbers that pixels hold by a reading."""
+    return "object" if reading.encoding is Encoding.OBJECT_ID else "triangle"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Beside:
+    """The stored bytes (h, w, 3) of an image, upright, beside the truth's numbers (9, h, w) and brightness.
+
+    The first of the nine numbers belongs to the pixel itself, the others to its neighbors.
+    """
+
+    rgb: Bytes
+    triangle: Numbers
+    object: Numbers
+    gray: Floats
+
+    def stored(self, reading: Reading) -> Numbers:
+        """Return the integers that the truth would have stored, (9, h, w)."""
+        return reading.stored(getattr(self, _name(reading)))
+
+    def same(self, reading: Reading) -> Mask:
+        """Return where pixels store the truth's number of the same pixel or of a neighbor, (9, h, w)."""
+        return np.asarray(reading.packed(self.rgb) == self.stored(reading))
+
+    def covers(self) -> Mask:
+        """Return where pixels are lit as the truth around them shows a surface, black as not, (9, h, w)."""
+        return np.asarray((self.triangle != NOTHING) == (self.rgb != 0).any(axis=-1))
+
+    def explained(self, damage: Restoring) -> Mask:
+        """Return where damage turns the truth's own and neighbors' numbers into the bytes, (n, h, w).
+
+        Where numbers are mixed, n is 1: bytes lie in the range of those around them.
+        """
+        reading, stored = damage.reading, self.stored(damage.reading)
+        packed = reading.packed(self.rgb)
+        if damage.kind == FIRST_NUMBER:
+            first = getattr(self, _name(reading))[:1] == 0
+            return np.asarray((packed == reading.background) & first)
+        if damage.kind == OVERFLOW:
+            # Eight bits may be in blue alone, with red and green black, or in all three channels.
+            low = stored & (2**damage.bits - 1)
+            return np.asarray((packed == low) | ((damage.bits == 8) & (packed == low * 0x010101)))
+        margin = MAX_LOSSY_STEPS if damage.kind == LOSSY else 0
+        matching = np.ones((1, *stored.shape[1:]), dtype=np.bool_)
+        for channel, shift in zip(reading.channels, (16, 8, 0), strict=True):
+            parts, byte = stored >> shift & 255, self.rgb[..., channel].astype(np.int32)
+            matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
+        return matching
+
+
+class StoredTruth:
+    """Some images of a renderer, as found, beside the truth, under any orientation and order."""
+
+    def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
+        count = min(MAX_COMPARED_HOGELS, len(images))
+        chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
+        self.scene, self.images = reference.scene, [images[index] for index in chosen]
+        self.several = len({image.camera.aperture.index for image in images}) > 1
+        self.truth = cache(lambda index: reference.trace(reference.scene.plate.aperture(*index)))
+
+    def best(
+        self, damage: Restoring, matching: Callable[[_Beside], Mask] | None = None, background: int = 0
+    ) -> Restoring:
+        """Return damage with the conventions under which most pixels that show something match."""
+        matching = matching or partial(_Beside.explained, damage=damage)
+        orders = list(orientations(self.scene.plate.hogels)) if self.several else [UPRIGHT]
+        for order, orientation in itertools.product(orders, orientations(self.scene.frustum.resolution)):
+            shown = matched = 0
+            for image in self.images:
+                beside = self.beside(image, orientation, order)
+                some = beside.triangle[0] != NOTHING
+                some |= not background and (beside.rgb != 0).any(axis=-1)
+                shown += int(some.sum())
+                matched += int((matching(beside).any(axis=0) & some).sum())
+            share = matched / shown if shown else 0.0
+            # Where conventions agree equally well, the first one, no change, wins.
+            if share > damage.share + 1e-6:
+                damage = replace(damage, share=share, orientation=orientation, order=order)
+        return damage
+
+    def agreement(self, reading: Reading, kind: str = RESAMPLED) -> Restoring:
+        """Return the conventions under which most pixels store the number of the same pixel or a neighbor."""
+        same = partial(_Beside.same, reading=reading)
+        return self.best(Restoring(kind=kind, reading=reading), same, reading.background)
+
+    def beside(
+        self, image: HogelImage, orientation: Orientation, order: Orientation, *, thinned: bool = True
+    ) -> _Beside:
+        """Return an image's pixels beside the truth's."""
+        truth = self.truth(order.index(image.camera.aperture.index, self.scene.plate.hogels))
+        height, width = truth.triangle.shape
+        step = max(1, min(height, width) // COMPARED_LINES) if thinned else 1
+        places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
+
+        def around(numbers: Numbers) -> Numbers:
+            padded = np.pad(numbers, 1, mode="edge")
+            return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
+
+        return _Beside(
+            rgb=orientation.upright(stored_rgb(image))[::step, ::step],
+            triangle=around(truth.triangle),
+            object=around(truth.object),
+            gray=as_gray(truth)[::step, ::step],
+        )
+
+    def all_beside(self, found: Restoring) -> list[_Beside]:
+        """Return all images beside the truth, under the conventions under which they agree."""
+        return [self.beside(image, found.orientation, found.order) for image in self.images]
+
+    def colors(self) -> Reading | None:
+        """Return how to read pixels that are colors of the scene; None where they are not."""
+        colors = Reading(encoding=Encoding.RGB)
+        found = self.best(Restoring(kind=WRONG_ENCODING, reading=colors), _Beside.covers)
+        if found.share < MIN_AGREEING_FRACTION:
+            return None
+        parts = self.all_beside(found)
+        inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
+        rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
+        gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
+        shades = rgb.astype(np.float64).mean(axis=1)
+        if len(np.unique(shades)) < MIN_SHADES:
+            return None
+        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_AGREEING_FRACTION
+        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
+            return None
+        # The shares of pixels that are as bright as the truth in either encoding.
+        linear, encoded = (
+            np.mean(np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0)) <= COLOR_TOLERANCE)
+            for one in (Encoding.RGB, Encoding.SRGB)
+        )
+        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
+        return replace(colors, encoding=Encoding.SRGB) if is_encoded else colors
+
+
+def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
+    count, stored_as = len(truth.scene.faces), [getattr(image, "stored", None) for image in truth.images]
+    for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
+        found = Restoring(kind=OVERFLOW, reading=stated, bits=bits)
+        if count >= 2**bits and (found := truth.best(found)).share >= MIN_AGREEING_FRACTION:
+            words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
+            words += ": others are lost"
+            return Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words), found
+    named_lossy = any(one is not None and one.lossy for one in stored_as)
+    for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
+        found = truth.best(Restoring(kind=kind, reading=stated))
+        parts = truth.all_beside(found)
+        shown = [(part.rgb != 0).any(axis=-1) | (part.triangle[0] != NOTHING) for part in parts]
+        same = [part.same(stated)[:, some].any(axis=0) for part, some in zip(parts, shown, strict=True)]
+        mixed = 1 - float(np.concatenate(same).mean())
+        stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
+        should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
+        new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
+        accounted = found.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
+        if accounted or (kind == LOSSY and named_lossy):
+            words = f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
+            words += "by filtering, resizing or anti-aliasing: numbers have no averages"
+            if kind == LOSSY:
+                words = "numbers went through lossy compression, such as JPEG: write PNG"
+            return Fault(fault=kind, value=mixed, unit="share", words=words), found
+    return None
+
+
+def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
+    images = [stated.packed(stored_rgb(image)) for image in truth.images]
+    expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
+
+    def repeated(images: Sequence[Numbers], axis: int) -> float:
+        """Return the share of rows (axis 0) or columns that repeat the ones before, uniform ones left out."""
+        same = telling = 0
+        for image in images:
+            lines = np.moveaxis(image, axis, 0)
+            several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
+            telling += int(several.sum())
+            same += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
+        return same / telling if telling else 0.0
+
+    shares = [repeated(images, axis) for axis in (0, 1)]
+    usual = [repeated(expected, axis) for axis in (0, 1)]
+    if any(mine < MIN_REPEATED_FRACTION or its > mine / 2 for mine, its in zip(shares, usual, strict=True)):
+        return None
+    share = float(np.mean(shares))
+    words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
+    return Fault(fault=RESAMPLED, value=share, unit="share", words=words), truth.agreement(stated)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,9 +358,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     truth = StoredTruth(reference, told)
     found = _Search(scene=reference.scene, images=told, nominal=nominal, stated=stated, truth=truth).found()
     if found is not None and found.reading is not None and found.reading.first_is_lost:
-        agreement = truth.agreement(found.reading)
-        lost = Restoring(kind=FIRST_NUMBER, reading=found.reading, agreement=agreement)
-        return replace(found, restoring=lost)
+        return replace(found, restoring=truth.agreement(found.reading, FIRST_NUMBER))
     return found or FoundEncoding()
 
 
@@ -284,7 +507,8 @@ def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[F
     """Return the differences between a reading and the stated one as faults."""
     faults, (letters, *others) = [], ["".join("RGB"[one] for one in way.channels) for way in (found, *same)]
     if found.encoding is not stated.encoding:
-        words = f"pixels hold {_ENCODING_WORDS[found.encoding]}, not {_ENCODING_WORDS[stated.encoding]}: "
+        now, then = (_ENCODING_WORDS.get(one.encoding, "colors") for one in (found, stated))
+        words = f"pixels hold {now}, not {then}: "
         words += f"--encoding {found.encoding}"
         faults.append(Fault(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
     if found.channels != stated.channels:

@@ -57,8 +57,8 @@ class Evidence:
     images: Sequence[HogelImage]
     nominal: DrawnModel
     judging: Judging = field(default_factory=Judging)
-    # Wrong pixels of each tested image, for each guess and whether causes excuse them: a cache.
-    known: dict[tuple[DrawnModel, bool], list[Mask]] = field(default_factory=dict, repr=False)
+    # Wrong pixels (N, H, W) of the tested images, for each guess and whether causes excuse them: a cache.
+    known: dict[tuple[DrawnModel, bool], Mask] = field(default_factory=dict, repr=False)
 
     def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> Evidence:
         """Return other images of the same renderer, perhaps judged by other rules."""
@@ -79,7 +79,7 @@ class Evidence:
 
     def wrong(self, model: DrawnModel, *, explained: bool = False) -> int:
         """Return the number of pixels that are wrong by a guess; if `explained`, without a known cause."""
-        return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
+        return int(self._wrong(model, explained=explained).sum())
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
@@ -89,15 +89,16 @@ class Evidence:
         The result is the smaller of two shares: among all pixels, and among those in which images show
         something. A guess under which nothing is seen explains black pixels, but not what images show.
         """
-        if not self.wrong(self.nominal):
+        asked = self._wrong(self.nominal)
+        if not asked.any():
             return None
-        shares, covered = [], [_covered(image) for image in self.tested]
-        asked, left = self._wrong(self.nominal), self._wrong(model, explained=True)
-        for places in ([np.ones_like(one) for one in covered], covered):
-            before, after = (
-                sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
-                for masks in (asked, left)
-            )
+        left, covered, shares = (
+            self._wrong(model, explained=True),
+            np.stack([*map(_covered, self.tested)]),
+            [],
+        )
+        for place in (np.ones_like(covered), covered):
+            before, after = (int((mask & place).sum()) for mask in (asked, left))
             shares.append(max(0.0, 1.0 - after / before) if before else 1.0)
         return min(shares)
 
@@ -111,20 +112,15 @@ class Evidence:
 
         Only numbers of triangles tell rounding from errors; in other images the share alone decides.
         """
-        gained = spoiled = 0
-        triples = (self._wrong(self.nominal), self._wrong(model), self._wrong(model, explained=True))
-        for image, before, after, left in zip(self.tested, *triples, strict=True):
-            if (image.triangle != NOTHING).any():
-                gained += int((before & ~after).sum())
-                spoiled += int((left & ~before).sum())
-        return spoiled <= MAX_SPOILED_FRACTION * gained
+        named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
+        before, after = self._wrong(self.nominal)[named], self._wrong(model)[named]
+        spoiled = self._wrong(model, explained=True)[named] & ~before
+        return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
 
     def pays(self, model: DrawnModel, simpler: DrawnModel | None = None) -> bool:
         """Return whether a guess makes more pixels right than a simpler one, or than what was asked for."""
-        gained = lost = 0
-        for mine, other in zip(self._wrong(model), self._wrong(simpler or self.nominal), strict=True):
-            gained += int((other & ~mine).sum())
-            lost += int((mine & ~other).sum())
+        mine, other = self._wrong(model), self._wrong(simpler or self.nominal)
+        gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
         return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
     def reduced(self, model: DrawnModel) -> DrawnModel:
@@ -156,16 +152,12 @@ class Evidence:
             del left[best]
         return ()
 
-    def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
-        """Return the wrong pixels of each image by a guess; if `explained`, those without a known cause."""
-        key = (model, explained)
+    def _wrong(self, model: DrawnModel, *, explained: bool = False) -> Mask:
+        """Return the wrong pixels (N, H, W) by a guess; if `explained`, those without a known cause."""
+        key, reference, judging = (model, explained), self.reference, self.judging
         if key not in self.known:
-            self.known[key] = [
-                model.orientation.applied(
-                    wrong_pixels(self.reference, model, image, self.judging, explained=explained)
-                )
-                for image in self.tested
-            ]
+            masks = [wrong_pixels(reference, model, one, judging, explained=explained) for one in self.tested]
+            self.known[key] = np.array([model.orientation.applied(mask) for mask in masks], dtype=np.bool_)
         return self.known[key]
 
 

@@ -34,29 +34,23 @@ SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 # intervals are bounded by the few claims nearest to an edge, and are computed once.
 MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 600, 2500, 16000
 
-# Largest share of claims that may fail under the right guess: damaged pixels, and edges that a renderer's
-# anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of claims exceeds.
-MAX_MISPLACED_FRACTION = 0.01
+# Largest share of claims that may fail under the right guess: damaged pixels, and edges that anti-aliasing or
+# rounding has moved. The noise of a guess is the distance that this share of claims exceeds; a convention
+# that is off by more than a pixel explains no image.
+MAX_MISPLACED_FRACTION, MAX_NOISE_PX = 0.01, 1.0
 
-# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good: the
-# comparison has two noises of the same size, one from each. And that of the noise on few claims to that on
-# all.
-NOISE_FACTOR = SCREENING_FACTOR = 2.0
-
-# Largest noise of a guess under which the claims hold, in pixels. A convention that is off by more than a
-# pixel explains no image.
-MAX_NOISE_PX = 1.0
+# Largest ratio of a simpler guess's noise to the best guess's at which the simpler one is as good, and of the
+# noise on few claims to that on all: the comparison has two noises of the same size.
+NOISE_FACTOR = 2.0
 
 # Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is left out: ten
 # times the share that may fail under the right guess. And the largest share of the hogels that may be left
 # out: a rule that holds in fewer than half of them is no convention.
 MIN_SPOILED_FRACTION, MAX_SPOILED_HOGEL_FRACTION = 0.1, 0.5
 
-# Groups that are fitted first: where they suffice, fewer and better-conditioned numbers are fitted.
-USUAL_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS)
-
-# Largest number of groups that may be off nominal together; with more of them free, the fit follows noise.
-MAX_GROUPS = 4
+# Groups that are fitted first, fewer and better-conditioned numbers; and the largest number of groups that
+# may be off nominal together: with more of them free, the fit follows noise.
+USUAL_GROUPS, MAX_GROUPS = ("shift", "fov", "pitch", "near", *SCREEN_GROUPS), 4
 
 # Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
 # are about that far apart. Larger failures count linearly.
@@ -77,14 +71,11 @@ NEIGHBORHOOD_PX = 0.5
 # are told apart it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = parameters.SMALLEST_FACTOR * parameters.TOLD_APART_PER_REACH
 
-# Starting points: near, as parts of the reach; the size of the scene, where places on the film change with
-# its inverse, so that larger ones look like the last; the extent of the film, a field of view taken for half
-# of it or half for all; the height of the screen; and the near offset with which every wrong shear is tried
-# besides none: smaller ones move pictures less than a wrong shear does, and larger ones are rare.
-# `MAX_STARTS` are fitted.
-START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
+# Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with which wrong
+# shears are tried, as smaller ones move pictures less; sizes of the scene, larger ones of which look like the
+# last; extents of the film, a field of view taken for half of it or half for all; heights of the screen.
+START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
-SHEARED_NEAR, MAX_STARTS = 0.03, 4
 
 Found = list[tuple[DrawnModel, tuple[str, ...]]]
 """Guesses, the preferred one first, each with the names of its groups that were fitted."""
@@ -129,7 +120,7 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
             freest = fitting.freest(few, [one for one in starts if not one.alone])
             claims, spoiled = fitting.without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
-            freest = fitting.fitted(some, freest, fitting.freest_groups(claims))
+            freest = fitting.fitted(some, freest, fitting.groups(claims, together=True))
             noise = fitting.noise(some, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
@@ -166,24 +157,35 @@ class _Fitting:
         outside = outside_px(claims, self.scene, model, max(claims.size))
         return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
-    def groups(self, claims: Claims) -> tuple[str, ...]:
-        """Return the groups that claims can determine.
+    def groups(self, claims: Claims, *, together: bool = False) -> tuple[str, ...]:
+        """Return the groups that claims can determine, one by one or all of them free `together`.
 
         Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
+        To move the apertures is to move scene and film.
         """
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
+        unseen |= {"aperture-offset"} if together and not claims.of_points else set()
         return tuple(group.name for group in GROUPS if group.name not in unseen)
-
-    def freest_groups(self, claims: Claims) -> tuple[str, ...]:
-        """Return the groups that are free together: to move the apertures is to move scene and film."""
-        groups = self.groups(claims)
-        return tuple(name for name in groups if name != "aperture-offset" or "scene-offset" not in groups)
 
     def starts(self, claims: Claims) -> list[DrawnModel]:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
         cap, reach = self.scene.frustum.resolution[0] / 2, self.scene.frustum.longest_reach
-        nominal = self.nominal
+        nominal, sides = self.nominal, [OneCamera(side, other_near=self.nominal.near) for side in (-1, 1)]
+
+        def hypotheses(upright: DrawnModel) -> Iterator[DrawnModel]:
+            yield from (replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]})
+            for one, part in itertools.product(sides, START_NEARS[4::4]):
+                yield replace(upright, near=reach * part, one_camera=one)
+            for one in FLIPPED:
+                yield replace(upright, one_camera=replace(one, other_near=nominal.near))
+            yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
+            yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
+            if self.scene.frustum.recentered:
+                yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
+                shears = sorted(set(Recentering) - {nominal.recentering})
+                for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
+                    yield replace(upright, near=near, recentering=shear)
 
         def ranked(models: Iterable[DrawnModel]) -> list[DrawnModel]:
             found = [(self.misfit(claims, model, cap), _changes(model), model) for model in models]
@@ -194,7 +196,7 @@ class _Fitting:
         orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
         ways = itertools.product(orientations(claims.size), orders)
         upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
-        tried = ranked(itertools.chain.from_iterable(map(self._hypotheses, upright)))
+        tried = ranked(itertools.chain.from_iterable(map(hypotheses, upright)))
         # Step 2: the best conventions, each with all values of near.
         conventions = {
             (one.orientation, one.order, one.recentering, one.one_camera): one for one in reversed(tried[:6])
@@ -203,29 +205,12 @@ class _Fitting:
         best = ranked(replace(one, near=near) for one in conventions.values() for near in nears)
         # Step 3: the best starts, and the best one of each group that was searched.
         plain = [one for one in tried if one.recentering is nominal.recentering and one.one_camera is None]
-        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
         alone = [ranked(replace(plain[0], near=near, one_camera=one) for near in nears)[0] for one in sides]
         of_groups = [
             next((one for one in tried if getattr(one, name) != getattr(nominal, name)), tried[0])
             for name in ("scene_scale", "fov", "screen_height")
         ]
         return list(dict.fromkeys([*best[:MAX_STARTS], tried[0], *of_groups, plain[0], *alone]))
-
-    def _hypotheses(self, upright: DrawnModel) -> Iterator[DrawnModel]:
-        """Yield guesses with one orientation and order, each with a mistake that fits have to start from."""
-        reach, nominal = self.scene.frustum.longest_reach, self.nominal
-        alone = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
-        yield from (replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]})
-        for one, part in itertools.product(alone, START_NEARS[4::4]):
-            yield replace(upright, near=reach * part, one_camera=one)
-        yield from (replace(upright, one_camera=replace(one, other_near=nominal.near)) for one in FLIPPED)
-        yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
-        yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
-        if self.scene.frustum.recentered:
-            yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
-            shears = set(Recentering) - {nominal.recentering}
-            for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, sorted(shears)):
-                yield replace(upright, near=near, recentering=shear)
 
     def fitted(
         self, claims: Claims, start: DrawnModel, free: Sequence[str], *, roughly: bool = False
@@ -268,7 +253,7 @@ class _Fitting:
 
     def freest(self, claims: Claims, starts: Sequence[DrawnModel]) -> DrawnModel:
         """Return the best guess with everything free, the usual, better conditioned groups first."""
-        groups = self.freest_groups(claims)
+        groups = self.groups(claims, together=True)
         fits: list[DrawnModel] = []
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
             for start in starts:
@@ -296,7 +281,7 @@ class _Fitting:
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
             (few, True, max(MAX_NOISE_PX, limit_px)),
-            (few, False, SCREENING_FACTOR * limit_px),
+            (few, False, NOISE_FACTOR * limit_px),
             (claims, False, limit_px),
         )
         for count in counts:

@@ -67,11 +67,6 @@ class OneCamera:
     flip_y: bool = False
     other_near: float = 0.0  # near offset of the other camera, scene units
 
-    @property
-    def flipped(self) -> bool:
-        """Whether its film is mirrored at all."""
-        return self.flip_x or self.flip_y
-
 
 FLIPPED = tuple(
     OneCamera(side, flip_x=x, flip_y=y)
@@ -133,7 +128,8 @@ class DrawnModel:
     @property
     def alone(self) -> bool:
         """Whether one camera alone has other numbers, its film being mirrored nowhere."""
-        return self.one_camera is not None and not self.one_camera.flipped
+        one = self.one_camera
+        return one is not None and not (one.flip_x or one.flip_y)
 
     def camera(self, side: int) -> DrawnModel:
         """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""

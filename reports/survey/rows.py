@@ -15,8 +15,7 @@ import pyarrow as pa
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.judging.judged import ColorFigures, HogelNumbers, SurfaceFigures
+from xfrustum.compare.judging.judged import ColorFigures, HogelNumbers, MeasuredBy, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread, lengths
 from xfrustum.compare.run import JudgedDrawing

@@ -11,7 +11,6 @@ from typing import Any
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
-from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import (
     SURFACES,
     WRONG_WORDS,
@@ -19,6 +18,7 @@ from xfrustum.compare.judging.judged import (
     Figures,
     HogelNumbers,
     Judging,
+    MeasuredBy,
     SurfaceFigures,
 )
 from xfrustum.reports.common.json_ready import json_object, json_ready

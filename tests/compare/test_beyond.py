@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.judging.image_displacement import MeasuredBy
+from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.planning.measure import HogelResult
 from xfrustum.compare.planning.views import Requirement

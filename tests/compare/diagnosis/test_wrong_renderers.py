@@ -197,8 +197,7 @@ NUMBERINGS = {
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name == "right" else pytest.mark.slow) for name in NUMBERINGS],
+    "name", [pytest.param(name, marks=() if name == "right" else pytest.mark.slow) for name in NUMBERINGS]
 )
 def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, name: str) -> None:
     numbering, world = NUMBERINGS[name], world_of("attic")

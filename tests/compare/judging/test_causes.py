@@ -26,6 +26,8 @@ CENTER = at(0.3, -0.2)
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
 """Places of the corners on the film, px from its left and upper border; one corner lies below the film."""
 
+Pictures = tuple[Scene, DrawnModel, HogelImage, HogelImage]
+
 CLEAR_PX = 0.5
 """Distance from every edge at which rounding explains nothing, px: several subpixels."""
 
@@ -55,7 +57,7 @@ def causes(
 
 
 @pytest.fixture(scope="module")
-def pictures() -> tuple[Scene, DrawnModel, HogelImage, HogelImage]:
+def pictures() -> Pictures:
     """Return the scene, how it is drawn, what that shows exactly, and a picture that shows nothing."""
     scene, model = scene_of_one_triangle(), DrawnModel(near=NEAR, shift=SHIFT)
     exact = trace_drawn(Reference(scene), model, CENTER)
@@ -76,9 +78,7 @@ def distances(exact: HogelImage) -> tuple[Floats, Floats]:
     return np.where(exact.covered, side, 0.0), diagonal
 
 
-def test_a_hole_inside_a_triangle_is_not_explained(
-    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
-) -> None:
+def test_a_hole_inside_a_triangle_is_not_explained(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, diagonal = distances(exact)
     inside = (side > CLEAR_PX) & (diagonal > CLEAR_PX)
@@ -87,9 +87,7 @@ def test_a_hole_inside_a_triangle_is_not_explained(
     assert found == {"edge": 0, "order": 0, "lost": 0, "unexplained": inside.sum()}
 
 
-def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(
-    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
-) -> None:
+def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, diagonal = distances(exact)
     split = (side > CLEAR_PX) & (diagonal < 0.9 * OFFSET_PRECISION.snap_px)
@@ -99,9 +97,7 @@ def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(
     assert found == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": beside.sum()}
 
 
-def test_a_hole_along_a_side_lies_on_an_edge(
-    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
-) -> None:
+def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, _ = distances(exact)
     along = exact.covered & (side < 0.9 * OFFSET_PRECISION.snap_px)

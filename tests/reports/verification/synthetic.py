@@ -9,8 +9,7 @@ from pathlib import Path
 
 from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
-from xfrustum.compare.judging.image_displacement import MeasuredBy
-from xfrustum.compare.judging.judged import HogelNumbers, SurfaceFigures
+from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
