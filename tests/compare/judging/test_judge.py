@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import threading
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
@@ -13,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum import Judge, JudgedHogel, interrupts
+from xfrustum import Judge, JudgedHogel
 from xfrustum.compare import run
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
@@ -143,33 +140,6 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
         monkeypatch.setattr(run, "compare_images", fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
         list(judge.stream(apertures(), SETTINGS[:2], causes=True))
-    assert not threads()
-
-
-# Where an exception is swallowed, as in the callback of a weak reference, the signal is tried again.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ctrl_c_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = view("asymmetric", (16, 16))
-
-    once = iter([signal.SIGINT])
-
-    def interrupted(*images: object, **how: object) -> Comparison:
-        for number in once:
-            os.kill(os.getpid(), number)
-        return compare_images(*images, **how)  # type: ignore[arg-type]
-
-    def judged_without_end() -> None:
-        with Judge(scene) as judge:
-            deque(judge.stream(endless(scene), SETTINGS[:1]), maxlen=0)
-
-    monkeypatch.setattr(run, "compare_images", interrupted)
-    # Whoever starts the tests may ignore the signal.
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt), interrupts.obeyed():
-            judged_without_end()
-    finally:
-        signal.signal(signal.SIGINT, former)
     assert not threads()
 
 
