@@ -23,12 +23,12 @@ Python objects, then arrays); twice that lets every honest file through, however
 takes more is compressed, or declares more than it holds.
 """
 
+#: Bytes of memory that a pixel of a picture takes: four channels as read, and three copies.
 MEMORY_PER_PIXEL = 16
-"""Bytes of memory that a pixel of a picture takes: four channels as read, and three copies."""
 
 SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, sixteen million bytes; people write some hundreds
+#: Options of the command line that raise the bounds on memory and on hogels.
 RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
-"""Options of the command line that raise the bounds on memory and on hogels."""
 
 
 class _Bound:

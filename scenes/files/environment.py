@@ -13,11 +13,10 @@ from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size,
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, read_rgb_channels
 
+#: Header of a Radiance picture: lines up to an empty one, then its size.
 _HDR_HEADER = re.compile(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n")
-"""Header of a Radiance picture: lines up to an empty one, then its size."""
-
+#: Widths of rows that may be run-length encoded, which begin with 2, 2 and the width.
 _RUN_WIDTHS = range(8, 1 << 15)
-"""Widths of rows that may be run-length encoded, which begin with 2, 2 and the width."""
 
 
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:

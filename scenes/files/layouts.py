@@ -22,15 +22,14 @@ from xfrustum.scenes.errors import InputError
 
 Pixels = NDArray[Any]  # samples of pictures in the type of their files: uint8, uint16, float16 or float32
 Index = tuple[int, ...]  # the numbers that count the files of a layout, as their names state them
+#: Suffixes of files that are taken for pictures, in lower case.
 PICTURE_SUFFIXES = (".png", ".ppm", ".exr", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-"""Suffixes of files that are taken for pictures, in lower case."""
 
 VIDEO_SUFFIX = ".avi"  # suffix of videos, in lower case
+#: Columns and rows of tiles that displays are sold with, by the number of views.
 KNOWN_QUILTS = {48: (8, 6), 66: (11, 6), 49: (7, 7), 45: (5, 9), 40: (8, 5)}
-"""Columns and rows of tiles that displays are sold with, by the number of views."""
-
+#: Columns and rows of tiles of a CubeVi picture, and the size of each in pixels.
 CUBEVI_TILES, CUBEVI_TILE_PX = (8, 5), (540, 960)
-"""Columns and rows of tiles of a CubeVi picture, and the size of each in pixels."""
 
 MAX_DIGITS = 18  # largest number of digits of a number in a file's name: longer ones count nothing
 
@@ -274,6 +273,7 @@ def _cubevi_states(shape: PlateShape, _: Naming) -> Index:
     return ()
 
 
+#: All layouts. Where names of files fit several and nobody says which is meant, the first one is taken.
 LAYOUTS = (
     Layout(
         name="hocking",
@@ -394,13 +394,11 @@ LAYOUTS = (
         horizontal=True,
     ),
 )
-"""All layouts. Where names of files fit several and nobody says which is meant, the first one is taken."""
-
+#: Names of layouts, as the command line takes them.
 NAMES = (
     *("hogels", "burnett", "hocking", "hocking-columns", "mosaic", "views", "stanford", "pleno", "hci"),
     *("quilt", "cubevi"),
 )
-"""Names of layouts, as the command line takes them."""
 
 
 def layouts_named(name: str) -> tuple[Layout, ...]:

@@ -38,24 +38,20 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import SceneObject
 
 GLTF_SUFFIXES = (".gltf", ".glb")
+#: Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits.
 _RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
-"""Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits."""
-
+#: Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies.
 MEMORY_PER_UNPACKED_BYTE = 16
-"""Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies."""
-
+#: glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk.
 _GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
-"""glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk."""
-
+#: glTF 2.0, table 5.1.1.3: bytes of a component by its type's code.
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-"""glTF 2.0, table 5.1.1.3: bytes of a component by its type's code."""
-
+#: glTF 2.0, the same table: components of an element.
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""glTF 2.0, the same table: components of an element."""
 
 _TRIANGLES = 4
+#: Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips.
 _PRIMITIVES_READ = (0, 1, _TRIANGLES, 5)
-"""Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips."""
 
 # trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

@@ -12,15 +12,13 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.tessellation import tessellate
 from xfrustum.scenes.model.scene import SceneObject
 
+#: Default chord tolerance as a share of the diagonal of the box about the control points: half a pixel where
+#: the patches fill an image of 512.
 RELATIVE_CHORD = 1e-3
-"""Default chord tolerance as a share of the diagonal of the box about the control points: half a pixel where
-the patches fill an image of 512."""
-
+#: Largest coordinate of a control point: squares and products with degrees stay far from overflow, 1e308.
 LARGEST_COORDINATE = 1e100
-"""Largest coordinate of a control point: squares and products with degrees stay far from overflow, 1e308."""
-
+#: Largest number of words in a file: more would not fit into memory as Python's own objects.
 _MAX_WORDS = 1 << 27
-"""Largest number of words in a file: more would not fit into memory as Python's own objects."""
 
 
 def load_patches(

@@ -20,20 +20,16 @@ from xfrustum.scenes.files.layouts import Pixels
 
 PLENO_LEVELS = 1023  # largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for
 BYTE_LEVELS = 255  # largest level of 8-bit pictures
+#: Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object.
 TEXT_KEY = "xfrustum:layout"
-"""Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object."""
-
+#: Pillow's names of formats that change pixels; WebP and others may, but need not.
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
-"""Pillow's names of formats that change pixels; WebP and others may, but need not."""
-
+#: Pillow's names of kinds of pixels that are red, green and blue of 8 bits, or become these unchanged.
 RGB_MODES = ("RGB", "RGBA", "P", "L", "1")
-"""Pillow's names of kinds of pixels that are red, green and blue of 8 bits, or become these unchanged."""
-
+#: Header of a binary PPM file: width, height, largest level.
 _P6_HEADER = re.compile(rb"P6\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+(\d+)\s")
-"""Header of a binary PPM file: width, height, largest level."""
-
+#: Exceptions by which Pillow says that a file is no picture, or is damaged.
 _DAMAGE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-"""Exceptions by which Pillow says that a file is no picture, or is damaged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,17 +38,14 @@ from xfrustum.scenes.files.pictures import (
 )
 from xfrustum.scenes.files.video import read_video, video_size, write_video
 
+#: Name of the file in which the 4D light-field benchmark describes its cameras.
 PARAMETERS_FILE = "parameters.cfg"
-"""Name of the file in which the 4D light-field benchmark describes its cameras."""
-
+#: Name of the file in which the script for Blender states the plate whose hogels it renders into a folder.
 PLATE_FILE = "plate.json"
-"""Name of the file in which the script for Blender states the plate whose hogels it renders into a folder."""
-
+#: Largest size of such a file that is read: room for a hundred thousand objects with their colors.
 MAX_FACTS_BYTES = 1 << 24
-"""Largest size of such a file that is read: room for a hundred thousand objects with their colors."""
-
+#: Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file.
 MAX_BYTES_IN_MEMORY = 1 << 28
-"""Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file."""
 
 
 class PlateRows(Protocol):

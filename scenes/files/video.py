@@ -18,14 +18,12 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts import Pixels
 from xfrustum.scenes.files.pictures import Picture
 
+#: FFmpeg's names of codecs that keep every bit of RGB pictures.
 LOSSLESS_CODECS = ("ffv1", "huffyuv", "ffvhuff", "rawvideo", "png", "utvideo", "magicyuv", "qtrle")
-"""FFmpeg's names of codecs that keep every bit of RGB pictures."""
-
+#: FFmpeg's names of pixel formats that hold 8 bits each of red, green and blue, without subsampling.
 RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
-"""FFmpeg's names of pixel formats that hold 8 bits each of red, green and blue, without subsampling."""
-
+#: Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel.
 DECODER_BYTES_PER_PIXEL = 64
-"""Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel."""
 
 PADDING_PX = 512  # pixels by which decoders may enlarge a frame's sides for themselves
 
