@@ -16,8 +16,7 @@ from xfrustum.scenes.errors import InputError
 
 Choice = TypeVar("Choice", bound=StrEnum)
 
-NO_COUNT = -1
-"""Number that takes the place of a value that is no whole number; it is below every allowed count."""
+NO_COUNT = -1  # takes the place of a value that is no whole number; it is below every allowed count
 
 
 def real(value: object) -> float:
@@ -31,18 +30,9 @@ def real(value: object) -> float:
 
 
 def reals(values: object, length: int | None = None) -> tuple[float, ...]:
-    """Return numbers as floats; one NaN where they are no sequence, or not as many as are needed.
-
-    Parameters
-    ----------
-    values
-        Any sequence but a text.
-    length
-        Number of values that are needed; None for any.
-    """
-    found = _items(values)
-    wrong = found is None or (length is not None and len(found) != length)
-    return (math.nan,) if wrong or found is None else tuple(real(value) for value in found)
+    """Return numbers as floats; one NaN where they are no sequence, or not as many as are needed."""
+    found = _items(values, length)
+    return (math.nan,) if found is None else tuple(map(real, found))
 
 
 def whole(value: object) -> int:
@@ -52,21 +42,19 @@ def whole(value: object) -> int:
 
 def wholes(values: object, length: int) -> tuple[int, ...]:
     """Return whole numbers as ints; one `NO_COUNT` where they are not as many as are needed."""
-    found = _items(values)
-    return (NO_COUNT,) if found is None or len(found) != length else tuple(whole(value) for value in found)
+    found = _items(values, length)
+    return (NO_COUNT,) if found is None else tuple(map(whole, found))
 
 
-def _items(values: object) -> tuple[object, ...] | None:
+def _items(values: object, length: int | None) -> tuple[object, ...] | None:
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         return None
-    return tuple(values)
+    found = tuple(values)
+    return found if length in (None, len(found)) else None
 
 
 def choice(kind: type[Choice], value: object, name: str) -> Choice:
-    """Return a member of an enumeration, given as such or by its value, as on the command line.
-
-    Raises InputError where the value is neither.
-    """
+    """Return a member of an enumeration, given as such or by its value; InputError where it is neither."""
     try:
         return kind(value)  # type: ignore[arg-type]  # an enumeration takes anything, and refuses it
     except ValueError as error:
@@ -74,10 +62,7 @@ def choice(kind: type[Choice], value: object, name: str) -> Choice:
 
 
 def switch(value: object, name: str) -> bool:
-    """Return a truth value.
-
-    Raises InputError where the value is neither True nor False.
-    """
+    """Return a truth value; InputError where the value is none."""
     if value is True or value is False:
         return value
     raise InputError(f"{name} must be True or False, not {value!r}")

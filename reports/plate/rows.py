@@ -39,30 +39,13 @@ def is_group(place: Path) -> bool:
     return (place / METADATA).is_file()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GroupRows:
-    """The pixels of a plate in a Zarr group, read row by row; shape, levels and type as in `PlateRows`."""
+@dataclass(kw_only=True, eq=False)
+class GroupRows(PlateRows):
+    """The pixels of a plate in a Zarr group; numbers of triangles as in `--encoding triangle-id`."""
 
     place: Path
     stored: zarr.Array[Any]
     array: PlateArray
-    shape: PlateShape
-    levels: int | None
-    dtype: np.dtype[Any]
-
-    def row(self, number: int) -> Pixels:
-        """Return the pixels of a row of hogels; numbers of triangles as in `--encoding triangle-id`."""
-        pixels = empty_row(self)
-        for column in range(self.shape.hogels[0]):
-            try:
-                hogel: Any = self.stored[number, column]
-            except DAMAGE as error:
-                raise InputError(
-                    f"{self.place}: hogel {column},{number} is damaged ({told(error)}); "
-                    "`plate --check` draws it again"
-                ) from error
-            pixels[column] = hogel if self.array is PlateArray.COLOR else packed(hogel)
-        return pixels
 
 
 def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
@@ -90,8 +73,28 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     dtype = stored.dtype if chosen is PlateArray.COLOR else np.dtype(np.uint8)
     if dtype not in (np.uint8, np.float16, np.float32):
         raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
-    levels = None if floating else BYTE_LEVELS
-    return GroupRows(place=place, stored=stored, array=chosen, shape=shape, levels=levels, dtype=dtype)
+
+    def row(number: int) -> Pixels:
+        pixels = empty_row(found)
+        for column in range(columns):
+            try:
+                hogel: Any = stored[number, column]
+            except DAMAGE as error:
+                damage = f"hogel {column},{number} is damaged ({told(error)})"
+                raise InputError(f"{place}: {damage}; `plate --check` draws it again") from error
+            pixels[column] = hogel if chosen is PlateArray.COLOR else packed(hogel)
+        return pixels
+
+    found = GroupRows(
+        place=place,
+        stored=stored,
+        array=chosen,
+        shape=shape,
+        levels=None if floating else BYTE_LEVELS,
+        dtype=dtype,
+        row=row,
+    )
+    return found
 
 
 def missing_hogels(rows: GroupRows) -> int:

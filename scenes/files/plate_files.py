@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -48,42 +48,28 @@ MAX_FACTS_BYTES = 1 << 24
 MAX_BYTES_IN_MEMORY = 1 << 28
 
 
-class PlateRows(Protocol):
+@dataclass(kw_only=True, eq=False)
+class PlateRows:
     """A plate whose pixels are had one row of hogels after the other."""
 
-    @property
-    def shape(self) -> PlateShape:
-        """Shape of the plate."""
-
-    @property
-    def levels(self) -> int | None:
-        """Largest level of integers; None of floating-point numbers."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the pixels."""
-
-    def row(self, number: int) -> Pixels:
-        """Return the pixels (columns, H, W, 3) of a row of hogels; InputError where they cannot be read."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RowsOf:
-    """A plate whose rows a function returns; see `PlateRows`."""
-
     shape: PlateShape
-    levels: int | None
+    levels: int | None  #: the largest level of integers; None of floating-point numbers
     dtype: np.dtype[Any]
+    #: Function that returns the pixels (columns, H, W, 3) of a row of hogels; InputError where it cannot.
     row: Callable[[int], Pixels]
 
 
-@dataclass(kw_only=True, eq=False)
-class Plates:
-    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file."""
+class Plates(PlateRows):
+    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file.
 
-    pixels: Pixels
-    levels: int | None  #: the largest level of integers; None of floating-point numbers
-    lossy: bool = False  #: whether the format of some file changes pixels
+    It is lossy where the format of some file changes pixels.
+    """
+
+    def __init__(self, pixels: Pixels, levels: int | None, *, lossy: bool = False) -> None:
+        rows, columns, height, width, _ = pixels.shape
+        shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
+        super().__init__(shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__)
+        self.pixels, self.lossy = pixels, lossy
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
@@ -100,22 +86,6 @@ class Plates:
                 f"{tempfile.gettempdir()}: cannot hold the plate's pixels, {size:,} bytes ({reason}); "
                 "set TMPDIR to another folder"
             ) from error
-
-    @property
-    def shape(self) -> PlateShape:
-        """Shape of the plate."""
-        rows, columns, height, width, _ = self.pixels.shape
-        return PlateShape(hogels=(columns, rows), resolution=(width, height))
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the pixels."""
-        return np.dtype(self.pixels.dtype)
-
-    def row(self, number: int) -> Pixels:
-        """Return the pixels (columns, H, W, 3) of a row of hogels."""
-        hogels: Pixels = self.pixels[number]
-        return hogels
 
 
 def empty_row(rows: PlateRows) -> Pixels:
@@ -160,7 +130,7 @@ def plate_with_levels(plate: PlateRows, levels: int | None) -> PlateRows:
     def row(number: int) -> Pixels:
         return with_levels(plate.row(number), plate.levels, levels)
 
-    return RowsOf(shape=plate.shape, levels=levels, dtype=dtype, row=row)
+    return PlateRows(shape=plate.shape, levels=levels, dtype=dtype, row=row)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,7 +203,7 @@ class FileSet:
                 self._put(index, self._read(index), rows, _as_plate(hogels, self.shape))
             return hogels
 
-        rows = RowsOf(shape=self.shape, levels=first.levels, dtype=first.pixels.dtype, row=row)
+        rows = PlateRows(shape=self.shape, levels=first.levels, dtype=first.pixels.dtype, row=row)
         return rows
 
     @cached_property

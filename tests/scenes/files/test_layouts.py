@@ -16,6 +16,7 @@ from xfrustum.scenes.files import plate_files
 from xfrustum.scenes.files.layouts import NAMES, Naming, Pixels, PlateShape, layout_for, layouts_named
 from xfrustum.scenes.files.pictures import Picture, read_picture, write_picture
 from xfrustum.scenes.files.plate_files import (
+    PlateRows,
     Plates,
     Target,
     find_files,
@@ -74,28 +75,21 @@ def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path
     assert np.array_equal(after.pixels, before.pixels)
 
 
-class Rows:
-    """A plate that is had row by row alone, and notes which rows it was asked for."""
-
-    def __init__(self, whole: Plates) -> None:
-        self._whole = whole
-        self.shape, self.levels, self.dtype = whole.shape, whole.levels, whole.dtype
-        self.asked: list[int] = []
-
-    def row(self, number: int) -> Pixels:
-        self.asked.append(number)
-        return self._whole.row(number).copy()
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_plate_that_is_had_row_by_row_gives_the_same_files_and_rows(name: str, tmp_path: Path) -> None:
     shape = shape_for(name)
     before = plate(shape)
-    rows = Rows(before)
+    asked: list[int] = []
+
+    def row(number: int) -> Pixels:
+        asked.append(number)
+        return before.row(number).copy()
+
+    rows = PlateRows(shape=shape, levels=before.levels, dtype=before.dtype, row=row)
     for folder, one in (("whole", before), ("rows", rows)):
         (tmp_path / folder).mkdir()
         write_files(one, target(name), tmp_path / folder)
-    assert rows.asked == [0, 1, 2]
+    assert asked == [0, 1, 2]
     files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
     assert files == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
     found = find_files(tmp_path / "rows", shape, layouts_named(name))
