@@ -19,10 +19,10 @@ import numpy as np
 from xfrustum.compare.extent import depth_bins, require_seen
 from xfrustum.compare.prediction.band_limiting import (
     LEVEL,
-    band_limit,
+    blurs,
     contrast_of,
     error_bound,
-    widest_blur,
+    sub_apertures_for,
 )
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
@@ -293,6 +293,8 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
         sheared = float(np.hypot(*(film / 2 * away)))
     rows, nears = [], list(settings.slabs)
+    counts: list[int | None] = []
+    areas: list[tuple[float, float]] = []
     for one in bins:
         sections = settings.sections(scene.frustum.reach[1 if one.behind else 0])
         of_fit = 1.0 if fitted is None else abs(1 - one.nearest / fitted)
@@ -306,7 +308,10 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
         w = np.array([one.farthest + back])
         separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
-        band = band_limit(scene, one, contrast)
+        widest, least = blurs(scene, one)
+        count = sub_apertures_for(widest, contrast)
+        counts.append(count)
+        areas.append(widest)
         rows.append(
             {
                 "side": "behind" if one.behind else "before",
@@ -318,13 +323,12 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
                 "near_px": corner * moved * of_fit,
                 "shear_px": sheared * moved,
                 "separation": float(separation[0]),
-                "blur_px": band.blur_px[::-1],
-                "sub_apertures": band.sub_apertures,
+                "blur_px": (least, max(widest)),
+                "sub_apertures": count,
             }
         )
-    counts, blurs = [row["sub_apertures"] for row in rows], [widest_blur(scene, one) for one in bins]
     errors = {
-        count: max((error_bound(count, blur, contrast) for blur in blurs), default=0.0) / LEVEL
+        count: max((error_bound(count, widest, contrast) for widest in areas), default=0.0) / LEVEL
         for count in EXAMPLE_SUB_APERTURES
     }
     return {

@@ -197,14 +197,6 @@ class DisplayLimits:
     near_stereo: float | None
     near_crack: float
 
-    @property
-    def near(self) -> float:
-        """Largest near offset that the viewer cannot see by any of these, scene units.
-
-        It is that of surfaces at the plate; what stands before it is seen to change more.
-        """
-        return self.near_crack if self.near_stereo is None else min(self.near_crack, self.near_stereo)
-
 
 def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
     """Return what a scene's display can show to a viewer."""

@@ -577,53 +577,47 @@ def _why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
     return f"{reason} What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {units}."
 
 
-def _shortfall(found: Outcome, views: Views, requirement: Requirement) -> str:
+def _shortfall(outcome: Outcome, views: Views, requirement: Requirement) -> str:
     """Name the failed attempt that comes nearest to holding, and say what it would get wrong."""
     separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
-    nearest = min(found.failed, key=lambda attempt: attempt.excess)
+    nearest = min(outcome.failed, key=lambda attempt: attempt.excess)
     settings, predicted = nearest.settings, nearest.predicted
     heights = [f"{height:g}" for height in settings.slabs]
     listed = f"{', '.join(heights)} {units}"
     if len(heights) > MAX_SPELLED_HEIGHTS:
         listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
     cuts = f", cut at {listed}," if heights else ""
-    parts = []
-    if predicted.displacement_p99_px > requirement.tolerance_px:
-        parts.append(f"displace one pixel in a hundred by {predicted.displacement_p99_px:.2g} px")
-    if _wrong_surfaces(predicted, requirement):
-        parts.append(f"show the wrong surface in {predicted.surface_fraction:.2g} of all pixels")
-    if predicted.depth_wrong > requirement.max_wrong:
-        parts.append(f"show up to {predicted.depth_wrong:.2g} of all pixels wrongly by depth")
+    sheets = ""
     if predicted.separation * SEPARATION_MARGIN > separation:
-        parts.append(
-            f"order sheets {predicted.separation:.2g} {units} apart, "
-            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (asked for are {separation:.3g} {units}, "
-            f"and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
+        sheets = (
+            f"sheets out of order that are {separation / SEPARATION_MARGIN:.2g} {units} apart (from "
+            f"{predicted.separation:.2g} {units} on they are in order; asked for are {separation:.3g} "
+            f"{units}, and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
         )
-    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts} would {' and '.join(parts)}"
+    found = _amiss(predicted, requirement, sheets)
+    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts} would leave {found}"
 
 
 def _disproved(measured: Quality, requirement: Requirement) -> str:
     """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
-    parts = []
-    if measured.displacement_p99_px > requirement.tolerance_px:
-        moved = "lies in the plate itself, where displacement is undefined"
-        if math.isfinite(measured.displacement_p99_px):
-            moved = f"is displaced by {measured.displacement_p99_px:.2g} px "
-            moved += "(the rounding of 32-bit positions is in it)"
-        parts.append(f"one pixel in a hundred {moved}")
-    if _wrong_surfaces(measured, requirement):
-        parts.append(f"{measured.surface_fraction:.2g} of all pixels show the wrong surface")
-    if measured.depth_wrong > requirement.max_wrong:
-        parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
+    sheets = ""
     if measured.misordered > MAX_MISORDERED_FRACTION:
-        parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
-    return f"But measured it does not hold: {' and '.join(parts)}."
+        sheets = f"{measured.misordered:.2g} of the sheets' pixels out of order"
+    return f"But measured it does not hold: it leaves {_amiss(measured, requirement, sheets)}."
 
 
-def _wrong_surfaces(found: Quality, requirement: Requirement) -> bool:
-    """Return whether more surfaces are wrong than a requirement allows."""
-    return requirement.by_pixels(replace(found, displacement_p99_px=0.0)) > 1
+def _amiss(found: Quality, requirement: Requirement, sheets: str) -> str:
+    """Name what is not as required, with words on the order of sheets, empty where that is."""
+    parts = []
+    if math.isinf(found.displacement_p99_px) and not requirement.SEEN_BY_EYES:
+        parts.append("one pixel in a hundred in the plate itself, where displacement is undefined")
+    elif found.displacement_p99_px > requirement.tolerance_px:
+        parts.append(f"one pixel in a hundred displaced by {found.displacement_p99_px:.2g} px")
+    if requirement.by_pixels(replace(found, displacement_p99_px=0.0)) > 1:
+        parts.append(f"{found.surface_fraction:.2g} of all pixels with the wrong surface")
+    if found.depth_wrong > requirement.max_wrong:
+        parts.append(f"{found.depth_wrong:.2g} of all pixels wrong by depth")
+    return " and ".join([*parts, sheets] if sheets else parts)
 
 
 def exceptions(plate: PlateResult) -> str:

@@ -28,6 +28,9 @@ from xfrustum.tolerances import MAX_DEPTH_WRONG
 STEREO, CRACK = "stereo", "crack"
 """Names of what a viewer may notice of near: disparity, and the crack at the plate."""
 
+_MEASURES = {STEREO: "arc seconds of disparity", CRACK: "arc minutes of a crack at the plate's corners"}
+"""Measures of what may be noticed, in words."""
+
 _HIDING = {
     "acuity": "the eye's acuity",
     "stereo acuity": "stereo acuity",
@@ -95,15 +98,10 @@ class EyeRequirement(Requirement):
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
         for name, (there, allowed, hidden_by) in self.noticed(larger).items():
-            if there > allowed and name == STEREO:
-                return (
-                    f"two eyes at {self.viewer.distance:g} {units} would see depths that are off by "
-                    f"{there:.3g} arc seconds of disparity, beyond their stereo acuity of {allowed:g}"
-                )
             if there > allowed:
                 return (
-                    f"surfaces that run through the plate would have a crack of {there:.3g} arc minutes "
-                    f"there, seen at its corners, which {_HIDING[hidden_by]} of {allowed:.3g} no longer hides"
+                    f"eyes at {self.viewer.distance:g} {units} would see {there:.3g} {_MEASURES[name]}, of "
+                    f"which {_HIDING[hidden_by]} hides {allowed:.3g}"
                 )
         return "depth would be worse off"
 

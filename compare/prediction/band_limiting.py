@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -62,20 +61,6 @@ points on one side of a straight line and the share of the box on that side. It 
 Two points are worse than one."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class BandLimit:
-    """What band limiting does to the content of one bin of depth.
-
-    `blur_px` are the largest and the smallest blur of the content, pixels, the larger of both axes; the
-    largest is infinite where content touches the plate. `sub_apertures` is the least power of two of points
-    that keep the error under a level, 1 where none but the middle is needed; None where more than
-    `sampling.MAX_SAMPLES` would be.
-    """
-
-    blur_px: tuple[float, float]
-    sub_apertures: int | None
-
-
 def blur_px(scene: Scene, z: float) -> tuple[float, float]:
     """Return columns and rows over which a hogel's area blurs what lies at a signed height z; 0: infinity."""
     frustum, plate = scene.frustum, scene.plate
@@ -109,25 +94,17 @@ def sub_apertures_for(blur: tuple[float, float], contrast: float) -> int | None:
     return next((count for count in DISCREPANCY if error_bound(count, blur, contrast) <= LEVEL), None)
 
 
-def band_limit(scene: Scene, content: DepthBin, contrast: float) -> BandLimit:
-    """Return what band limiting does to the content of a bin."""
-    ends, widest = _blurs_at_ends(scene, content), widest_blur(scene, content)
-    least = min(max(one) for one in ends)
+def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
+    """Return the largest blur of the content of a bin, columns and rows, and the least of any of it.
+
+    The largest is infinite where content touches the plate; the least counts the larger of both axes.
+    """
     sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
+    nearest, farthest = (blur_px(scene, sign * end) for end in (content.nearest, content.farthest))
+    least = min(max(nearest), max(farthest))
     if screen is not None and content.nearest <= sign * screen.height <= content.farthest:
         least = 0.0
-    return BandLimit(blur_px=(max(widest), least), sub_apertures=sub_apertures_for(widest, contrast))
-
-
-def widest_blur(scene: Scene, content: DepthBin) -> tuple[float, float]:
-    """Return the largest blur of the content of a bin, columns and rows; infinite in the plate."""
-    across, down = zip(*_blurs_at_ends(scene, content), strict=True)
-    return max(across), max(down)
-
-
-def _blurs_at_ends(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], tuple[float, float]]:
-    sign = -1.0 if content.behind else 1.0
-    return blur_px(scene, sign * content.nearest), blur_px(scene, sign * content.farthest)
+    return (max(nearest[0], farthest[0]), max(nearest[1], farthest[1])), least
 
 
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
@@ -160,5 +137,5 @@ def needed_sub_apertures(scene: Scene, apertures: Iterable[Aperture] | None = No
     """
     chosen = None if apertures is None else tuple(apertures)
     contrast = contrast_of(scene, chosen)
-    counts = [band_limit(scene, one, contrast).sub_apertures for one in depth_bins(scene, chosen)]
+    counts = [sub_apertures_for(blurs(scene, one)[0], contrast) for one in depth_bins(scene, chosen)]
     return max((max(DISCREPANCY) if count is None else count for count in counts), default=1)

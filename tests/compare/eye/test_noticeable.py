@@ -189,7 +189,6 @@ def test_a_gap_as_wide_as_the_limit_is_a_crack_of_one_hogel_at_the_plates_corner
     found = display_limits(SCENES["car"], Viewer(distance=600.0))
     slope = math.hypot(40.0, 30.0) / 600.0
     assert 2 * found.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
-    assert found.near == found.near_stereo
 
 
 def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
@@ -244,7 +243,6 @@ def test_a_crack_is_seen_sooner_with_shear() -> None:
 def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
     found = display_limits(replace(SCENES["car"], units="units"), Viewer(distance=600.0))
     assert (found.near_stereo, found.diffraction_arcmin, found.rays_per_pupil) == (None, None, None)
-    assert found.near == found.near_crack
     record = viewer_record(replace(SCENES["car"], units="units"), 600.0, DoubleFrustum(near=1.0))
     assert record["stereo_change_arcsec"] is None
     assert [one.name for one in record["near_limits"]] == [CRACK]

@@ -41,8 +41,8 @@ def test_too_many_slabs_are_no_plan_and_the_reason_says_what_comes_nearest() -> 
     made = plan(scene, [scene.plate.middle], Requirement(separation=1e-4), [D16])
     assert not made.within and made.settings is None
     assert (made.depth, made.mapping) == D16
-    assert "No plan with up to 16 cuts" in made.reason and "order sheets" in made.reason
-    lengths = re.findall(r"(?:near|cut at|apart, but not) [-+.e\d]+(?: \S+)?", made.reason)
+    assert "No plan with up to 16 cuts" in made.reason and "sheets out of order" in made.reason
+    lengths = re.findall(r"(?:near|cut at|order that are) [-+.e\d]+(?: \S+)?", made.reason)
     assert len(lengths) == 3
     assert all(length.split()[-1].rstrip(",") == scene.units for length in lengths)
 

@@ -17,8 +17,8 @@ from xfrustum.compare.extent import depth_bins
 from xfrustum.compare.prediction.band_limiting import (
     DISCREPANCY,
     LEVEL,
-    band_limit,
     blur_px,
+    blurs,
     contrast_of,
     error_bound,
     needed_sub_apertures,
@@ -142,8 +142,8 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
     assert max(one.farthest for one in bins) == pytest.approx(13.0)
     for one in bins:
         assert one.heights[0] <= one.nearest <= one.farthest <= one.heights[1]
-        largest, least = band_limit(scene, one, 1.0).blur_px
-        assert largest == pytest.approx(max(blur_px(scene, -one.nearest)))
+        largest, least = blurs(scene, one)
+        assert max(largest) == pytest.approx(max(blur_px(scene, -one.nearest)))
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
 
 
