@@ -133,7 +133,7 @@ NO_UNIT = "1"
 """Unit of what has none, as in stored plates."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Labelled:
     """One array of an image, (H, W) or (H, W, 3), row 0 at the top, or one value; None for none."""
 

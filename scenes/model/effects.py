@@ -88,15 +88,8 @@ def decide(scene: Scene, question: Question | None = None) -> tuple[Decision, ..
                 seen = shown[number] and (bool(faces.all()) or region.shows(part, part.faces[faces]))
                 (inside if seen else outside).append(number)
         reason = refused or _reason(scene, effect, len(inside), len(outside))
-        decisions.append(
-            Decision(
-                effect=effect,
-                used=bool(inside),
-                reason=reason,
-                objects=tuple(inside),
-                out_of_sight=tuple(outside),
-            )
-        )
+        seen_or_not = {"objects": tuple(inside), "out_of_sight": tuple(outside)}
+        decisions.append(Decision(effect=effect, used=bool(inside), reason=reason, **seen_or_not))
     return tuple(decisions)
 
 

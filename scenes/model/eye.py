@@ -15,8 +15,8 @@ from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage, labelled
-from xfrustum.scenes.notebook import Brief, digits
+from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
+from xfrustum.scenes.notebook import Brief, Labelled, digits
 
 RESOLUTION = (400, 300)
 """Pixels of an eye's film where nobody says otherwise."""
@@ -154,7 +154,7 @@ class EyeImage(SurfaceImage):
     def _labels(self, units: str) -> Labels:
         eye = self.eye
         places = {
-            f"eye_{name}": labelled(value, f"{name} of the eye", units)
+            f"eye_{name}": Labelled(value, f"{name} of the eye", units)
             for name, value in zip("xyz", eye.position, strict=True)
         }
         return {}, places, {"pupil": eye.pupil, "focus": eye.focus, "beam": str(eye.beam)}

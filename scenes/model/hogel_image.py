@@ -131,12 +131,12 @@ class SurfaceImage(Shown):
         """
         images, places, attributes = self._labels(units)
         surfaces = {
-            "triangle": labelled(self.triangle, "triangle number, -1 for no surface"),
-            "object": labelled(self.object, "object number, -1 for no surface"),
-            "height": labelled(self.position[..., 2], "height above the plate", units),
-            "position": labelled(self.position, "visible surface point", units, last="xyz"),
-            "color": labelled(self.color, "linear radiance", NO_UNIT),
-            "certainty": labelled(self.certainty, "0 proven, 1 decided exactly, 2 tie, 3 not examined"),
+            "triangle": Labelled(self.triangle, "triangle number, -1 for no surface"),
+            "object": Labelled(self.object, "object number, -1 for no surface"),
+            "height": Labelled(self.position[..., 2], "height above the plate", units),
+            "position": Labelled(self.position, "visible surface point", units, last="xyz"),
+            "color": Labelled(self.color, "linear radiance", NO_UNIT),
+            "certainty": Labelled(self.certainty, "0 proven, 1 decided exactly, 2 tie, 3 not examined"),
         }
         return dataset({**surfaces, **images}, places, attributes)
 
@@ -157,13 +157,6 @@ class SurfaceImage(Shown):
             where = f" at heights {digits(float(known.min()))} to {digits(float(known.max()))} scene units"
         share = percent(count / self.covered.size) if self.covered.size else "0 %"
         return f"{sides((columns, rows))} pixels, {count:,} ({share}) show a surface{where}"
-
-
-def labelled(
-    values: NDArray[Any] | float | None, meaning: str, units: str | None = None, last: str = "rgb"
-) -> Labelled:
-    """Return an array with its meaning."""
-    return Labelled(values=values, meaning=meaning, units=units, last=last)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -197,7 +190,7 @@ class HogelImage(SurfaceImage):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the second opinion itself, not a function that holds the whole scene."""
         overruled = self.overruled
-        return vars(self) | {"second_opinion": None if overruled is None else partial(_joined, [overruled])}
+        return vars(self) | {"second_opinion": None if overruled is None else partial(np.asarray, overruled)}
 
     @cached_property
     def covered(self) -> Mask:
@@ -250,10 +243,10 @@ class HogelImage(SurfaceImage):
         camera = self.camera
         at = camera.aperture
         places = {
-            "column": labelled(at.column, "column of the hogel, from the left"),
-            "row": labelled(at.row, "row of the hogel, from the top"),
-            "x": labelled(at.x, "x of the aperture", units),
-            "y": labelled(at.y, "y of the aperture", units),
+            "column": Labelled(at.column, "column of the hogel, from the left"),
+            "row": Labelled(at.row, "row of the hogel, from the top"),
+            "x": Labelled(at.x, "x of the aperture", units),
+            "y": Labelled(at.y, "y of the aperture", units),
         }
         names = ("shear", "half_extent", "reach", "scene", "scene_hash", "renderer", "light_paths")
         facts = {name: getattr(camera, name) for name in names}
@@ -264,8 +257,8 @@ class HogelImage(SurfaceImage):
         }
         variance = "variance of the color, which is a mean over light paths"
         images = {
-            "normal": labelled(self.normal, "unit normal by the mesh's winding", NO_UNIT, last="xyz"),
-            "variance": labelled(self.variance, variance, NO_UNIT),
+            "normal": Labelled(self.normal, "unit normal by the mesh's winding", NO_UNIT, last="xyz"),
+            "variance": Labelled(self.variance, variance, NO_UNIT),
         }
         return images, places, attributes
 
@@ -285,7 +278,3 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
 
 def _asked(opinions: Sequence[Callable[[], Mask]]) -> Mask:
     return np.concatenate([opinion() for opinion in opinions])
-
-
-def _joined(masks: Sequence[Mask]) -> Mask:
-    return np.concatenate(masks)

@@ -8,14 +8,19 @@ import sys
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
 from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer
+from xfrustum.raster.device import context
+from xfrustum.raster.device.positions import BYTES_PER_POINT
 from xfrustum.reference import Reference
+from xfrustum.reports.blocks import device_index
 from xfrustum.scenes import NOTHING, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
 
 DEPTHS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
@@ -182,3 +187,66 @@ def test_without_usable_opengl_the_command_says_what_to_install(tmp_path: Path) 
     [line] = [line for line in done.stderr.splitlines() if line.strip()]
     assert "no OpenGL 4.5 through EGL" in line and "install" in line
     assert list(tmp_path.iterdir()) == []
+
+
+def images(resolution: tuple[int, int], block: int | None = None) -> tuple[HogelImage, HogelImage]:
+    """Return an image with a coarse depth buffer, and one with exact depth, whose points differ."""
+    scene = view("crossing", resolution)
+    aperture, near = scene.plate.middle, 1e-7 * scene.frustum.longest_reach
+    with Rasterizer(scene) as rasterizer:
+        if block is not None:
+            assert rasterizer._positions is not None
+            rasterizer._positions._largest_block = block
+        coarse = DoubleFrustum(near=near, depth=DepthFormat.D16)
+        exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        return rasterizer.render(aperture, coarse), rasterizer.render(aperture, exact)
+
+
+def test_points_do_not_depend_on_the_number_of_parts() -> None:
+    whole = images((37, 23))
+    assert np.count_nonzero(whole[0].triangle != whole[1].triangle) > 2 * 37
+    for expected, found in zip(whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True):
+        np.testing.assert_array_equal(found.position, expected.position)
+
+
+def test_opengl_4_5_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NVIDIA's driver gives the version that is asked for and no newer one; Mesa gives its newest."""
+    asked: list[int] = []
+    create = moderngl.create_context
+
+    def strict(require: int = 330, **options: Any) -> moderngl.Context:
+        asked.append(require)
+        return create(require=require, **options)
+
+    monkeypatch.setattr(moderngl, "create_context", strict)
+    opened = context.open_context()
+    assert opened.version_code >= 450
+    opened.release()
+    assert asked == [450]
+
+
+def test_where_opengl_is_too_old_the_error_says_what_the_machine_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    create = moderngl.create_context
+
+    def old(require: int = 330, **options: Any) -> moderngl.Context:
+        if require > 440:
+            raise ValueError("Requested OpenGL version 450, got version 440")
+        return create(require=require, **options)
+
+    found = create(standalone=True, backend="egl")  # type: ignore[arg-type]  # a name, as its code takes it
+    renderer, version = found.info["GL_RENDERER"], found.info["GL_VERSION"]
+    found.release()
+    monkeypatch.setattr(moderngl, "create_context", old)
+    with pytest.raises(InputError) as caught:
+        context.open_context()
+    assert renderer in str(caught.value) and version in str(caught.value)
+    assert "4.5" in str(caught.value) and "install an EGL driver" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:
+    opened = context.open_context()
+    renderer = context.describe(opened)["renderer"].lower()
+    opened.release()
+    software = any(name in renderer for name in ("llvmpipe", "softpipe", "swrast"))
+    assert (device_index() in context.gpu_indices()) == (not software)

@@ -70,15 +70,6 @@ def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
     assert "choose a smaller frustum.resolution" in said
 
 
-def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() -> None:
-    context = open_context()
-    with context:
-        side = capacity._largest_square(1 << 16)
-        assert capacity._can_store((side, side))
-        assert not capacity._can_store((side + 1, side + 1))
-    context.release()
-
-
 def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, needed = on_film(64, 48), capacity.PIXEL_BYTES * 64 * 48
     monkeypatch.setattr(capacity, "free_memory", lambda: needed - 1)

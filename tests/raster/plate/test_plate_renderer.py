@@ -17,8 +17,7 @@ from tests.support.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import drawing_order
-from xfrustum.raster.device.mesh import number_triangles
-from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
@@ -276,29 +275,6 @@ def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[Floats,
     depth = -frustum.screen.height
     k = (np.array(frustum.screen.center) - (aperture.x, aperture.y)) / depth
     return k, np.array(frustum.screen.size) / 2 / abs(depth)
-
-
-@pytest.mark.parametrize("name", ["car", "asymmetric", "large-triangles", "sheets"])
-def test_a_triangle_has_the_number_of_its_last_vertex(name: str) -> None:
-    faces = view(name).faces
-    mesh = number_triangles(faces)
-    np.testing.assert_array_equal(mesh.source[mesh.faces], faces)
-    np.testing.assert_array_equal(mesh.faces[:, 2], np.arange(len(faces)))
-    assert len(mesh.source) <= len(faces) + len(view(name).vertices)
-
-
-@given(st.lists(st.lists(st.booleans(), min_size=9, max_size=9), min_size=1, max_size=4))
-def test_runs_cover_what_is_visible_and_bridge_single_gaps_only(rows: list[list[bool]]) -> None:
-    visible = np.array(rows)
-    covered = np.zeros_like(visible)
-    row, first, end = runs(visible)
-    for r, a, b in zip(row, first, end, strict=True):
-        assert visible[r, a] and visible[r, b - 1] and not covered[r, a:b].any()
-        covered[r, a:b] = True
-    assert covered[visible].all()
-    for r, c in np.argwhere(covered & ~visible):
-        assert visible[r, c - 1] and visible[r, c + 1]
-    assert list(row) == sorted(row)
 
 
 FILM = (96, 80)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from xfrustum.reference import Reference
-from xfrustum.scenes import Camera, InputError
+from xfrustum.scenes import NOTHING, Camera, InputError
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library import depth_family
-from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, SeenScene, balanced_height, cars
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, SeenScene, balanced_height, cars
+from xfrustum.scenes.library.targets import GLOBE_REACH, GLOBES, globes
 
 SIZE = (48, 48)
 
@@ -49,7 +52,7 @@ def test_the_middle_aperture_does_not_see_the_nearest_cars() -> None:
     for in_middle in (True, False):
         seen = depth_family.cars_off_the_middle(100.0, SIZE, in_middle=in_middle)
         height = np.abs(Reference(seen.scene).trace(seen.aperture).height)
-        nearest.append(float(np.nanmin(height)) / REACH)
+        nearest.append(float(np.nanmin(height)) / depth_family.REACH)
     assert nearest[1] == pytest.approx(0.01, rel=0.1)
     assert nearest[0] > 5 * nearest[1]
 
@@ -58,7 +61,7 @@ def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distan
     distance = 1e-3
     seen = depth_family.car_through_plate(distance, SIZE)
     truth = Reference(seen.scene).trace(seen.aperture)
-    heights = np.abs(truth.height[truth.covered]) / REACH
+    heights = np.abs(truth.height[truth.covered]) / depth_family.REACH
     assert 0.5 < heights.min() / distance < 2
     assert {-1.0, 1.0} == set(np.sign(truth.height[truth.covered]))
 
@@ -73,3 +76,50 @@ def test_a_fit_at_the_balanced_height_displaces_both_ends_alike() -> None:
 def test_a_scene_shallower_than_one_car_is_refused() -> None:
     with pytest.raises(InputError, match=r"at least 1\.5"):
         cars(1.2, Camera.C, (8, 8))
+
+
+@pytest.mark.parametrize("triangles", [1000, 10_000, 100_000])
+def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
+    scene = globes(triangles, (8, 8))
+    assert len(scene.faces) == triangles
+    # There are neither slivers without area nor triangles beyond the reach.
+    assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
+    assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
+    ends = [
+        np.sign([part.vertices[:, 2].min(), part.vertices[:, 2].max()]).tolist() for part in scene.objects
+    ]
+    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
+
+
+def test_every_vertex_lies_on_its_ellipsoid_whatever_the_number() -> None:
+    for triangles in (1000, 32_000):
+        for part, (center, semi_axes) in zip(globes(triangles, (8, 8)).objects, GLOBES, strict=True):
+            radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
+            # The unit globe's coordinates are rounded to 1e-6 of its diameter.
+            np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
+
+
+def test_silhouettes_of_globes_do_not_depend_on_the_number() -> None:
+    """Pixels change only within what the coarsest facets cut off."""
+    size = (128, 128)
+
+    def shown(triangles: int) -> Numbers:
+        scene = globes(triangles, size)
+        return Reference(scene).propose(scene.plate.middle).object
+
+    fine = shown(320_000)
+    assert set(np.unique(fine)) == {NOTHING, *range(len(GLOBES))}
+    # The length of all outlines in pixels, in steps along rows and columns: never less than it is.
+    outline = np.count_nonzero(fine[1:] != fine[:-1]) + np.count_nonzero(fine[:, 1:] != fine[:, :-1])
+    # 40 sectors cut off 1 - cos(pi / 40) of a semi-axis, and none is longer than half of the film.
+    cut_off_px = (1 - math.cos(math.pi / 40)) * size[0] / 2
+    for triangles in (10_000, 32_000):
+        assert np.count_nonzero(shown(triangles) != fine) <= cut_off_px * outline
+    # Ten sectors cut off sixteen times as much: the bound tells.
+    assert np.count_nonzero(shown(1000) != fine) > cut_off_px * outline
+
+
+@pytest.mark.parametrize("triangles", [0, 10, 9999, 10_010, 10_000_001])
+def test_a_number_that_globes_cannot_share_evenly_is_refused(triangles: int) -> None:
+    with pytest.raises(InputError, match="cannot be shared"):
+        globes(triangles, (8, 8))

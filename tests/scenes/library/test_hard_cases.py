@@ -141,21 +141,6 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
                     assert not explained.unexplained.any(), (aperture, settings)
 
 
-def test_two_open_rasterizers_do_not_draw_into_each_other() -> None:
-    scenes = [scene_of(name) for name in ("hard/tiny", "hard/needles", "hard/duplicates")]
-    settings = [DoubleFrustum(near=1e-3 * scene.frustum.longest_reach) for scene in scenes]
-    alone = []
-    for scene, setting in zip(scenes, settings, strict=True):
-        with Rasterizer(scene) as rasterizer:
-            alone.append(bits(rasterizer.render(scene.plate.middle, setting)))
-    rasterizers = [Rasterizer(scene) for scene in scenes]
-    while rasterizers:
-        for rasterizer, setting, expected in zip(rasterizers, settings, alone, strict=True):
-            assert bits(rasterizer.render(rasterizer.scene.plate.middle, setting)) == expected
-        rasterizers.pop(0).release()
-        settings, alone = settings[1:], alone[1:]
-
-
 def peak_memory(work: str) -> int:
     """Return the largest memory, bytes, that a process of its own needed for some work."""
     measured = f"{work}\nimport resource\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"

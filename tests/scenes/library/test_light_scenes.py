@@ -112,13 +112,3 @@ def test_the_grating_is_finer_than_the_pitch_in_one_half_and_coarser_in_the_othe
         halves = along[: middle + 1], along[middle:]
         for half, period in zip(halves, (FINE, COARSE) if axis == 0 else (COARSE, FINE), strict=True):
             np.testing.assert_allclose(np.diff(half), period * pitches[axis] / 2, atol=6e-6)
-
-
-def test_the_studio_shows_every_kind_of_material() -> None:
-    scene = open_scene("car-studio")
-    assert [part.material for part in scene.objects] == ["paint", "glass", "tire", "metal", "metal"]
-    assert len(scene.appearance.lights) > 1
-    assert needed(scene) >= {Effect.SMOOTH_NORMALS, Effect.DIFFUSE, Effect.SPECULAR, Effect.REFLECTION}
-    plain = open_scene("car")
-    assert len(scene.faces) == len(plain.faces)
-    np.testing.assert_array_equal(scene.bounds, plain.bounds)
