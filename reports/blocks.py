@@ -103,13 +103,7 @@ class Job(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One of several equal parts of the work, numbered from 1, for job arrays.
-
-    Raises
-    ------
-    InputError
-        There is no such part.
-    """
+    """One of several equal parts of the work, numbered from 1, for job arrays."""
 
     number: int = 1
     count: int = 1
@@ -136,11 +130,6 @@ class Engine:
     drawn on GPUs or on `devices`, and else for as many as it may use processors. `devices` are indices of EGL
     devices, which processes take in turn; none of them stands for the GPUs of this machine. `part` is the
     part of the blocks that is made here, by the command itself.
-
-    Raises
-    ------
-    InputError
-        A number is not positive, or what is asked for does not go together.
     """
 
     scheduler: str | None = None
@@ -253,13 +242,7 @@ def _see(job: Job, block: Any) -> None:
 
 @contextmanager
 def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator[Workers]:
-    """Open the workers that make so many blocks at first, with OpenGL or without, until a `with` block ends.
-
-    Raises
-    ------
-    InputError
-        No scheduler answers.
-    """
+    """Open the workers that make so many blocks at first, with OpenGL or without, for a `with` block."""
     if engine.scheduler is not None:
         with _cluster(engine.scheduler) as cluster:
             yield cluster

@@ -43,7 +43,7 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlateArray:
+class ImageArray:
     """One array of a plate's store: an image of some shape for every hogel; `fill` where it was not drawn."""
 
     name: str
@@ -94,18 +94,18 @@ class Layout:
     measures: tuple[tuple[str, str], ...] = ()  # name and unit of each, where hogels are judged
 
     @cached_property
-    def arrays(self) -> tuple[PlateArray, ...]:
+    def arrays(self) -> tuple[ImageArray, ...]:
         """The arrays in the order in which a block's are written."""
         return tuple(self._array(channel) for channel in self.content.channels)
 
-    def _array(self, channel: Channel) -> PlateArray:
+    def _array(self, channel: Channel) -> ImageArray:
         kind, fill, dimensions, meaning = _IMAGES[channel]
         dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
         width, height = self.frustum.resolution
         if dtype == np.uint8 and channel is Channel.COLOR:
             meaning = f"{meaning} from 0 to 1 times 255, rounded"
         units = {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}.get(channel)
-        return PlateArray(
+        return ImageArray(
             name=channel,
             dtype=dtype,
             fill=fill,

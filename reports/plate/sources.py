@@ -45,10 +45,7 @@ def source_of(
 ) -> Iterator[HogelSource]:
     """Open what makes the hogels of a scene: with settings they are drawn, without they are traced.
 
-    Raises
-    ------
-    InputError
-        Truths are to be judged, drawings are to say how certain they are, or the device cannot draw them.
+    InputError where truths are to be judged, or drawings are to say how certain they are.
     """
     if settings is None:
         if judge:

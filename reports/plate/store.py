@@ -244,13 +244,8 @@ class PlateStore:
 def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
 
-    The blocks of a store that exists may be others than those of the layout where these are free.
-
-    Raises
-    ------
-    InputError
-        What exists there is something else, was drawn from another scene or with other settings, or is
-        damaged; or nothing can be written there.
+    The blocks of a store that exists may be others than those of the layout where these are free. InputError
+    where it was drawn from another scene or with other settings, is something else, or is damaged.
     """
     wanted: dict[str, Any] = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
     table = out.resolve().with_suffix(".parquet")

@@ -44,13 +44,7 @@ def _readable(value: float) -> str:
 
 
 def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
-    """Write the page, the JSON object and the inspection page, all or nothing.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
+    """Write the page, the JSON object and the inspection page, all or nothing."""
     with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
         write_json(staging.folder / DATA, found.record)
@@ -80,21 +74,16 @@ def _inspection(found: Survey, pictured: Pictured) -> inspection.Inspection:
 def render_page(found: Survey, pictured: Pictured) -> str:
     """Return one HTML document that needs nothing else; of the same rows, always the same."""
     scene = found.scene
-    depth = depth_figure(found)
-    maps = map_figures(found)
-    places = {f"map-{number}": figure for number, figure in enumerate(maps)}
-    figures = {**places, "distribution": distribution_figure(found)}
-    if depth is not None:
-        figures["depth"] = depth
-    settings = found.settings[found.best]
-    worst = pictured[0][0].aperture if pictured else None
-    command = None
-    if settings is not None and worst is not None:
-        command = raster_command(scene, scene.plate.aperture(*worst), settings)
+    maps = {f"map-{number}": figure for number, figure in enumerate(map_figures(found))}
+    drawn = {**maps, "distribution": distribution_figure(found), "depth": depth_figure(found)}
+    figures = {name: figure for name, figure in drawn.items() if figure is not None}
+    settings, command = found.settings[found.best], None
+    if settings is not None and pictured:
+        command = raster_command(scene, scene.plate.aperture(*pictured[0][0].aperture), settings)
     values = {
         "found": found,
         "pictured": pictured,
-        "maps": list(places),
+        "maps": list(maps),
         "figures": figures,
         "command": command,
         "versions": versions(),
@@ -162,17 +151,12 @@ def depth_figure(found: Survey) -> go.Figure | None:
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
         label = "" if settings is None or len(found.settings) == 1 else f"near {digits(settings.near)}: "
-        shown = tally.depth_pixels > 0
-        for word, values, dash in (
-            ("rms", tally.depth_rms_px, "solid"),
-            ("largest", tally.depth_max_px, "dot"),
-        ):
+        curves = ("rms", tally.depth_rms_px, "solid"), ("largest", tally.depth_max_px, "dot")
+        for word, values, dash in curves:
+            shown = zip(values.tolist(), tally.depth_pixels > 0, strict=True)
             figure.add_scatter(
                 x=names,
-                y=[
-                    float(value) if is_shown and value > 0 else None
-                    for value, is_shown in zip(values, shown, strict=True)
-                ],
+                y=[value if is_shown and value > 0 else None for value, is_shown in shown],
                 mode="lines+markers",
                 marker={"symbol": marker},
                 line={"color": color, "dash": dash},

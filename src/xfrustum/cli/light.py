@@ -52,13 +52,7 @@ class Light(Asked):
     samples = option(click.IntRange(2), f"Light paths per pixel.{_OF_SCENE}")
 
     def applied(self, scene: Scene) -> Scene:
-        """Return the scene with these settings instead of its own; `auto` is computed, and said.
-
-        Raises
-        ------
-        click.UsageError
-            Light paths are asked for, but no light transport.
-        """
+        """Return the scene with these settings instead of its own; `auto` is computed, and said."""
         points = self.aperture_samples
         if points == options.AUTO:
             from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
