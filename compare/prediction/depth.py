@@ -26,7 +26,6 @@ from typing import assert_never
 import numpy as np
 from scipy.special import ndtr
 
-from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -170,6 +169,9 @@ class Stacks:
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
         """Return the stacks of a true image and its gaps, (H, W)."""
+        # It loads the reference and its tracers, which `explain` does without.
+        from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
+
         judged = judged_pixels(truth).ravel()
         height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
         shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
