@@ -45,26 +45,26 @@ class Conversion:
     """What a conversion did."""
 
     source: Path
-    out: Path  # folder or file that was written
+    out: Path  #: folder or file that was written
     read_as: str
-    reasons: tuple[str, ...]  # what speaks for the layout that was read
+    reasons: tuple[str, ...]  #: what speaks for the layout that was read
     written_as: str
     hogels: tuple[int, int]
-    resolution: tuple[int, int]  # pixels of each hogel as they were read
-    files: int  # of Zarr groups, the number of hogels
-    losses: tuple[str, ...]  # one clause each; none where every bit was kept
-    notes: tuple[str, ...]  # what readers may expect and the files do not have
+    resolution: tuple[int, int]  #: pixels of each hogel as they were read
+    files: int  #: of Zarr groups, the number of hogels
+    losses: tuple[str, ...]  #: one clause each; none where every bit was kept
+    notes: tuple[str, ...]  #: what readers may expect and the files do not have
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionOptions:
     """Facts that files may not state themselves."""
 
-    hogels: tuple[int, int] | None = None  # columns and rows, which a mosaic does not state
-    tiles: tuple[int, int] | None = None  # columns and rows of tiles of a quilt to be written
-    suffix: str | None = None  # of pictures to be written; None for the layout's, .exr for floating point
-    array: PlateArray | str | None = None  # of a Zarr group to be read or written
-    aspect: float | None = None  # width of the plate over its height; None for that of the hogels
+    hogels: tuple[int, int] | None = None  #: columns and rows, which a mosaic does not state
+    tiles: tuple[int, int] | None = None  #: columns and rows of tiles of a quilt to be written
+    suffix: str | None = None  #: of pictures to be written; None for the layout's, .exr for floating point
+    array: PlateArray | str | None = None  #: of a Zarr group to be read or written
+    aspect: float | None = None  #: width of the plate over its height; None for that of the hogels
 
 
 def convert(

@@ -98,20 +98,20 @@ class Cell:
 class Replay:
     """What a replay shows to two eyes; None where a cell was not replayed."""
 
-    replayed_stereo_arcsec: float | None = None  # change of disparity
-    replayed_points: int | None = None  # that both eyes were shown
-    replayed_wrong: float | None = None  # share of pixels with wrong surfaces
-    replayed_depth_wrong: float | None = None  # and with such as exact depth shows rightly
-    replayed_pixels: int | None = None  # that these are shares of
+    replayed_stereo_arcsec: float | None = None  #: change of disparity
+    replayed_points: int | None = None  #: that both eyes were shown
+    replayed_wrong: float | None = None  #: share of pixels with wrong surfaces
+    replayed_depth_wrong: float | None = None  #: and with such as exact depth shows rightly
+    replayed_pixels: int | None = None  #: that these are shares of
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Replay, Cell):
     """A cell with its answers; lengths in millimeters."""
 
-    stereo_arcsec: float  # largest change of disparity between two things that the viewer sees
-    crack_arcmin: float | None  # width of the crack in a surface that runs through the plate, if there is one
-    crack_hidden_arcmin: float  # width of one that is not noticed, and what hides it
+    stereo_arcsec: float  #: largest change of disparity between two things that the viewer sees
+    crack_arcmin: float | None  #: of a surface that runs through the plate, if there is one
+    crack_hidden_arcmin: float  #: width of one that is not noticed, and what hides it
     crack_hidden_by: str
     ordered_separation: float
     """Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side."""
@@ -123,9 +123,9 @@ class Row(Replay, Cell):
     pass through them; and share of the apertures that are displaced by more than `TOLERANCE_PX`."""
     pixels_worst: float | None
     pixels_beyond: float
-    asked_separation: float  # what `plan` asks for without a viewer
-    nearest_distance: float  # from the eyes to the nearest surface before the plate, or to the plate
-    sheared: bool  # the frustum is recentered, and the pivot is `aperture`
+    asked_separation: float  #: what `plan` asks for without a viewer
+    nearest_distance: float  #: from the eyes to the nearest surface before the plate, or to the plate
+    sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
 
     @property
     def stereo_seen(self) -> bool:

@@ -109,8 +109,8 @@ class MeasureChange:
     measure: str
     aperture: Place
     accepted: float | None
-    limit: float | None  # largest value that is not worse; None where nothing is accepted
-    now: float | None  # None where it cannot be known any more
+    limit: float | None  #: largest value that is not worse; None where nothing is accepted
+    now: float | None  #: None where it cannot be known any more
     change: Change
 
     @property
@@ -171,15 +171,15 @@ _RUN = TypeAdapter(Run)
 class BaselineOptions:
     """How a verification is held to accepted measures."""
 
-    renderer: str | None = None  # name under which measures are kept; that of the source where None
-    device: str | None = None  # likewise; this machine's processor where None
-    near: float | None = None  # as given to `verify`, like the next two: other options, other measures
+    renderer: str | None = None  #: name under which measures are kept; that of the source where None
+    device: str | None = None  #: likewise; this machine's processor where None
+    near: float | None = None  #: as given to `verify`, like the next two: other options, other measures
     accept: Sequence[str] = ()
     encoding: str | None = None
-    tolerance: Stated | None = None  # goes before the spread of repeated runs
+    tolerance: Stated | None = None  #: goes before the spread of repeated runs
     approve: bool = False
-    repeated: bool = False  # the present measures differ from those accepted by noise alone
-    repository: Path | None = None  # folder whose commit is noted; the current one where None
+    repeated: bool = False  #: the present measures differ from those accepted by noise alone
+    repository: Path | None = None  #: folder whose commit is noted; the current one where None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,12 +189,12 @@ class Baseline:
     run: Run
     approved: bool
     changes: tuple[MeasureChange, ...]
-    accepted_runs: int  # largest number of runs that a hogel is compared with
-    tolerance: str  # where the limits are from
+    accepted_runs: int  #: largest number of runs that a hogel is compared with
+    tolerance: str  #: where the limits are from
     new_hogels: int
-    new_beyond_limits: int  # hogels that were not accepted before and exceed the limits
+    new_beyond_limits: int  #: hogels that were not accepted before and exceed the limits
     not_judged_hogels: int
-    notes: tuple[str, ...]  # what may be misunderstood otherwise
+    notes: tuple[str, ...]  #: what may be misunderstood otherwise
 
     @property
     def change(self) -> Change:

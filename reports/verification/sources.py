@@ -260,13 +260,13 @@ class Function:
 class Command:
     """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
 
-    template: str  # {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
+    template: str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
     reference: Reference
     encoding: Encoding
-    folder: Path  # that {out} lies in
+    folder: Path  #: that {out} lies in
     timeout_s: float
     suffix: str = ".png"
-    working: Path | None = None  # in which the program runs; None for that of this process
+    working: Path | None = None  #: in which the program runs; None for that of this process
     _arguments: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -349,9 +349,9 @@ class ForeignRenderer:
     near: float | None = None
     accept: tuple[str, ...] = ()
     timeout_s: float = 60.0
-    folder: Path | None = None  # in which a command runs; None for that of the process
-    named_from: Path | None = None  # folder from which the user named the files of an absolute `source`
-    layout: str | None = None  # of folders and pictures
+    folder: Path | None = None  #: in which a command runs; None for that of the process
+    named_from: Path | None = None  #: folder from which the user named the files of an absolute `source`
+    layout: str | None = None  #: of folders and pictures
 
     def nominal(self, scene: Scene) -> DrawnModel:
         """Return what the renderer's author says of it; InputError where that cannot be."""

@@ -63,10 +63,10 @@ class VerifiedRow:
     column: int
     row: int
     verdict: str
-    found: str  # JSON of problem, figures and checks
+    found: str  #: JSON of problem, figures and checks
     worst_as_found: float | None
     worst_corrected: float | None
-    question: str  # digest of what it was judged by
+    question: str  #: digest of what it was judged by
 
 
 @dataclass(frozen=True, kw_only=True)

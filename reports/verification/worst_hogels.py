@@ -34,9 +34,9 @@ class Pictured:
 
     aperture: Aperture
     words: str
-    badness: tuple[float, float]  # as found, then corrected
+    badness: tuple[float, float]  #: as found, then corrected
     pictures: dict[str, str]
-    inspected: InspectedHogel | None = None  # all channels, where they were asked for
+    inspected: InspectedHogel | None = None  #: all channels, where they were asked for
 
 
 @dataclass(kw_only=True)

@@ -19,8 +19,7 @@ from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Front
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.files import render_page, table
-from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verdict import Verification, render_page, table
 from xfrustum.scenes import Scene
 
 SIZE = 48

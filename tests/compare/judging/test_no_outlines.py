@@ -13,8 +13,7 @@ from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import reference_colors
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.files import sentence
-from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verdict import Verification, sentence
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING

@@ -13,8 +13,7 @@ from PIL import Image
 
 from tests.support.views import view
 from xfrustum.reference import Reference
-from xfrustum.reports.verification.files import table
-from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verdict import Verification, table
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import InputError, Plate, Scene, Screen
 from xfrustum.scenes.files.exr import write_image

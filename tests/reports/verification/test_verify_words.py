@@ -13,8 +13,7 @@ from xfrustum.compare.diagnosis.diagnosis import doubtful
 from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import MeasuredBy
-from xfrustum.reports.verification.files import render_page, table
-from xfrustum.reports.verification.verdict import figures_words, with_correction_tested
+from xfrustum.reports.verification.verdict import figures_words, render_page, table, with_correction_tested
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import open_scene
 

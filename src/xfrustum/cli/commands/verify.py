@@ -130,7 +130,7 @@ def verify(asked: _Asked) -> int:
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.common.outputs import check_writable_file
-    from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
+    from xfrustum.reports.verification.verdict import FILES, table, write_junit, write_verification
 
     if asked.junit is not None:
         check_writable_file(asked.junit, "--junit")
