@@ -241,15 +241,12 @@ class Judge:
     ) -> Iterator[JudgedHogel]:
         """Yield many hogels, judged, in the order of their apertures.
 
-        Memory does not grow with the number of apertures. An exception of any thread comes to the caller, and
-        closing the iterator early ends the work.
+        Apertures are taken in the caller's thread, some ahead of what has been yielded. Memory does not grow
+        with their number. An exception of any thread comes to the caller, and closing the iterator early ends
+        the work.
 
         Parameters
         ----------
-        apertures
-            Apertures of the hogels, taken in the caller's thread, some ahead of what has been yielded.
-        settings
-            Settings that each hogel is drawn with.
         images
             Whether truths, drawings in color and error maps are kept.
         radiance
@@ -387,6 +384,12 @@ class _Loop(Generic[Result]):
             gaps = self._reference.gaps(image.camera.aperture)
             return Predictor(image, gaps, self._judge.scene.frustum, self._subpixel_bits)
 
+        def beside(cameras: _Cameras) -> PixelErrors:
+            truth, first = cameras.truth.result()[0], cameras.first.result()[0].image
+            errors = pixel_errors(truth, first, self._reference)
+            errors.find_maps()
+            return errors
+
         for aperture in apertures:
             one_of(aperture, Aperture, "aperture")
             truth = self._tracing.submit(trace, aperture)
@@ -406,7 +409,7 @@ class _Loop(Generic[Result]):
                     start = self._judging.submit(self._start, cameras, predictor, models, exact)
                     yield replace(cameras, shared=start)
                 elif len(settings) > 1:
-                    yield replace(cameras, shared=self._judging.submit(self._beside, cameras))
+                    yield replace(cameras, shared=self._judging.submit(beside, cameras))
                 else:
                     yield cameras
 
@@ -451,12 +454,6 @@ class _Loop(Generic[Result]):
         start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
         start.find_shared()
         return start
-
-    def _beside(self, cameras: _Cameras) -> PixelErrors:
-        truth, first = cameras.truth.result()[0], cameras.first.result()[0].image
-        errors = pixel_errors(truth, first, self._reference)
-        errors.find_maps()
-        return errors
 
     def _judged(
         self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]

@@ -400,15 +400,9 @@ def explain(
 ) -> Causes:
     """Find the cause of every pixel where the raster shows another triangle than the traced model.
 
-    Parameters
-    ----------
-    model
-        Image that `Reference.trace_model` makes with the raster's settings; or a raster image with another
-        depth buffer, to explain what depth alone has changed.
-    subpixel_bits
-        Subpixel bits of the device that drew the raster.
-    pixels
-        (N,) flat numbers of pixels at which the two differ; all that do where None.
+    The model is what `Reference.trace_model` makes with the raster's settings; or a raster image with another
+    depth buffer, to explain what depth alone has changed. Subpixel bits are those of the device that drew the
+    raster; `pixels` (N,) flat numbers of pixels at which the two differ, all that do where None.
     """
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
@@ -460,12 +454,8 @@ def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
 
     Each pixel shows a surface point, and the cameras of the paper, sheared about the aperture, would draw
     this point elsewhere: the distance is what the pivot alone does to the point. Points are compared with
-    themselves, so that nothing depends on which surfaces come into view.
-
-    Returns
-    -------
-    None where there is no such shear: another pivot, no offset, or a centered frustum; and where no surface
-    off the plate is shown.
+    themselves, so that nothing depends on which surfaces come into view. None where there is no such shear:
+    another pivot, no offset, or a centered frustum; and where no surface off the plate is shown.
     """
     settings, shown = model.camera.settings, model.off_plate
     assert settings is not None, "a model says whose cameras it shows"

@@ -215,11 +215,7 @@ def averaged_colors(
     """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
 
     The device's own samples (multisample) are its own affair: they are in the link from here to its image.
-
-    Raises
-    ------
-    InputError
-        A chain would have more than `MAX_CHAIN_PIXELS`.
+    Raises InputError where a chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution

@@ -205,12 +205,8 @@ def surface_errors(
     only in the aperture's center, where all lines meet.
 
     The film ends half a pixel beyond the outermost pixels' centers, so that a picture that is displaced by
-    less shows nothing from outside.
-
-    Parameters
-    ----------
-    located
-        The raster's points off the plate and their places on the true film, where they are known already.
+    less shows nothing from outside. `located` are the raster's points off the plate and their places on the
+    true film, where they are known already.
     """
     scene, pencil = reference.scene, true_lines(truth.camera)
     if located is None:
@@ -417,17 +413,10 @@ class PixelErrors(Brief):
 def pixel_errors(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, beside: PixelErrors | None = None
 ) -> PixelErrors:
-    """Return the errors of an image.
+    """Return the errors of an image; without the scene's reference there is no `surface`.
 
-    Parameters
-    ----------
-    truth, raster
-        Images of one size, aperture and scene.
-    reference
-        Reference of this scene; without it there is no `surface`.
-    beside
-        Errors of an image of the same cameras, by the same truth. What is found of a pixel depends on no
-        other, so that pixels that show the same are not judged again.
+    Where there are errors of an image of the same cameras by the same truth, pixels that show the same are
+    not judged again: what is found of a pixel depends on no other.
     """
     if beside is not None:
         return _errors_beside(truth, raster, reference, beside)

@@ -91,7 +91,7 @@ def find_causes(
     shown: HogelImage,
     pixels: Indices,
 ) -> Causes:
-    """Find the cause of every wrong pixel.
+    """Find the cause of every wrong pixel: those, by flat numbers (N,), at which the images differ.
 
     Parameters
     ----------
@@ -104,8 +104,6 @@ def find_causes(
         they lie on an edge, or at one depth.
     shown
         The picture. It may name triangles that the scene does not have.
-    pixels
-        (N,) flat numbers of the pixels at which the two name different triangles.
     """
     shape = shown.triangle.shape
     if not len(pixels):

@@ -17,12 +17,12 @@ from tqdm import tqdm
 
 from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.arbitrary_lines import FirstAlong, first_surfaces_along
+from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
@@ -227,24 +227,19 @@ def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(f"{name} is a giant, which integers take hours for: leave it out of the self-check")
-    scene = case.build() if case else _at_about(open_scene(name), QUICK_VIEW_PIXELS if quick else VIEW_PIXELS)
+    scene = case.build() if case else open_scene(name)
+    if case is None:
+        # An odd number of columns has a middle one, whose lines have no slope in x: in symmetric scenes they
+        # run along edges.
+        width, height = scene.frustum.resolution
+        factor = sqrt((QUICK_VIEW_PIXELS if quick else VIEW_PIXELS) / (width * height))
+        resolution = (max(1, round(width * factor)) | 1, max(1, round(height * factor)))
+        scene = replace(scene, frustum=replace(scene.frustum, resolution=resolution))
     columns, rows = scene.plate.hogels
     places = [(min(int(x * columns), columns - 1), min(int(y * rows), rows - 1)) for x, y in APERTURE_SHARES]
     if case is not None:
         places = [*case.apertures, *(places if not quick else ())]
     yield from ((name, scene, scene.plate.aperture(*place)) for place in dict.fromkeys(places))
-
-
-def _at_about(scene: Scene, pixels: int) -> Scene:
-    """Return the scene with about that many pixels, in an odd number of columns.
-
-    An odd number of columns has a middle one, whose lines have no slope in x: in symmetric scenes they run
-    along edges.
-    """
-    width, height = scene.frustum.resolution
-    factor = sqrt(pixels / (width * height))
-    resolution = (max(1, round(width * factor)) | 1, max(1, round(height * factor)))
-    return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
 
 
 def _exact_rows(
@@ -407,34 +402,27 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
         objects=(SceneObject(name="sphere", vertices=vertices, faces=faces),),
     )
     tracer = EmbreeTracer(scene)
+    # Wrong are vertices at which a line meets other triangles than exactly theirs, or not at s = 1, and edges
+    # at the rounded middle of which it meets a triangle that is not the edge's own.
+    around: list[list[int]] = [[] for _ in vertices]
+    for number, corners in enumerate(faces.tolist()):
+        for vertex in corners:
+            around[vertex].append(number)
+    wrong = sum(
+        at_vertices.ties.get(vertex, ()) != tuple(numbers) or float(at_vertices.s[vertex]) != 1.0
+        for vertex, numbers in enumerate(around)
+    )
+    for line, ends in enumerate(edges.tolist()):
+        met = at_edges.ties.get(line, (int(at_edges.triangle[line]),))
+        wrong += not all(set(ends) <= set(faces[number].tolist()) for number in met)
     return SphereCheck(
         triangles=len(faces),
         vertices=len(vertices),
         edges=len(edges),
         vertex_misses=int((at_vertices.triangle < 0).sum()),
         edge_misses=int((at_edges.triangle < 0).sum()),
-        wrong=_wrong_at_vertices(at_vertices, faces) + _wrong_at_edges(at_edges, faces, edges),
+        wrong=wrong,
         tracer_vertex_misses=int((tracer.first_hits(np.zeros_like(vertices), vertices) < 0).sum()),
         tracer_edge_misses=int((tracer.first_hits(np.zeros_like(middles), middles) < 0).sum()),
         seconds=time.perf_counter() - started,
-    )
-
-
-def _wrong_at_vertices(found: FirstAlong, faces: Indices) -> int:
-    """Count the vertices at which a line meets other triangles than exactly theirs, or not at s = 1."""
-    around: list[list[int]] = [[] for _ in found.triangle]
-    for number, corners in enumerate(faces.tolist()):
-        for vertex in corners:
-            around[vertex].append(number)
-    return sum(
-        found.ties.get(vertex, ()) != tuple(numbers) or float(found.s[vertex]) != 1.0
-        for vertex, numbers in enumerate(around)
-    )
-
-
-def _wrong_at_edges(found: FirstAlong, faces: Indices, edges: Indices) -> int:
-    """Count the edges at the rounded middle of which a line meets a triangle that is not the edge's own."""
-    return sum(
-        not all(set(ends) <= set(faces[number].tolist()) for number in found.ties.get(line, (triangle,)))
-        for line, (ends, triangle) in enumerate(zip(edges.tolist(), found.triangle.tolist(), strict=True))
     )

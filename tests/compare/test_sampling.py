@@ -23,7 +23,7 @@ from xfrustum.compare.sampling import (
 )
 from xfrustum.scenes import InputError, Plate
 
-SEEDS = 400
+SEEDS = 200
 """Simulated surveys of each kind."""
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
