@@ -12,12 +12,11 @@ from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
-    PixelErrors,
     differing_pixels,
     pixel_errors,
     wrong_surface,
 )
-from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
+from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
@@ -27,45 +26,31 @@ NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
 
 
 class Drawn:
-    """The truth of an aperture, a picture with a starved depth buffer, and the same cameras' exact one."""
+    """The chain of an aperture with a starved depth buffer, and the same cameras' exact one."""
 
     def __init__(self, near_per_reach: float) -> None:
-        self.scene = view("car", (96, 96))
-        near = near_per_reach * self.scene.frustum.longest_reach
-        self.settings = DoubleFrustum(near=near, depth=DepthFormat.D16, mapping=DepthMapping.STANDARD)
-        self.aperture = self.scene.plate.middle
-        self.reference = Reference(self.scene)
-        self.truth = self.reference.trace(self.aperture)
-        with Rasterizer(self.scene) as rasterizer:
-            self.chain = make_chain(self.reference, rasterizer, self.aperture, self.settings)
-            self.again = rasterizer.render(self.aperture, with_exact_depth(self.settings))
-        self.exact, self.starved = self.chain.images[-2:]
-
-    def judged(self) -> PixelErrors:
-        """Return the errors of the exact picture."""
-        return pixel_errors(self.truth, self.exact, self.reference)
+        scene = view("car", (96, 96))
+        near = near_per_reach * scene.frustum.longest_reach
+        settings = DoubleFrustum(near=near, depth=DepthFormat.D16, mapping=DepthMapping.STANDARD)
+        self.reference = Reference(scene)
+        with Rasterizer(scene) as rasterizer:
+            self.chain = make_chain(self.reference, rasterizer, scene.plate.middle, settings)
+        self.truth, *_, self.exact, self.starved = self.chain.images
 
 
 @pytest.fixture(scope="module", params=NEARS_PER_REACH)
 def drawn(request: pytest.FixtureRequest) -> Drawn:
-    """Return the pictures at one near."""
     return Drawn(request.param)
-
-
-def assert_equal(found: ErrorMaps, expected: ErrorMaps) -> None:
-    """Compare every error map, bit by bit."""
-    for item in fields(ErrorMaps):
-        np.testing.assert_array_equal(getattr(found, item.name), getattr(expected, item.name))
 
 
 def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> None:
     alone = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False)
-    beside = compare_images(
-        drawn.truth, drawn.starved, drawn.reference, radiance=False, beside=drawn.judged()
-    )
+    judged = pixel_errors(drawn.truth, drawn.exact, drawn.reference)
+    beside = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False, beside=judged)
     assert (drawn.starved.triangle != drawn.exact.triangle).any()
     assert beside.numbers == alone.numbers
-    assert_equal(beside.maps, alone.maps)
+    for item in fields(ErrorMaps):
+        np.testing.assert_array_equal(getattr(beside.maps, item.name), getattr(alone.maps, item.name))
 
 
 @pytest.mark.parametrize("axis", range(3))

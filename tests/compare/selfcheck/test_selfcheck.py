@@ -114,18 +114,19 @@ def small_scene() -> Scene:
     return soup(np.concatenate((back, front, front[:1])), SQUARE)
 
 
-def shifted(image: HogelImage, along: float) -> HogelImage:
-    """Move every position along its line by a share of itself."""
-    return replace(image, position=image.position * (1 + along))
-
-
-def with_swapped_triangles(image: HogelImage) -> HogelImage:
-    return replace(image, triangle=np.where(image.triangle == 0, 1, image.triangle))
-
-
 def with_class(image: HogelImage, old: Certainty, new: Certainty) -> HogelImage:
     assert image.certainty is not None
     return replace(image, certainty=np.where(image.certainty == old, np.uint8(new), image.certainty))
+
+
+def moved(image: HogelImage, factor: float) -> HogelImage:
+    return replace(image, position=image.position * factor)
+
+
+def numbered(image: HogelImage, old: Any, new: int) -> HogelImage:
+    return replace(
+        image, triangle=np.where(np.isin(image.triangle, list(old)), np.int32(new), image.triangle)
+    )
 
 
 def without_a_companion(image: HogelImage) -> HogelImage:
@@ -134,14 +135,14 @@ def without_a_companion(image: HogelImage) -> HogelImage:
 
 
 SPOILED: dict[str, tuple[str, Callable[[HogelImage], HogelImage]]] = {
-    "another triangle": ("triangle", with_swapped_triangles),
-    "nothing": ("triangle", lambda image: replace(image, triangle=np.full_like(image.triangle, NOTHING))),
+    "another triangle": ("triangle", lambda image: without_a_triangle(image, 1)),
+    "nothing": ("triangle", lambda image: without_a_triangle(image, NOTHING)),
     "a tie not called one": ("certainty", lambda image: with_class(image, Certainty.TIE, Certainty.EXACT)),
     "a proof called a tie": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.TIE)),
     "nobody looked": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.UNEXAMINED)),
     "a companion lost": ("companions", without_a_companion),
-    "a position off by 1e-13": ("position", lambda image: shifted(image, 1e-13)),
-    "no position": ("position", lambda image: shifted(image, np.nan)),
+    "a position off by 1e-13": ("position", lambda image: moved(image, 1 + 1e-13)),
+    "no position": ("position", lambda image: moved(image, np.nan)),
 }
 
 
