@@ -123,10 +123,8 @@ def moved(image: HogelImage, factor: float) -> HogelImage:
     return replace(image, position=image.position * factor)
 
 
-def numbered(image: HogelImage, old: Any, new: int) -> HogelImage:
-    return replace(
-        image, triangle=np.where(np.isin(image.triangle, list(old)), np.int32(new), image.triangle)
-    )
+def without_a_triangle(image: HogelImage, becomes: int) -> HogelImage:
+    return replace(image, triangle=np.where(image.triangle == 0, np.int32(becomes), image.triangle))
 
 
 def without_a_companion(image: HogelImage) -> HogelImage:
