@@ -92,13 +92,7 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
-    """Write comparison.json and a picture of each error to a folder, all or nothing.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
+    """Write comparison.json and a picture of each error, all or nothing; InputError where that cannot be."""
     comparison, maps = compared.comparison, compared.comparison.maps
     pictures = {
         "displacement": images.displacement_map(comparison.errors.moved),

@@ -1,7 +1,7 @@
 """What all reports share: outputs, progress, times, pages, numbers in words.
 
 figure_style           How every figure looks: colors that are told apart, axes that can be read
-json_ready             Values as JSON takes them, and results whose records are printed with `--json`
+json_ready             Values as JSON takes them: one conversion for everything that is written or embedded
 outputs                Outputs that are whole or absent: probed before the work, written aside, renamed
 progress               One look for every progress bar
 provenance             What repeats a result: versions and machine, commands, and what nobody examined

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -56,19 +55,3 @@ def write_json(path: Path, record: Any) -> None:
     """Write a dataclass or a mapping as a JSON file, without NaN or infinity."""
     text = json.dumps(json_ready(record), allow_nan=False, indent=1)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-Record = TypeVar("Record")
-
-
-class Summarized(ABC, Generic[Record]):
-    """A result whose record, a frozen dataclass, has the fields of its JSON object in their order."""
-
-    @property
-    @abstractmethod
-    def record(self) -> Record:
-        """The record that is written."""
-
-    def summary(self) -> dict[str, Any]:
-        """Return the record as one JSON object, as the command prints it with `--json`."""
-        return dict(json_ready(self.record))

@@ -108,8 +108,8 @@ class CostReport(Shown):
                         # The option with the least error of the fastest ones, if any keeps the tolerance.
                         "configuration": one.option.label if one.option else None,
                         "time_s": _times(one.option.time_s) if one.option else None,
-                        "ranked": one.ranking is not None and one.ranking.ranked,
-                        "fastest": [tied.label for tied in one.ranking.fastest] if one.ranking else [],
+                        "ranked": one.ranked,
+                        "fastest": [tied.label for tied in one.fastest],
                         "sentence": one.sentence,
                     }
                     for one in self.answers

@@ -55,35 +55,30 @@ class Ranking:
     """The options within a tolerance than which no other option is told to be faster.
 
     `fastest` are those whose timing intervals overlap with that of the least median, which comes first; all
-    options within the tolerance where nothing was repeated often enough to rank it (`ranked` is false).
+    options within the tolerance where nothing was repeated often enough to rank it (`ranked` is false), and
+    none where nothing keeps it.
     """
 
     fastest: tuple[Option, ...]
     ranked: bool
 
     @property
-    def least_error(self) -> Option:
+    def option(self) -> Option | None:
         """The fastest option with the least displacement, then the fewest wrong surfaces."""
 
         def error(one: Option) -> tuple[float, ...]:
             moved = max(one.displacement_p99_px, DISPLACEMENT_TIE_PX)
             return moved, one.surface_fraction, one.time_s.median
 
-        return min(self.fastest, key=error)
+        return min(self.fastest, key=error, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FastestWithin:
-    """The fastest options within a tolerance; None where nothing keeps it."""
+class FastestWithin(Ranking):
+    """The fastest options within a tolerance, in words too."""
 
     tolerance_px: float
-    ranking: Ranking | None
     sentence: str
-
-    @property
-    def option(self) -> Option | None:
-        """The fastest option with the least error."""
-        return self.ranking.least_error if self.ranking else None
 
 
 def pareto(options: Sequence[Option]) -> list[bool]:
@@ -91,17 +86,15 @@ def pareto(options: Sequence[Option]) -> list[bool]:
     return [not any(other.beats(option) for other in options) for option in options]
 
 
-def rank(options: Sequence[Option], tolerance_px: float) -> Ranking | None:
-    """Return the fastest options within a tolerance, ties included; None where nothing keeps it."""
+def rank(options: Sequence[Option], tolerance_px: float) -> Ranking:
+    """Return the fastest options within a tolerance, ties included."""
     ascending = sorted(options, key=lambda one: one.time_s.median)
-    allowed = [
+    allowed = tuple(
         one for one in ascending if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
-    ]
-    if len(allowed) < 2:
-        return Ranking(fastest=tuple(allowed), ranked=True) if allowed else None
+    )
     repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
-    if not repeated:
-        return Ranking(fastest=tuple(allowed), ranked=False)
+    if len(allowed) < 2 or not repeated:
+        return Ranking(fastest=allowed, ranked=len(allowed) == 1)
     tied = (one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
     return Ranking(fastest=tuple(tied), ranked=True)
 
@@ -115,14 +108,14 @@ def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tu
     loose, strict = (rank(options, tolerance) for tolerance in (tolerance_px, stricter_px))
     said = _fastest(tolerance_px, loose), _stricter(stricter_px, loose, strict)
     return (
-        FastestWithin(tolerance_px=tolerance_px, ranking=loose, sentence=said[0]),
-        FastestWithin(tolerance_px=stricter_px, ranking=strict, sentence=said[1]),
+        FastestWithin(**vars(loose), tolerance_px=tolerance_px, sentence=said[0]),
+        FastestWithin(**vars(strict), tolerance_px=stricter_px, sentence=said[1]),
     )
 
 
-def _fastest(tolerance_px: float, ranking: Ranking | None) -> str:
+def _fastest(tolerance_px: float, ranking: Ranking) -> str:
     under = f"under {digits(tolerance_px)} px"
-    if ranking is None:
+    if not ranking.fastest:
         return f"Nothing that was measured stays {under} with at most {percent(MAX_WRONG)} of wrong surfaces."
     count = len(ranking.fastest)
     if count == 1:
@@ -135,8 +128,8 @@ def _fastest(tolerance_px: float, ranking: Ranking | None) -> str:
     )
 
 
-def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking | None) -> str:
-    if loose is None or strict is None or not (loose.ranked and strict.ranked):
+def _stricter(tolerance_px: float, loose: Ranking, strict: Ranking) -> str:
+    if not (loose.ranked and strict.ranked):
         return _fastest(tolerance_px, strict)
     asked, count = f"{digits(tolerance_px)} px would cost", len(strict.fastest)
     one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
@@ -166,7 +159,8 @@ def _tie(ranking: Ranking) -> str:
 
 
 def _least(ranking: Ranking) -> str:
-    return f"The least error among them is that of {_described(ranking.least_error)}."
+    assert ranking.option is not None, "there are several options"
+    return f"The least error among them is that of {_described(ranking.option)}."
 
 
 def _described(option: Option) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TypeVar
@@ -296,35 +296,19 @@ def equally_good_sentence(rows: Sequence[Measurement]) -> str:
     return f"{len(good)} settings are equally good by error: {named}. xfrustum cost tells their times apart."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reign:
-    """Consecutive nears of one depth buffer at which one cause makes most surfaces wrong, scene units."""
-
-    cause: str | None  # in words; None where hardly a surface is wrong
-    low: float
-    high: float
-
-
-def reigns(rows: Sequence[Measurement]) -> list[Reign]:
-    """Return the dominant causes of one depth buffer at one aperture, the smallest near first."""
-
-    def dominant(row: Measurement) -> str | None:
-        if row.surface_fraction <= SURFACE_TIE_FRACTION:
-            return None
-        return row.cause_words(max(row.causes, key=lambda cause: cause.surface).name)
-
-    ascending = sorted(rows, key=lambda row: row.settings.near)
-    runs = [(cause, [row.settings.near for row in run]) for cause, run in groupby(ascending, key=dominant)]
-    return [Reign(cause=cause, low=nears[0], high=nears[-1]) for cause, nears in runs]
-
-
 def cause_sentences(rows: Sequence[Measurement], units: str) -> list[str]:
-    """Say for each depth buffer of one aperture which cause dominates where."""
+    """Say for each depth buffer of one aperture which cause makes most surfaces wrong where."""
 
-    def told(one: Reign) -> str:
-        nears = f"from n = {digits(one.low)} to" if one.low != one.high else "at n ="
-        what = "hardly a surface is wrong" if one.cause is None else f"{one.cause} dominates"
-        return f"{nears} {digits(one.high)} {units} {what}"
+    def dominant(row: Measurement) -> str:
+        if row.surface_fraction <= SURFACE_TIE_FRACTION:
+            return "hardly a surface is wrong"
+        return f"{row.cause_words(max(row.causes, key=lambda cause: cause.surface).name)} dominates"
+
+    def told(rows: Sequence[Measurement]) -> Iterator[str]:
+        for what, run in groupby(sorted(rows, key=lambda row: row.settings.near), key=dominant):
+            nears = [row.settings.near for row in run]
+            where = f"from n = {digits(nears[0])} to" if len(nears) > 1 else "at n ="
+            yield f"{where} {digits(nears[-1])} {units} {what}"
 
     groups = _grouped(rows, lambda row: row.settings.depth_label)
-    return [f"{rows[0].settings.depth_label}: {'; '.join(map(told, reigns(rows)))}." for rows in groups]
+    return [f"{group[0].settings.depth_label}: {'; '.join(told(group))}." for group in groups]

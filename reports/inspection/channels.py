@@ -6,7 +6,7 @@ import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -95,13 +95,24 @@ Layer = tuple[str, str, Mapping[str, Channel]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class InspectedHogel:
-    """One hogel with all its channels."""
+class HogelHead:
+    """What a page says of a hogel beside its values."""
 
     aperture: tuple[int, int]  #: column and row
     size: tuple[int, int]  #: width and height in pixels
     words: str  #: how bad the hogel is
     layers: tuple[LayerHead, ...]
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """These fields alone."""
+        return {one.name: getattr(self, one.name) for one in fields(HogelHead)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectedHogel(HogelHead):
+    """One hogel with all its channels."""
+
     #: Values of all channels, one layer after the other, little-endian, as one zlib stream. Empty where the
     #: hogel has more than `MAX_INSPECTED_PIXELS`.
     stream: bytes

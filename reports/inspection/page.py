@@ -18,8 +18,8 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection.channels import (
     MAX_HOGELS,
     MAX_INSPECTED_PIXELS,
+    HogelHead,
     InspectedHogel,
-    LayerHead,
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
@@ -80,19 +80,11 @@ class Inspection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageHogel:
-    """One hogel as the page's script reads it; see `InspectedHogel`.
+class PageHogel(HogelHead):
+    """One hogel as the page's script reads it."""
 
-    `key` is the digest of the stream, empty where there is none; `file` the name of the file beside the page,
-    None where the stream is on the page.
-    """
-
-    aperture: tuple[int, int]
-    size: tuple[int, int]
-    words: str
-    layers: tuple[LayerHead, ...]
-    key: str
-    file: str | None
+    key: str  #: digest of the stream, empty where there is none
+    file: str | None  #: name of the file beside the page; None where the stream is on the page
 
 
 def write_inspection(folder: Path, shown: Inspection) -> None:
@@ -156,17 +148,11 @@ def _rendered(
     nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
     scene, cells = shown.scene, shown.plate_map.cells
     first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
+    files = [FILE.format(*one.aperture) for one in hogels]
     data = {
         "hogels": [
-            PageHogel(
-                aperture=one.aperture,
-                size=one.size,
-                words=one.words,
-                layers=one.layers,
-                key=key,
-                file=FILE.format(*one.aperture) if key and key not in within else None,
-            )
-            for one, key in zip(hogels, keys, strict=True)
+            PageHogel(**one.head, key=key, file=file if key and key not in within else None)
+            for one, key, file in zip(hogels, keys, files, strict=True)
         ],
         # An object by its name, and the number of its first triangle.
         "objects": [{"name": p.name, "first": n} for p, n in zip(scene.objects, first, strict=False)],
@@ -211,16 +197,7 @@ def read_inspection(page: Path) -> list[InspectedHogel]:
     try:
         text = page.read_text(encoding="utf-8")
         hogels = TypeAdapter(list[PageHogel]).validate_python(json.loads(_element(text, "data"))["hogels"])
-        return [
-            InspectedHogel(
-                aperture=one.aperture,
-                size=one.size,
-                words=one.words,
-                layers=one.layers,
-                stream=stream(one),
-            )
-            for one in hogels
-        ]
+        return [InspectedHogel(**one.head, stream=stream(one)) for one in hogels]
     except OSError as error:
         raise InputError(f"{page}: cannot be read ({error.strerror}); write it again") from error
     except (KeyError, ValueError) as error:

@@ -79,18 +79,10 @@ def new_scene(
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
 
-    Parameters
-    ----------
-    units
-        Name of the length unit; by default `m` for glTF, whose unit is the meter, and else `units`, for no
-        other mesh file says which one it has.
-    size
-        What the longest side of the mesh is scaled to, scene units; it keeps its own size where None.
-    place
-        Placement of the mesh; None for through the plate, or behind it where the mesh is flat and would lie
-        in the plate, where displacement is undefined.
-    force
-        Whether an existing file is replaced.
+    `units` names the length unit: by default `m` for glTF, whose unit is the meter, and else `units`, for
+    no other mesh file says which one it has. The longest side is scaled to `size`, scene units, and keeps
+    its own where None. Where no place is given, a mesh is put through the plate, or behind it where it is
+    flat and would lie in the plate, where displacement is undefined. `force` replaces an existing file.
 
     Raises
     ------

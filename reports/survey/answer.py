@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
-from xfrustum.reports.common.json_ready import Summarized
+from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.survey.rows import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
@@ -86,7 +86,7 @@ class Extent:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Survey(Shown, Summarized[dict[str, Any]]):
+class Survey(Shown):
     """What a survey has found."""
 
     scene: Scene
@@ -174,6 +174,10 @@ class Survey(Shown, Summarized[dict[str, Any]]):
         if share.worst is not None:
             said += f"; worst: {share.worst_words}"
         return f"{said}."
+
+    def summary(self) -> dict[str, Any]:
+        """Return the record in JSON's own types, as `survey --json` prints it."""
+        return dict(json_ready(self.record))
 
     @property
     def record(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -11,15 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.rows import GPU_S, NO_CAUSES, TIMES, comparison_numbers
+from tests.support.rows import GPU_S, NO_PREDICTION, TIMES, comparison_numbers, measured_row
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
-from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED, json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
-from xfrustum.reports.error_report.measurement import PredictedSurface, RowNumbers, TableRow
-from xfrustum.scenes import Aperture, DoubleFrustum
+from xfrustum.reports.error_report.measurement import TableRow
+from xfrustum.scenes import DoubleFrustum
 
 
 class Kind(StrEnum):
@@ -51,26 +50,10 @@ def thing(size: Size | None, times: Mapping[str, float]) -> Thing:
 
 def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
     """Return a made-up row of measurements.parquet."""
-    return TableRow(
-        aperture=Aperture(column=1, row=2, x=0.5, y=-0.5),
-        numbers=RowNumbers(
-            settings=DoubleFrustum(near=0.1),
-            near_per_reach=0.01,
-            comparison=comparison,
-            unexplained=0,
-            shear=None,
-            predicted_displacement_px=predicted,
-            predicted_surface=PredictedSurface(
-                fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0, outside=0.0
-            ),
-            smallest_separation=Separations(c=None, c_star=None),
-            measured_over_predicted=dict.fromkeys(("displacement_rms", "displacement_p99", "surface")),
-            times_s=TIMES,
-            parts_s={"raster": {"gpu": GPU_S}},
-        ),
-        causes={cause.name: cause.numbers for cause in NO_CAUSES},
-        made_by={"scene_name": "scene", "version_scikit-image": "1", "device_OpenGL vendor": "somebody"},
-    )
+    measured = measured_row(DoubleFrustum(near=0.1), comparison)
+    measured = replace(measured, predicted=replace(NO_PREDICTION, displacement_px=predicted))
+    made_by = {"scene_name": "scene", "version_scikit-image": "1", "device_OpenGL vendor": "somebody"}
+    return measured.table_row(10.0, made_by)
 
 
 BARE = row(comparison_numbers(100, 50, 0.1, None), None)
@@ -93,17 +76,14 @@ def test_every_field_has_its_column_and_its_type() -> None:
     ]
 
 
-def test_a_group_that_is_not_there_fills_its_columns_with_nulls_of_the_right_type() -> None:
-    full, bare = (table_of(Thing, [thing(size, {})]) for size in (Size(width=1, height=2.0), None))
-    assert full.schema == bare.schema
-    assert bare.to_pylist()[0]["size_width"] is None is bare.to_pylist()[0]["size_height"]
-
-
-def test_what_a_row_lacks_is_null_and_not_a_number_too() -> None:
+def test_what_a_row_lacks_is_null_of_the_right_type_and_not_a_number_too() -> None:
     rows = [thing(Size(width=1, height=float("inf")), {"a": 1.0}), thing(None, {"b": float("nan")})]
-    first, second = table_of(Thing, rows).to_pylist()
+    table = table_of(Thing, rows)
+    first, second = table.to_pylist()
     assert (first["time_a_s"], first["time_b_s"], first["size_height"]) == (1.0, None, None)
-    assert (second["time_a_s"], second["time_b_s"]) == (None, None)
+    assert (second["time_a_s"], second["time_b_s"], second["size_width"]) == (None, None, None)
+    bare = table_of(Thing, rows[1:]).schema
+    assert all(table.schema.field(name).type == bare.field(name).type for name in bare.names)
 
 
 def test_json_inlines_what_a_table_inlines() -> None:

@@ -24,6 +24,7 @@ from xfrustum.reports.inspection.page import (
     replacing_inspection,
     write_inspection,
 )
+from xfrustum.scenes import Scene
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Plate
 
@@ -43,6 +44,12 @@ COMMANDS = {
 
 def hogels(inspected: Inspected, command: str) -> list[InspectedHogel]:
     return read_inspection(inspected.pages[command] / PAGE)
+
+
+def inspection(scene: Scene, shown: list[InspectedHogel]) -> Inspection:
+    """Return what a page shows of hogels of a plate of which nothing else is known."""
+    nothing = PlateMap.of(scene.plate, "nothing", [])
+    return Inspection(command="verify", scene=scene, told=(), hogels=shown, plate_map=nothing)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -85,8 +92,7 @@ def test_a_page_that_would_be_too_large_leaves_hogels_in_files_beside_it(
 ) -> None:
     whole = hogels(inspected, "verify")
     scene = open_scene(inspected.scene)
-    nothing_known = PlateMap.of(scene.plate, "nothing", [])
-    shown = Inspection(command="verify", scene=scene, told=(), hogels=whole, plate_map=nothing_known)
+    shown = inspection(scene, whole)
     write_inspection(tmp_path, shown)
     size = (tmp_path / PAGE).stat().st_size
     assert [path.name for path in tmp_path.iterdir()] == [PAGE]
@@ -109,13 +115,11 @@ def test_a_later_page_in_a_folder_removes_what_belonged_to_the_earlier_one_and_n
     inspected: Inspected, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, whole = open_scene(inspected.scene), hogels(inspected, "verify")
-    nothing_known = PlateMap.of(scene.plate, "nothing", [])
 
-    def run(shown: list[InspectedHogel], folder: Path = tmp_path) -> None:
-        page = Inspection(command="verify", scene=scene, told=(), hogels=shown, plate_map=nothing_known)
-        with Staging(folder) as staging:
-            write_inspection(staging.folder, page)
-            with replacing_inspection(folder):
+    def run(shown: list[InspectedHogel]) -> None:
+        with Staging(tmp_path) as staging:
+            write_inspection(staging.folder, inspection(scene, shown))
+            with replacing_inspection(tmp_path):
                 staging.commit()
 
     with monkeypatch.context() as small:
@@ -156,14 +160,7 @@ def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspe
 def test_hogels_with_too_many_pixels_are_listed_without_values(inspected: Inspected, tmp_path: Path) -> None:
     (hogel, *_) = hogels(inspected, "report")
     scene = open_scene(inspected.scene)
-    shown = Inspection(
-        command="report",
-        scene=scene,
-        told=(),
-        hogels=[replace(hogel, stream=b"")],
-        plate_map=PlateMap.of(scene.plate, "nothing", []),
-    )
-    write_inspection(tmp_path, shown)
+    write_inspection(tmp_path, inspection(scene, [replace(hogel, stream=b"")]))
     (found,) = read_inspection(tmp_path / PAGE)
     assert found.values() == {} and found.words == hogel.words
 

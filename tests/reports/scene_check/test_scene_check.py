@@ -37,16 +37,6 @@ def scene(tmp_path: Path) -> str:
     return str(path)
 
 
-def area(loops: list[list[tuple[float, float]]]) -> float:
-    """Area between outlines by the even-odd rule; they do not cross, and holes turn the other way."""
-    return abs(sum(_shoelace(np.array(loop)) for loop in loops))
-
-
-def _shoelace(loop: np.ndarray) -> float:
-    x, y = loop.T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-
-
 def words(svg: str) -> list[str]:
     return [element.text or "" for element in Xml.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
 
@@ -109,7 +99,9 @@ def test_the_outline_of_a_sphere_is_a_circle_where_the_sphere_is(side: View, sce
     center = np.array([frame.x(-60.0) - frame.x(frame.box[0]), frame.y(across) - frame.y(frame.box[3])])
     radii = np.linalg.norm(np.array(loop) - center, axis=1) / frame.scale
     assert radii.min() > 28.5 and radii.max() < 31
-    assert area([loop]) / frame.scale**2 == pytest.approx(math.pi * 30**2, rel=0.04)
+    x, y = np.array(loop).T
+    area = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    assert area / frame.scale**2 == pytest.approx(math.pi * 30**2, rel=0.04)
 
 
 def test_a_ring_that_lies_flat_has_its_hole_from_above_and_none_from_the_side(scene: str) -> None:
@@ -203,12 +195,9 @@ def test_new_replaces_nothing_unless_told_to(
     assert Path("part.toml").read_text() == "mine"
     assert main(["new", "part.stl", "--force"]) == 0
     assert_fits(open_scene("part.toml"))
-
-
-def test_glb_is_in_meters_and_new_says_so(tmp_path: Path) -> None:
-    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.glb")
-    assert xfrustum.new_scene(solid, tmp_path / "a.toml").units == "m"
-    assert open_scene(str(tmp_path / "a.toml")).units == "m"
+    # The unit of glTF is the meter.
+    glb = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "other.glb")
+    assert open_scene(str(xfrustum.new_scene(glb).path)).units == "m"
 
 
 @pytest.mark.parametrize(
@@ -217,20 +206,16 @@ def test_glb_is_in_meters_and_new_says_so(tmp_path: Path) -> None:
         ({"place": "beside"}, "through, behind, before"),
         ({"size": -1.0}, "positive"),
         ({"units": ""}, "units"),
+        ({}, "one point"),
     ],
 )
 def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: Path) -> None:
     solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.obj")
+    if said == "one point":
+        solid.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
     with pytest.raises(InputError, match=said):
         xfrustum.new_scene(solid, tmp_path / "a.toml", **keywords)  # type: ignore[arg-type]
     assert not (tmp_path / "a.toml").exists()
-
-
-def test_a_mesh_of_one_point_fits_no_scene(tmp_path: Path) -> None:
-    point = tmp_path / "point.obj"
-    point.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
-    with pytest.raises(InputError, match="one point"):
-        xfrustum.new_scene(point, tmp_path / "a.toml")
 
 
 # Surfaces in the plate -----------------------------------------------------------------------------------
