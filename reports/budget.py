@@ -39,7 +39,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Figure, Shown, Table, as_shown, digits, marked, png
+from xfrustum.scenes.notebook import Figure, Shown, Table, aligned, as_shown, digits, marked, png
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -215,31 +215,30 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
 
 
 def table(geometry: Budget) -> str:
-    """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
+    """Return the budget as aligned lines: each link, beside what was predicted of it, with the ratios."""
     numbers = geometry.numbers
-    width = max(len(link.name) for link in numbers.links)
-    lines = [f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle"]
-    lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
+    compared = ("predicted", "ratio")
+    rows: list[tuple[str, ...]] = [
+        ("charged to", "pixels", "surface", *compared, "moves by, px rms", *compared)
+    ]
     for link in numbers.links:
-        moved = _three_digits(link.displacement_rms_px)
-        lines.append(f"{link.name:<{width}}  {link.pixels:>9,}  {link.surface:>9,}  {moved:>17}")
-    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
-    lines.append(f"explained: {reasons}; unexplained {numbers.unexplained:,}")
-    lines += [f"right in the end although some link differed: {numbers.cancelled:,}", ""]
-    three = f"{'predicted':>10} {'measured':>10} {'ratio':>7}"
-    lines.append(f"{'':<{width}}  {'wrong surface, pixels':>29}  {'moves by, px rms':>29}")
-    lines.append(f"{'predicted for':<{width}}  {three}  {three}")
-    for link in numbers.links:
-        columns = [f"{link.name:<{width}}"]
-        for predicted, measured in (
-            (link.predicted_surface, link.surface),
-            (link.predicted_displacement_rms_px, link.displacement_rms_px),
+        cells = [link.name, f"{link.pixels:,}"]
+        for measured, predicted in (
+            (link.surface, link.predicted_surface),
+            (link.displacement_rms_px, link.predicted_displacement_rms_px),
         ):
             ratio = measured / predicted if predicted and measured is not None else None
-            cells = map(_three_digits, (predicted, measured, ratio))
-            columns.append(" ".join(f"{cell:>{room}}" for cell, room in zip(cells, (10, 10, 7), strict=True)))
-        lines.append("  ".join(columns))
-    return "\n".join(lines)
+            cells += map(_three_digits, (measured, predicted, ratio))
+        rows.append(tuple(cells))
+    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
+    return "\n".join(
+        (
+            f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle",
+            aligned(rows),
+            f"explained: {reasons}; unexplained {numbers.unexplained:,}",
+            f"right in the end although some link differed: {numbers.cancelled:,}",
+        )
+    )
 
 
 def _three_digits(value: float | None) -> str:
@@ -251,16 +250,12 @@ def _three_digits(value: float | None) -> str:
 
 def _radiance_table(numbers: RadianceNumbers) -> str:
     """Return the radiance error link by link as aligned lines."""
-    rows = [*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)]
-    width = max(len(row.name) for row in rows)
-    heads = ("mean", "rms", "max", "rms, same tri.", "max, same tri.")
-    lines = [f"{'radiance changes by':<{width + 2}}" + "".join(f"{head:>16}" for head in heads)]
-    for row in rows:
-        values = (row.mean, row.rms, row.max, row.rms_same_triangle, row.max_same_triangle)
-        cells = "".join(f"{'-' if value is None else f'{value:.3g}':>16}" for value in values)
-        noise = row.standard_error
-        lines.append(f"{row.name:<{width + 2}}{cells}" + (f"  +- {noise:.2g} rms" if noise else ""))
-    return "\n".join(lines)
+    columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
+    rows: list[tuple[str, ...]] = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
+    for row in (*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)):
+        values = (getattr(row, name) for name in columns)
+        rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
+    return aligned(rows)
 
 
 def command(report: BudgetReport) -> str:
@@ -284,12 +279,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
 
     With a picture of what each link of the radiance error changes, too. Several budgets are written to
-    a folder each, named by their apertures.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
+    a folder each, named by their apertures; InputError where it cannot be written.
     """
     if isinstance(report, AutoBudget):
         every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)

@@ -116,13 +116,7 @@ def _fullest(rasterizer: Rasterizer, settings: DoubleFrustum, apart_from: Apertu
 
 
 def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
-    """Write index.html and the pictures to a folder, all or nothing.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
+    """Write index.html and the pictures, all or nothing; InputError where the folder cannot be written."""
     pictures = {camera.value: png(image) for camera, image in figure.images.items()}
     pictures[_AS_SEEN] = png(figure.images[Camera.C_STAR], as_seen=True)
     covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}

@@ -52,6 +52,15 @@ def plain(text: str) -> str:
     return re.sub(r"e([+-])0(\d)", r"e\1\2", text).replace("e+", "e")
 
 
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells as lines: the first column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    padded = ([cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in rows)
+    return "\n".join(
+        "  ".join([row[0].ljust(widths[0]), *cells[1:]]) for row, cells in zip(rows, padded, strict=True)
+    )
+
+
 # Images as pictures
 
 SHADES = (0.35, 0.9)

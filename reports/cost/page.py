@@ -17,7 +17,7 @@ from xfrustum.reports.common.timing import CONFIDENCE
 from xfrustum.reports.cost.cost import CostReport
 from xfrustum.reports.cost.trade_off import STRICTER_FRACTION, Option, pareto
 from xfrustum.reports.error_report.best import pixels
-from xfrustum.scenes.notebook import digits, percent
+from xfrustum.scenes.notebook import aligned, digits, percent
 from xfrustum.tolerances import MAX_WRONG
 
 FILES = PAGE, DATA = "index.html", "cost.json"
@@ -35,15 +35,12 @@ def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
 
 def table(measured: CostReport) -> str:
     """Return the answers, then every option on the front as aligned lines."""
-    lines = [f"{'ms':>8}  {'from':>7}  {'to':>7}  {'99 %, px':>9}  {'wrong':>9}  on the Pareto front"]
-    lines += [
-        f"{1e3 * one.time_s.median:8.2f}  {1e3 * low:7.2f}  {1e3 * high:7.2f}  "
-        f"{one.displacement_p99_px:9.3g}  {one.surface_fraction:9.3g}  {one.label}"
-        for one, best in _ascending(measured.options)
-        if best
-        for low, high in (one.time_s.interval,)
-    ]
-    return "\n".join([*(answer.sentence for answer in measured.answers), "", *lines])
+    rows: list[tuple[str, ...]] = [("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")]
+    for one, best in _ascending(measured.options):
+        if best:
+            times = (f"{1e3 * value:.2f}" for value in (one.time_s.median, *one.time_s.interval))
+            rows.append((one.label, *times, f"{one.displacement_p99_px:.3g}", f"{one.surface_fraction:.3g}"))
+    return "\n".join([*(answer.sentence for answer in measured.answers), "", aligned(rows)])
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
