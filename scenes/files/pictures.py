@@ -1,19 +1,34 @@
-"""Pictures as arrays, read and written without a change of any bit."""
+"""Pictures, videos and environment maps as arrays, read and written without a change of any bit.
+
+Videos go through PyAV, an optional part of the installation (`xfrustum[video]`), which is imported only here.
+"""
 
 from __future__ import annotations
 
 import io
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngInfo
 
-from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.disk.input_files import bounded_memory, check_picture_size, head_of
+from xfrustum.scenes.appearance.appearance import Environment
+from xfrustum.scenes.arrays import Bytes, Singles
+from xfrustum.scenes.disk.input_files import (
+    bounded_memory,
+    check_allowed,
+    check_declared,
+    check_picture_size,
+    head_of,
+    regular_size,
+)
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
@@ -152,3 +167,169 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
         raise InputError(f"{path}: is not an image that can be read") from error
     except _DAMAGE as error:
         raise InputError(f"{path}: the image is damaged ({error})") from error
+
+
+# Videos
+
+#: FFmpeg's names of codecs that keep every bit of RGB pictures.
+LOSSLESS_CODECS = ("ffv1", "huffyuv", "ffvhuff", "rawvideo", "png", "utvideo", "magicyuv", "qtrle")
+#: FFmpeg's names of pixel formats that hold 8 bits each of red, green and blue, without subsampling.
+RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
+#: Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel.
+DECODER_BYTES_PER_PIXEL = 64
+
+PADDING_PX = 512  # pixels by which decoders may enlarge a frame's sides for themselves
+
+
+def _av() -> Any:
+    try:
+        return import_module("av")
+    except ImportError as error:
+        raise InputError(
+            "videos need the package av, which is not installed: pip install '.[video]' in the checkout "
+            "of xfrustum, or convert the videos to pictures"
+        ) from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video and its first stream of pictures; FFmpeg's errors become InputErrors."""
+    av = _av()
+    regular_size(path, "video")
+    try:
+        with av.open(str(path)) as video:
+            stream = video.streams.video[0]
+            if stream.codec_context is None:
+                raise ValueError("its codec is not known")
+            width, height = stream.width, stream.height
+            size = DECODER_BYTES_PER_PIXEL * width * height
+            check_allowed(path, size, f"a frame of {width} x {height} pixels")
+            # A frame may state another size than the file: FFmpeg refuses it before it allocates.
+            most = (width + PADDING_PX) * (height + PADDING_PX)
+            stream.codec_context.options = {"max_pixels": str(most)}
+            stream.codec_context.thread_count = 1
+            yield video, stream
+    except (av.FFmpegError, IndexError, ValueError) as error:
+        raise InputError(f"{path}: is not a video that can be read ({error})") from error
+
+
+def video_size(path: Path) -> tuple[int, tuple[int, int]]:
+    """Return the number of frames of a video, and their width and height; InputError as from `read_video`."""
+    with _opened(path) as (video, stream):
+        # The header of some videos does not say how many frames there are.
+        frames = stream.frames or sum(packet.size > 0 for packet in video.demux(stream))
+        return max(1, frames), (stream.width, stream.height)
+
+
+def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
+    """Read the frames of a video as (frames, H, W, 3) uint8; decoding stops at the first that is too many.
+
+    Raises InputError where the file is missing or damaged, has another number of frames (the columns of the
+    plate) or another width and height, or PyAV is not installed.
+    """
+    width, height = size
+    check_declared(path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels")
+    with _opened(path) as (video, stream):
+        pixels, count = np.empty((frames, height, width, 3), np.uint8), 0
+        for frame in video.decode(stream):
+            found = frame.width, frame.height
+            if found != size:
+                raise InputError(f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}")
+            if count == frames:
+                raise InputError(f"{path}: has more than {frames} frames, the columns of the plate")
+            pixels[count] = frame.to_ndarray(format="rgb24")
+            count += 1
+        if count < frames:
+            raise InputError(f"{path}: has {count} frames, and the plate {frames} columns")
+        context = stream.codec_context
+        lossy = context.name not in LOSSLESS_CODECS or context.pix_fmt not in RGB_FORMATS
+    return Picture(pixels=pixels, lossy=lossy)
+
+
+def write_video(path: Path, frames: Pixels) -> None:
+    """Write (frames, H, W, 3) uint8 pixels as a video that keeps every bit (FFV1 in AVI)."""
+    av = _av()
+    with av.open(str(path), "w", format="avi") as video:
+        stream = video.add_stream("ffv1", rate=25)
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = "bgr0"
+        for pixels in frames:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+            video.mux(stream.encode(frame))
+        video.mux(stream.encode(None))
+
+
+# Environment maps
+
+#: Header of a Radiance picture: lines up to an empty one, then its size.
+_HDR_HEADER = re.compile(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n")
+#: Widths of rows that may be run-length encoded, which begin with 2, 2 and the width.
+_RUN_WIDTHS = range(8, 1 << 15)
+
+
+def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
+    """Read a latitude-longitude map as it is stored, in linear RGB, its radiance multiplied by the strength.
+
+    Raises InputError where the file is missing, damaged, of another format than OpenEXR and Radiance HDR, not
+    RGB, or has radiance that is negative or not finite.
+    """
+    openexr = head_of(path, "environment map", len(MAGIC)) == MAGIC
+    with bounded_memory(path):
+        radiance = _of_openexr(path) if openexr else _of_radiance(path)
+        return Environment(radiance=radiance, strength=strength, name=str(path))
+
+
+def _of_openexr(path: Path) -> Singles:
+    radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
+    if str(header["dataWindow"]) != str(header["displayWindow"]):
+        raise InputError(f"{path}: is a part of a picture only; an environment map has all directions")
+    return radiance.astype(np.float32)
+
+
+def _of_radiance(path: Path) -> Singles:
+    """Return the pixels of a Radiance picture: three mantissas and an exponent, 8 bits each.
+
+    Greg Ward, "Real Pixels", Graphics Gems II (1991); rows are run-length encoded component by component.
+    """
+    content = path.read_bytes()
+    found = _HDR_HEADER.match(content)
+    if found is None:
+        raise InputError(f"{path}: is not an OpenEXR or Radiance HDR picture; convert it to one")
+    if b"FORMAT=32-bit_rle_xyze" in found[0]:
+        raise InputError(f"{path}: is stored in XYZ; an environment map is an RGB picture")
+    if (found[1], found[3]) != (b"-Y", b"+X"):
+        raise InputError(f"{path}: is not stored row by row from the top left; write it so")
+    height, width = int(found[2]), int(found[4])
+    check_picture_size(path, width, height)
+    stored = np.frombuffer(content, np.uint8)
+    pixels, at = np.empty((height, width, 4), np.uint8), found.end()
+    for row in pixels:
+        at = _read_row(path, stored, at, row)
+    exponent = pixels[..., 3:].astype(np.int32)
+    scale = np.where(exponent == 0, 0, np.ldexp(np.float32(1), exponent - 136)).astype(np.float32)
+    return pixels[..., :3] * scale
+
+
+def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
+    """Fill a row (W, 4) from the bytes at a place, and return the place behind it."""
+    width = len(row)
+    mark = np.array((2, 2, width >> 8, width & 255), np.uint8)
+    if width not in _RUN_WIDTHS or not np.array_equal(stored[at : at + 4], mark):
+        flat = stored[at : at + 4 * width]
+        if flat.size < 4 * width or (flat.reshape(-1, 4)[:, :3] == 1).all(axis=1).any():
+            raise InputError(f"{path}: the environment map is damaged, or of before 1991; write it again")
+        row[:] = flat.reshape(width, 4)
+        return at + 4 * width
+    at += 4
+    for component in row.T:
+        done = 0
+        while done < width:
+            # A code above 128 repeats the next value; another is the number of values that follow.
+            code = int(stored[at]) if at + 1 < stored.size else 0
+            count = code - 128 if code > 128 else code
+            values = stored[at + 1 : at + 2] if code > 128 else stored[at + 1 : at + 1 + count]
+            if not 0 < count <= width - done or values.size not in (1, count):
+                raise InputError(f"{path}: the environment map is damaged (a run of a row); write it again")
+            component[done : done + count] = values
+            done, at = done + count, at + 1 + values.size
+    return at

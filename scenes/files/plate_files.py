@@ -34,9 +34,11 @@ from xfrustum.scenes.files.pictures import (
     picture_size,
     picture_text,
     read_picture,
+    read_video,
+    video_size,
     write_picture,
+    write_video,
 )
-from xfrustum.scenes.files.video import read_video, video_size, write_video
 
 #: Name of the file in which the 4D light-field benchmark describes its cameras.
 PARAMETERS_FILE = "parameters.cfg"

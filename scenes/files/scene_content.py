@@ -94,7 +94,7 @@ def _appearance(path: Path, file: SceneTables) -> Appearance:
         except InputError as error:
             raise InputError(f"{path}: light[{index}].{error}") from error
     if file.environment is not None:
-        from xfrustum.scenes.files.environment import read_environment  # noqa: PLC0415 - loads OpenEXR
+        from xfrustum.scenes.files.pictures import read_environment  # noqa: PLC0415 - loads OpenEXR
 
         with named(path, "environment.map"):
             map_file, strength = path.parent / file.environment.map, file.environment.strength

@@ -17,12 +17,11 @@ from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
-from xfrustum.scenes.files.environment import read_environment
 from xfrustum.scenes.files.exr import read_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.files.patches import load_patches
-from xfrustum.scenes.files.pictures import read_rgb
+from xfrustum.scenes.files.pictures import read_environment, read_rgb
 
 GIBIBYTE = 1 << 30
 FILM = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))

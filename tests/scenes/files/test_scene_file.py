@@ -16,7 +16,7 @@ from xfrustum.scenes import InputError, Plate, Screen, open_scene
 from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.files.environment import read_environment
+from xfrustum.scenes.files.pictures import read_environment
 from xfrustum.scenes.geometry.operations import placement
 
 PLATE = "[plate]\nsize = [80, 60.0]\nhogels = [81, 61]\n"

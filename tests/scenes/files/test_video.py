@@ -9,8 +9,8 @@ import pytest
 
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.input_files import input_memory
+from xfrustum.scenes.files.pictures import read_video, video_size, write_video
 from xfrustum.scenes.files.plate_files import find_files
-from xfrustum.scenes.files.video import read_video, video_size, write_video
 
 pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
 
