@@ -86,12 +86,7 @@ def new_file(path: Path, *, host: Path | None = None) -> Iterator[Path]:
     the process's own open files, such as `/dev/stdout`, are written into. The host is the folder in which the
     file is made, on the same file system; None for the folder that it belongs in.
 
-    Raises
-    ------
-    InputError
-        The path is a folder, or anything else that a file cannot be written into.
-    OSError
-        Nothing can be made in the host, the disk is full or has lost data.
+    Raises InputError as from `written_into`, OSError where the disk is full or has lost data.
     """
     into, target = written_into(path), Path(os.path.realpath(path))
     # A file that is copied in the end can be made anywhere.
@@ -119,12 +114,7 @@ def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = N
 def written_into(path: Path) -> bool:
     """Return whether a path is written into and not replaced, as devices, pipes and own open files are.
 
-    Raises
-    ------
-    InputError
-        The path is a folder, a block device or a socket.
-    OSError
-        The path cannot be examined.
+    Raises InputError where it is a folder, a block device or a socket.
     """
     if _descriptor(path) is not None:
         return True
@@ -132,10 +122,8 @@ def written_into(path: Path) -> bool:
         mode = path.stat().st_mode
     except FileNotFoundError:
         return False
-    if stat.S_ISDIR(mode):
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
-        kind = "block device" if stat.S_ISBLK(mode) else "socket"
+    refused = {stat.S_IFDIR: "folder", stat.S_IFBLK: "block device", stat.S_IFSOCK: "socket"}
+    if kind := refused.get(stat.S_IFMT(mode)):
         raise InputError(f"{path}: is a {kind}, which is not written to; give the name of a file")
     return stat.S_ISCHR(mode) or stat.S_ISFIFO(mode)
 

@@ -27,8 +27,7 @@ takes more is compressed, or declares more than it holds.
 MEMORY_PER_PIXEL = 16
 
 SCENE_FILE_SIZE = 1 << 24  # largest size of a scene file, sixteen million bytes; people write some hundreds
-#: Options of the command line that raise the bounds on memory and on hogels.
-RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
+RAISING_OPTION = "--max-input-memory"  # option of the command line that raises the bound on memory
 
 
 class _Bound:
@@ -52,10 +51,7 @@ def _bound_within_block(name: str, value: int) -> Iterator[None]:
 
 
 def input_memory(size: int) -> AbstractContextManager[None]:
-    """Let one input take up to this many bytes of memory within a block.
-
-    Raises InputError where the size is not positive.
-    """
+    """Let one input take up to this many bytes of memory, a positive number, within a block."""
     if size <= 0:
         raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
     return _bound_within_block("memory", size)
@@ -71,7 +67,7 @@ def check_hogels(columns: int, rows: int) -> None:
     if columns * rows > _Bound.hogels:
         raise InputError(
             f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, or raise the "
-            f"bound with {HOGELS_OPTION}"
+            "bound with --max-hogels"
         )
 
 
