@@ -142,14 +142,10 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
 
     Parameters
     ----------
-    scene, settings
-        Scene that is drawn, and settings of its cameras; None for a plate of truths.
-    out
-        Folder of a Zarr group, made where it does not exist.
+    settings
+        Settings of the cameras; None for a plate of truths.
     apertures
         Apertures, whose blocks are drawn in the order in which they are named; None for the whole plate.
-    content
-        Type of color, the images that are stored, and what is simulated.
     block
         Columns and rows of hogels that are stored together; None for those of a store that exists, and for a
         new one as many as `BLOCK_BYTES` hold. A block of one hogel is a chunk and no shard.

@@ -119,8 +119,6 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         Tracer that gives the truth a second opinion.
     engine
         Where hogels are judged; as many processes as this one may use processors by default.
-    told
-        Called with notes in words.
 
     Raises
     ------

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +10,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from PIL import Image
 
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -108,19 +104,6 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
     assert f"{alone['embree']:,} of {alone['judged']:,}</em>" in page
     assert "Not examined" not in page
-
-
-def test_the_picture_marks_the_pixels_that_a_tracer_would_have_got_wrong(
-    certified: tuple[dict[str, Any], str],
-) -> None:
-    _, page = certified
-    marks = re.search(r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page)
-    assert marks is not None
-    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
-    scene = open_scene(HARD)
-    truth = Reference(scene).trace(scene.plate.middle)
-    proposed = Reference(scene, tracer="embree").propose(scene.plate.middle)
-    np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
 
 
 def test_a_report_against_a_plain_tracer_says_so_at_the_top(

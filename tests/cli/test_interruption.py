@@ -195,30 +195,6 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         os.kill(int(out), signal.SIGKILL)
 
 
-def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path) -> None:
-    body = """
-        import os, sys
-        from pathlib import Path
-        from xfrustum.reports.common.outputs import write_output
-        os.mkfifo("pipe")
-        def watched(event, arguments):
-            if event == "open" and str(arguments[0]) == "pipe":
-                print("ready", flush=True)
-        sys.addaudithook(watched)
-        write_output(Path("pipe"), b"content", "--junit")
-        """
-    with start(program(body), tmp_path) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(signal.SIGINT)
-        try:
-            _, said = process.communicate(timeout=20)
-        finally:
-            process.kill()
-    assert (process.returncode, said) == ENDED[signal.SIGINT]
-    assert list((tmp_path / "temporary").iterdir()) == []
-
-
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its status stands, and no exception comes out of what Python still has to do."""
     leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"

@@ -146,16 +146,6 @@ def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
     assert sum("renderer  wrong surfaces unknown, FLIP" in line for line in lines) == 1
 
 
-def test_pictures_read_as_colors_name_no_surfaces(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    write_hogels(open_scene(str(scene_file)), tmp_path)
-    for encoding in ("rgb", "srgb"):
-        source = (f"--images={tmp_path / '{i}x{j}.png'}", f"--encoding={encoding}")
-        for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
-            assert eye["renderer"]["fraction"] is None
-
-
 def test_images_that_name_surfaces_are_charged_with_wrong_ones(
     scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -102,20 +102,6 @@ METADATA_DAMAGE: dict[str, Callable[[dict[str, Any]], object]] = {
 
 
 @pytest.mark.parametrize("damage", METADATA_DAMAGE)
-def test_descriptions_of_arrays_that_are_damaged_change_no_pixel(
-    damage: str, plate: Path, clean: Path
-) -> None:
-    """The group has all descriptions too, which are the ones that are read."""
-    place = plate / "color" / "zarr.json"
-    said = json.loads(place.read_bytes())
-    METADATA_DAMAGE[damage](said)
-    place.write_text(json.dumps(said))
-    (plate / CHUNK["color"]).unlink()
-    assert drawn_again(plate).drawn == 1
-    assert (plate / CHUNK["color"]).read_bytes() == (clean / CHUNK["color"]).read_bytes()
-
-
-@pytest.mark.parametrize("damage", METADATA_DAMAGE)
 def test_a_group_whose_description_of_an_array_is_damaged_is_refused(damage: str, plate: Path) -> None:
     said = json.loads((plate / "zarr.json").read_bytes())
     METADATA_DAMAGE[damage](said["consolidated_metadata"]["metadata"]["color"])
@@ -129,13 +115,6 @@ def test_a_group_whose_description_of_an_array_is_damaged_is_refused(damage: str
 @pytest.mark.parametrize("content", [b"", b"[" * 100_000, b"\xff", b"{}" + b" " * (1 << 21)])
 def test_descriptions_that_are_none_are_refused(content: bytes, plate: Path) -> None:
     (plate / "zarr.json").write_bytes(content)
-    with pytest.raises(InputError, match="is no plate of xfrustum"):
-        drawn_again(plate)
-
-
-@pytest.mark.parametrize("replaced", [replaced_by_link, replaced_by_pipe])
-def test_what_is_no_file_is_no_description(replaced: Callable[[Path], None], plate: Path) -> None:
-    replaced(plate / "zarr.json")
     with pytest.raises(InputError, match="is no plate of xfrustum"):
         drawn_again(plate)
 

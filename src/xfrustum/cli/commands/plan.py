@@ -33,13 +33,11 @@ def _eyes(**given: Any) -> dict[str, Any]:
     if said and "viewer" not in said:
         flag = next(iter(said)).replace("_", "-")
         raise click.UsageError(f"--{flag} describes a viewer: give --viewer too")
-    for name in ("aperture", "apertures", "tolerance_px") if said else ():
-        if options.is_given(name):
-            flag = name.replace("_", "-")
-            raise click.UsageError(
-                f"--{flag} is about hogels, and a viewer sees all of them at once: "
-                f"leave out --{flag} or --viewer"
-            )
+    hogels = filter(options.is_given, ("aperture", "apertures", "tolerance_px"))
+    if said and (name := next(hogels, None)):
+        flag = f"--{name.replace('_', '-')}"
+        about = f"{flag} is about hogels, and a viewer sees all of them at once"
+        raise click.UsageError(f"{about}: leave out {flag} or --viewer")
     return said
 
 

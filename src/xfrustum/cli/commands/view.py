@@ -86,8 +86,7 @@ def view(asked: _Asked) -> None:
     if asked.encoding is not None and asked.images is None:
         raise click.UsageError("--encoding says what pixels of --images hold: give both")
     opened = asked.light.applied(options.open_scene(asked.scene))
-    from xfrustum.reports.eye import quilt as quilts
-    from xfrustum.reports.eye.page import file_names, table, write_view
+    from xfrustum.reports.eye.page import file_names, quilt_names, table, write_quilt, write_view
     from xfrustum.reports.eye.view import view as viewed
 
     eyes = asked.eyes()
@@ -99,8 +98,8 @@ def view(asked: _Asked) -> None:
         options.note("views are made with one sample a pixel, whatever the scene asks for")
     how: dict[str, Any] = {"effects": asked.light.chosen(opened), "progress": asked.progress}
     if quilt is not None and out is not None:
-        record = quilts.write_quilt(opened, eyes[0], quilt, source, out, **how)
-        names = quilts.quilt_names(opened, quilt, drawn=source is not None)[1:]
+        record = write_quilt(opened, eyes[0], quilt, source, out, **how)
+        names = quilt_names(opened, quilt, drawn=source is not None)[1:]
         asked.tell(lambda: record, lambda: "\n".join(str(out / name) for name in names))
         return
     count = len(eyes) * (1 if stereo is None else 2)
