@@ -18,8 +18,7 @@ from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
-TOGETHER = "together"
-"""Several numbers none of which explains anything without the others."""
+TOGETHER = "together"  # Several numbers none of which explains anything without the others
 
 MISTAKEN_UNITS = {
     10.0: "millimeters taken for centimeters",

@@ -52,9 +52,6 @@ BLUR_PX = 1.5
 # surface, and how much brighter this surface is says nothing about the geometry.
 MAX_BRIGHTNESS_DIFFERENCE = 0.05
 
-# Added to every fitted parameter, so that scipy's relative steps become absolute.
-PARAMETER_OFFSET = 1e3
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pair:
@@ -197,21 +194,16 @@ def _per_px(pairs: Sequence[_Pair]) -> Floats:
 
 def _least(pairs: Sequence[_Pair], start: Floats) -> Floats:
     """Return shift and fov (4,) at which image and picture differ least, found with derivatives."""
-    scales = DERIVATIVE_STEP_PX * _per_px(pairs)
+    scales, steps = DERIVATIVE_STEP_PX * _per_px(pairs), np.eye(4)
 
-    def at(units: Floats) -> Floats:
-        return np.asarray(start + (units - PARAMETER_OFFSET) * scales)
+    def errors(units: Floats) -> Floats:
+        return np.concatenate([pair.difference(start + units * scales).ravel() for pair in pairs])
 
-    found = least_squares(
-        lambda units: np.concatenate([pair.difference(at(units)).ravel() for pair in pairs]),
-        np.full(4, PARAMETER_OFFSET),
-        jac="3-point",
-        diff_step=1 / PARAMETER_OFFSET,
-        loss="soft_l1",
-        f_scale=MAX_BRIGHTNESS_DIFFERENCE,
-        max_nfev=20,
-    )
-    return at(found.x)
+    def slopes(units: Floats) -> Floats:
+        return np.stack([(errors(units + step) - errors(units - step)) / 2 for step in steps], axis=1)
+
+    options = {"loss": "soft_l1", "f_scale": MAX_BRIGHTNESS_DIFFERENCE, "max_nfev": 20}
+    return np.asarray(start + least_squares(errors, np.zeros(4), slopes, **options).x * scales)
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:

@@ -104,8 +104,7 @@ OUTLINE_TOLERANCE_PX = 1
 # either side. And the contrast beyond which one edge counts no more than another.
 MIN_EDGE_CONTRAST, MAX_EDGE_CONTRAST = 4 / 255, 0.1
 
-COLOR_ONLY = ("color", "outlines")
-"""Values of `HogelNumbers.by` of pictures that name no surfaces."""
+COLOR_ONLY = ("color", "outlines")  # Values of `HogelNumbers.by` of pictures that name no surfaces
 
 Steps = tuple[Floats, Floats]
 """A quantity between neighboring pixels: (H, W - 1) between the columns and (H - 1, W) between the rows."""
@@ -120,8 +119,7 @@ class MeasuredBy(StrEnum):
     OUTLINES = "registration of outlines"
     NO_OUTLINES = "no outlines"
     """The truth has no outline, so that there is nothing to measure: wrong pixels alone judge the image."""
-    NOTHING = "nothing"
-    """The displacement cannot be known."""
+    NOTHING = "nothing"  # The displacement cannot be known
 
 
 def steps_of(values: NDArray[np.generic]) -> Steps:
@@ -292,8 +290,7 @@ def foreign_cameras(scene: Scene, model: DrawnModel, aperture: Aperture) -> tupl
 class Compared(StrEnum):
     """What pictures that name no surfaces are judged by."""
 
-    COLOR = "color"
-    """Colors, within a tolerance."""
+    COLOR = "color"  # Colors, within a tolerance
     GEOMETRY = "geometry"
     """Where they show something, and whether outlines have an edge: shading is the renderer's own."""
 

@@ -12,8 +12,7 @@ from tests.wrong_renderers.worlds import Ints, World
 
 Mask = NDArray[np.bool_]
 
-COLOR = 0.1
-"""Difference in linear radiance above which colors show different surfaces; rounding is 1/510."""
+COLOR = 0.1  # Difference in linear radiance above which colors show different surfaces; rounding is 1/510
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +25,7 @@ class Difference:
     """Share of pixels whose object is another (or none, or invalid), or whose triangle their line meets
     elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over `COLOR`
     apart."""
-    pixels: int
-    """Number of wrong pixels in all hogels."""
+    pixels: int  # Number of wrong pixels in all hogels
 
 
 def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding: str) -> Difference:

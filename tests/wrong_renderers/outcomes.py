@@ -37,8 +37,7 @@ class Finding:
     """One printed reason."""
 
     name: str
-    explains: float | None
-    """Share of the wrong pixels, as `verify` says; None where it does not say."""
+    explains: float | None  # Share of the wrong pixels, as `verify` says; None where it does not say
     alternatives: tuple[str, ...]
     words: str
 
@@ -55,16 +54,11 @@ class Outcome:
     truth: Difference
     verdict: str
     findings: tuple[Finding, ...]
-    rejected: tuple[str, ...]
-    """Names of faults that `verify` says do not explain the images."""
-    admits: bool
-    """Whether `verify` says that no known fault explains the images."""
-    wrong: int
-    """Number of pixels that `verify` counts as wrong in the images as found."""
-    residual: int
-    """Number of wrong pixels after correction, except those that rounding explains."""
-    displacement: float | None
-    """Largest 99th percentile of displacement of a hogel by `verify`, px."""
+    rejected: tuple[str, ...]  # Names of faults that `verify` says do not explain the images
+    admits: bool  # Whether `verify` says that no known fault explains the images
+    wrong: int  # Number of pixels that `verify` counts as wrong in the images as found
+    residual: int  # Number of wrong pixels after correction, except those that rounding explains
+    displacement: float | None  # Largest 99th percentile of displacement of a hogel by `verify`, px
 
     @property
     def names(self) -> frozenset[str]:

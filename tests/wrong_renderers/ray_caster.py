@@ -13,44 +13,30 @@ from numpy.typing import NDArray
 from tests.wrong_renderers.worlds import Floats, Ints, World
 
 Picture = NDArray[np.uint8]
-BLOCK = 24
-"""Number of pixels cast together: their products with all triangles fit the processor's cache."""
+BLOCK = 24  # Number of pixels cast together: their products with all triangles fit the processor's cache
 
 
-FRONT = 1e6
-"""Offset of ranks, mm: more than any reach, so that one half comes before the other."""
+FRONT = 1e6  # Offset of ranks, mm: more than any reach, so that one half comes before the other
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mistakes:
     """The deviations of a renderer from the right one; by default there are none."""
 
-    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Translation of the scene, mm."""
-    scale: float = 1.0
-    """Factor of the scene about the plate's center, while the plate stays."""
-    any_reach: bool = False
-    """Whether surfaces out of reach are drawn too."""
-    aperture: tuple[float, float] = (0.0, 0.0)
-    """Offset of each aperture to the right and up, in hogels."""
-    plate: tuple[float, float] = (1.0, 1.0)
-    """Factors of the distances between apertures."""
-    film: tuple[float, float] = (1.0, 1.0)
-    """Factors of the film's extent."""
-    sample: tuple[float, float] = (0.0, 0.0)
-    """Offset of a pixel's sampling point to the right and down, px."""
-    near: float = 0.0
-    """Distance by which both cameras step back, mm."""
-    screen_height: float = 1.0
-    """Factor of the projection screen's height; its size stays."""
-    screen_center: tuple[float, float] = (0.0, 0.0)
-    """Offset of the projection screen's center, mm."""
-    shear: tuple[float, float] = (1.0, 1.0)
-    """Factors of the shears of C and of C*."""
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Translation of the scene, mm
+    scale: float = 1.0  # Factor of the scene about the plate's center, while the plate stays
+    any_reach: bool = False  # Whether surfaces out of reach are drawn too
+    aperture: tuple[float, float] = (0.0, 0.0)  # Offset of each aperture to the right and up, in hogels
+    plate: tuple[float, float] = (1.0, 1.0)  # Factors of the distances between apertures
+    film: tuple[float, float] = (1.0, 1.0)  # Factors of the film's extent
+    sample: tuple[float, float] = (0.0, 0.0)  # Offset of a pixel's sampling point to the right and down, px
+    near: float = 0.0  # Distance by which both cameras step back, mm
+    screen_height: float = 1.0  # Factor of the projection screen's height; its size stays
+    screen_center: tuple[float, float] = (0.0, 0.0)  # Offset of the projection screen's center, mm
+    shear: tuple[float, float] = (1.0, 1.0)  # Factors of the shears of C and of C*
     only: int | None = None
     """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*."""
-    winner: str = "first"
-    """Rule for the surface that wins; `rank` has the names."""
+    winner: str = "first"  # Rule for the surface that wins; `rank` has the names
     cull: int = 0
     """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for none."""
     light: str = "right"
@@ -66,8 +52,7 @@ class Hits:
 
     pixel: Ints
     triangle: Ints
-    s: Floats
-    """(M,) s of each meeting, from the line's center; negative on the viewer's side."""
+    s: Floats  # (M,) s of each meeting, from the line's center; negative on the viewer's side
 
 
 def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
@@ -168,10 +153,8 @@ def rank(s: Floats, winner: str) -> Floats:
 class Shown:
     """The image of one aperture: triangle numbers, -1 for none, and linear radiance, not rounded."""
 
-    triangle: Ints
-    """(H, W) triangle numbers."""
-    radiance: Floats
-    """(H, W, 3) linear radiance."""
+    triangle: Ints  # (H, W) triangle numbers
+    radiance: Floats  # (H, W, 3) linear radiance
 
 
 def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:

@@ -28,13 +28,11 @@ class Toy:
     """A renderer and what `verify` must say of it."""
 
     name: str
-    words: str
-    """Description of the mistake in words."""
+    words: str  # Description of the mistake in words
     draw: Draw
     encodings: tuple[str, ...] = ENCODINGS
     expected: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    scene: str | None = None
-    """Name of the only scene for the renderer; None for all but `crowd`."""
+    scene: str | None = None  # Name of the only scene for the renderer; None for all but `crowd`
 
     def names(self, encoding: str) -> frozenset[str]:
         """Return the names of faults of which `verify` must name one."""

@@ -22,10 +22,8 @@ class Part:
     """
 
     name: str
-    corners: Floats
-    """(V, 3), scene units."""
-    faces: Ints
-    """(F, 3), vertex numbers."""
+    corners: Floats  # (V, 3), scene units
+    faces: Ints  # (F, 3), vertex numbers
     diffuse: tuple[float, float, float]
     ambient: float = 0.12
     specular: float = 0.2
@@ -47,8 +45,7 @@ class World:
     fov_deg: tuple[float, float] = (0.0, 0.0)
     screen: tuple[float, float, float, float, float] | None = None
     """Screen: height, center x and y, full width and height."""
-    drawn: dict[object, object] = field(default_factory=dict)
-    """Pictures that the toys have drawn already."""
+    drawn: dict[object, object] = field(default_factory=dict)  # Pictures that the toys have drawn already
 
     @cached_property
     def triangles(self) -> Floats:

@@ -63,8 +63,7 @@ def assert_named(found: Verification, expected: Mapping[str, tuple[float, tuple[
     assert corrected["causes"]["unexplained"] == 0
 
 
-CORNERS = {"aperture_offset": (-8.0, 6.0)}
-"""Half a pitch to the left and up: 80 x 60 mm in 5 x 5 hogels."""
+CORNERS = {"aperture_offset": (-8.0, 6.0)}  # Half a pitch to the left and up: 80 x 60 mm in 5 x 5 hogels
 
 
 @pytest.mark.slow

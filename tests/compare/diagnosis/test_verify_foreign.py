@@ -8,17 +8,17 @@ import pytest
 
 import xfrustum
 
-NEAR = {"DF-0.1": 0.1, "DF-0.01": 0.01, "DF-0.001": 0.001, "BT-0.001": None}
+SLOW = pytest.mark.slow
 
 
-QUICK = ("BT-0.001",)
-"""Conventions without an offset; the offsets are slow."""
-
-
+# Hogels without an offset run every time.
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in NEAR]
+    ("name", "offset"),
+    [("BT-0.001", None), *(pytest.param(f"DF-{near}", near, marks=SLOW) for near in (0.1, 0.01, 0.001))],
 )
-def test_conventions_and_offset_of_another_renderer_are_found(name: str, shared_data: Path) -> None:
+def test_conventions_and_offset_of_another_renderer_are_found(
+    name: str, offset: float | None, shared_data: Path
+) -> None:
     folder = shared_data / "data" / "foreign"
     found = xfrustum.verify(
         str(folder / "scene.toml"), str(folder / name / "Hogel_{i}x{j}.png"), encoding="triangle-id"
@@ -29,7 +29,6 @@ def test_conventions_and_offset_of_another_renderer_are_found(name: str, shared_
     assert named["orientation"].value == "turned by 180 degrees"
     assert abs(float(named["shift-x"].value)) == pytest.approx(0.5, abs=0.01)
     assert abs(float(named["shift-y"].value)) == pytest.approx(0.5, abs=0.01)
-    offset = NEAR[name]
     if offset is None:
         assert near is None
     else:

@@ -23,8 +23,7 @@ from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, TOYS, TWINS
 from xfrustum.cli.main import main
 
-LIMIT = 0.01
-"""`verify`'s own limit of wrong pixels in each hogel, where nobody states another."""
+LIMIT = 0.01  # `verify`'s own limit of wrong pixels in each hogel, where nobody states another
 
 BEYOND_DOUBT = 1.5 * LIMIT
 """A renderer with more than this in its worst hogel must not pass; between it and none at all it may. Brute
@@ -33,8 +32,7 @@ force counts a displaced pixel from a whole pixel on only, and colors from a ten
 MUST_EXPLAIN = 0.9
 """Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
 
-MAX_DISPLACEMENT_PX = 0.5
-"""`verify`'s own limit, where nobody states another."""
+MAX_DISPLACEMENT_PX = 0.5  # `verify`'s own limit, where nobody states another
 
 DISPLACED = {name for name in TOYS if name.startswith("moved")}
 DISPLACED |= {"rolled", "corners", "near", "fov", "half-angle", "square-film"}

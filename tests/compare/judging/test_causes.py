@@ -28,8 +28,7 @@ PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
 
 Pictures = tuple[Scene, DrawnModel, HogelImage, HogelImage]
 
-CLEAR_PX = 0.5
-"""Distance from every edge at which rounding explains nothing, px: several subpixels."""
+CLEAR_PX = 0.5  # Distance from every edge at which rounding explains nothing, px: several subpixels
 
 
 def scene_of_one_triangle() -> Scene:
