@@ -66,12 +66,9 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 SHADES = (0.35, 0.9)
 """Darkest and lightest gray of surfaces in pictures without color, by height."""
 
-WRONG, MOVED = (224, 49, 49), (49, 130, 224)
-"""Colors of pixels that show a wrong surface, and of those that show a displaced point, full at a stated
-displacement."""
-
-DIMMED, MARKED = 0.5, 0.8
-"""Brightness of a picture under marks, and opacity of the mark of a displaced pixel."""
+WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
+"""Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under marks, and
+opacity of the mark of a displaced pixel."""
 
 MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
 """Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole ones, and the
@@ -135,11 +132,8 @@ def png(picture: Bytes) -> bytes:
 
 # Images as labelled arrays
 
-SCENE_UNITS = "scene units"
-"""Unit of lengths where nobody says what a scene's own unit is."""
-
-NO_UNIT = "1"
-"""Unit of what has none, as in stored plates."""
+SCENE_UNITS, NO_UNIT = "scene units", "1"
+"""Unit of lengths where nobody says what a scene's own unit is, and of what has none, as in stored plates."""
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,8 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.notebook import Brief, Labelled, digits
 
-RESOLUTION = (400, 300)
-"""Pixels of an eye's film where nobody says otherwise."""
-
-MAX_EYE_PIXELS = 1 << 24
-"""Largest number of pixels of an eye's film, some 100 bytes each."""
+RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
+"""Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each."""
 
 PUPIL_POINTS = 16
 """Points of the pupil over which color is averaged: blur of a few pixels looks smooth with so many."""
@@ -31,8 +28,8 @@ PUPIL_POINTS = 16
 class Beam(StrEnum):
     """The profile of the beam that a hogel replays for each of its pixels.
 
-    `BOX` is uniform over the pixel, so that an eye sees the nearest one; `TENT` falls linearly to the centers
-    of the neighbors, so that an eye sees a mean of four.
+    `BOX` is uniform: an eye sees the nearest pixel. `TENT` falls linearly to the centers of the neighbors: it
+    sees a mean of four.
     """
 
     BOX = "box"

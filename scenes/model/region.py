@@ -61,9 +61,8 @@ class Region:
         It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up to the reach, and needs no
         settings unless one of them has a smaller near.
         """
-        unbounded = any(loses_far_plane(scene, one) for one in settings)
-        rectangle = _cells(scene, apertures)
-        return cls(scene=scene, apertures=rectangle, step=scene.frustum.longest_reach, unbounded=unbounded)
+        unbounded, step = any(loses_far_plane(scene, one) for one in settings), scene.frustum.longest_reach
+        return cls(scene=scene, apertures=_cells(scene, apertures), step=step, unbounded=unbounded)
 
     @classmethod
     def true(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:

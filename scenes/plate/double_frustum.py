@@ -33,12 +33,7 @@ class DepthMapping(StrEnum):
 
     `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` is the same with
     OpenGL's own clip depth -1..1; `REVERSED` goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
-    `LINEAR` (w - n)/(f - n), both written by the fragment.
-
-    A new mapping needs a member here and a case in every `match` on a mapping: in
-    `raster/cameras/depth_formats.py`, in `depth.py` and `share.py` of `compare/prediction`, in `depth.py` and
-    `edges.py` of `compare/rounding`, and in `compare/planning/search.py`. mypy finds these places: it reports
-    every `match` that lacks a member.
+    `LINEAR` (w - n)/(f - n), both written by the fragment. mypy finds every `match` that lacks a new member.
     """
 
     STANDARD = "standard"
@@ -49,10 +44,9 @@ class DepthMapping(StrEnum):
 
 
 class Pivot(StrEnum):
-    """The point about which a recentered frustum is sheared.
+    """The point about which a recentered frustum is sheared: the aperture (paper, section 5), or each camera.
 
-    `APERTURE` moves the two cameras apart so that their frusta cross in the aperture plane (paper,
-    section 5); `CAMERA` is the ordinary off-axis projection about each camera's own center.
+    The second is the ordinary off-axis projection.
     """
 
     APERTURE = "aperture"
@@ -92,17 +86,6 @@ class Cull(StrEnum):
     BACK = "back"
 
 
-_NAMED: dict[str, type[StrEnum]] = {
-    "depth": DepthFormat,
-    "mapping": DepthMapping,
-    "camera": Camera,
-    "pivot": Pivot,
-    "offset": Offset,
-    "cull": Cull,
-}
-"""Settings that are names."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
     """One way to draw the two cameras C and C*.
@@ -135,11 +118,12 @@ class DoubleFrustum:
             raise InputError(
                 f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
             )
-        ascending = all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf)))
-        if not ascending:
+        if not all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf))):
             raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
         settle(self, near=near, slabs=slabs, fit=_fit(self.fit))
-        for name, kind in _NAMED.items():
+        kinds = (DepthFormat, DepthMapping, Camera, Pivot, Offset, Cull)
+        names = ("depth", "mapping", "camera", "pivot", "offset", "cull")
+        for name, kind in zip(names, kinds, strict=True):
             settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
