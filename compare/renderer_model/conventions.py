@@ -5,10 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # the command line reads names from here before anything else is loaded
+    from numpy.typing import NDArray
+
+Place = TypeVar("Place", int, "NDArray[Any]")
+"""Columns, or rows, of one cell or of many."""
 
 CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
 """Conventions that a renderer's author may declare, so that images are judged by them."""
@@ -61,9 +64,7 @@ class Orientation:
         """What was done to an upright picture to give the one found, and how apertures are counted."""
         return _WORDS[self.transpose, self.flip_x, self.flip_y]
 
-    def cells(
-        self, column: NDArray[Any], row: NDArray[Any], size: tuple[int, int]
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+    def cells(self, column: Place, row: Place, size: tuple[int, int]) -> tuple[Place, Place]:
         """Return where cells belong, on a grid of some columns and rows."""
         if self.transpose:
             column, row = row, column
@@ -71,17 +72,16 @@ class Orientation:
 
     def index(self, index: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
         """Return where one cell belongs."""
-        column, row = self.cells(np.array(index[0]), np.array(index[1]), size)
-        return int(column), int(row)
+        return self.cells(*index, size)
 
     def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return a picture (H, W, ..) as it belongs."""
-        return self._flipped(np.swapaxes(picture, 0, 1) if self.transpose else picture)
+        return self._flipped(picture.swapaxes(0, 1) if self.transpose else picture)
 
     def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
         picture = self._flipped(picture)
-        return np.swapaxes(picture, 0, 1) if self.transpose else picture
+        return picture.swapaxes(0, 1) if self.transpose else picture
 
     def _flipped(self, picture: NDArray[Any]) -> NDArray[Any]:
         return picture[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
