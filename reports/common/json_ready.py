@@ -12,17 +12,12 @@ from typing import Any
 
 import numpy as np
 
-INLINED: Mapping[str, object] = {"inlined": True, "columns": "{}"}
-"""Metadata of a field whose own fields stand beside it: its keys in JSON, and its columns in a table, have no
-prefix."""
-
 
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types.
 
-    A dataclass becomes an object of its fields; the keys of a field that is `INLINED` stand beside the
-    other fields. NaN and infinity become None, numpy scalars numbers, and figures of plotly the objects
-    that plotly.js takes.
+    A dataclass becomes an object of its fields. NaN and infinity become None, numpy scalars numbers, and
+    figures of plotly the objects that plotly.js takes.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
@@ -44,11 +39,7 @@ def json_ready(value: Any) -> Any:
 
 def json_object(record: Any) -> dict[str, Any]:
     """Return a dataclass as a JSON object; see `json_ready`."""
-    content: dict[str, Any] = {}
-    for field in fields(record):
-        ready = json_ready(getattr(record, field.name))
-        content |= ready if field.metadata.get("inlined") else {field.name: ready}
-    return content
+    return {field.name: json_ready(getattr(record, field.name)) for field in fields(record)}
 
 
 def write_json(path: Path, record: Any) -> None:

@@ -73,13 +73,10 @@ def _options(settings: DoubleFrustum) -> list[str]:
         value = getattr(settings, name)
         # Options that are left out have their usual values.
         if value != getattr(usual, name):
-            texts = [f"{one:g}" if isinstance(one, float) else str(one) for one in _listed(value)]
+            every = value if isinstance(value, tuple) else (value,)
+            texts = (f"{one:g}" if isinstance(one, float) else str(one) for one in every)
             words += [f"--{name}", ",".join(texts)]
     return words
-
-
-def _listed(value: object) -> tuple[object, ...]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 def unexamined_truth(tracer: str) -> str:

@@ -107,11 +107,6 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
     `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
     `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.error_maps`). The worst aperture counts.
-
-    Raises
-    ------
-    ValueError
-        There are no rows.
     """
     candidates = _candidates(rows)
     comparisons = max(len(candidates) - 1, 1)
@@ -131,11 +126,6 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     these are equal too, the geometry and the depth buffer that come first. Its middle, by ratio, is farthest
     both from nears so large that they bend the picture and from nears so small that they starve it of depth;
     of two middles the larger near is taken.
-
-    Raises
-    ------
-    ValueError
-        There are no rows.
     """
     good = equally_good(rows)
     windows: list[tuple[Window, list[_Candidate]]] = []

@@ -12,7 +12,6 @@ from xfrustum.compare.metrics.error_maps import PixelSet, Spread
 from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.run import StageTimes
-from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.records import named_columns
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
@@ -63,7 +62,7 @@ class TableRow:
     """One row of measurements.parquet, which names the scene and everything that made the numbers."""
 
     aperture: Aperture
-    numbers: RowNumbers = field(metadata=INLINED)
+    numbers: RowNumbers = field(metadata=named_columns("{}"))
     causes: Mapping[str, CauseNumbers | None] = field(metadata=named_columns("cause_{}"))
     made_by: Mapping[str, str] = field(metadata=named_columns("{}"))
 

@@ -31,6 +31,7 @@ from xfrustum.reports.inspection.channels import MAX_HOGELS, InspectedHogel, ins
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
+from xfrustum.scenes.notebook import counted
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -129,12 +130,10 @@ class Sweep:
     @property
     def cost_sentence(self) -> str:
         """What measuring took, in words."""
-        count = len(self.truths)
-        frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
-        if self.decided_by == CERTIFIED:
-            truths = "the certified truth" if count == 1 else f"{count} certified truths"
-        else:
-            truths = f"{'the picture' if count == 1 else f'{count} pictures'} by {self.decided_by} alone"
+        truths = counted(len(self.truths), "certified truth")
+        if self.decided_by != CERTIFIED:
+            truths = f"{counted(len(self.truths), 'picture')} by {self.decided_by} alone"
+        frames = counted(len(self.rows), "raster frame")
         return (
             f"Measured in {self.wall_s:.2f} s of wall time, in which stages ran side by side: {frames} with "
             f"read-back {self.times_s['raster']:.2f} s, {truths} {self.times_s['trace']:.2f} s, the page's "

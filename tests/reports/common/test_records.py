@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -15,7 +16,7 @@ from tests.support.rows import GPU_S, NO_PREDICTION, TIMES, comparison_numbers, 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
-from xfrustum.reports.common.json_ready import INLINED, json_ready
+from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
 from xfrustum.reports.error_report.measurement import TableRow
 from xfrustum.scenes import DoubleFrustum
@@ -38,7 +39,7 @@ class Thing:
     heavy: bool
     size: Size | None
     weights: tuple[float, ...]
-    inner: Size = field(metadata=INLINED)
+    inner: Size = field(metadata=named_columns("{}"))
     times: Mapping[str, float] = field(metadata=named_columns("time_{}_s"))
     label: Kind | float | None = None
 
@@ -86,15 +87,16 @@ def test_what_a_row_lacks_is_null_of_the_right_type_and_not_a_number_too() -> No
     assert all(table.schema.field(name).type == bare.field(name).type for name in bare.names)
 
 
-def test_json_inlines_what_a_table_inlines() -> None:
+def test_json_has_the_fields_and_none_for_what_is_no_number() -> None:
+    value = {"a": float("nan"), "b": [np.float32("inf"), np.int64(3)], "c": np.array([1.0, np.nan])}
+    assert json_ready(value) == {"a": None, "b": [None, 3], "c": [1.0, None]}
     assert json_ready(thing(None, {"a": 1.0})) == {
         "name": "a",
         "kind": "round",
         "heavy": True,
         "size": None,
         "weights": [],
-        "width": 3,
-        "height": None,
+        "inner": {"width": 3, "height": None},
         "times": {"a": 1.0},
         "label": None,
     }
