@@ -223,11 +223,12 @@ def _measure(
             else:
                 since = time.perf_counter()
                 picture = images.picture(truth, reduction)
-                stages["pictures"] += time.perf_counter() - since
+                drawn = time.perf_counter()
+                stages["pictures"] += drawn - since
                 found = tracers.find(truth) if tracers else None
                 marks = images.alone_pictures(truth, found.wrong, reduction) if found else {}
                 truths[aperture] = Truth(picture=picture, alone=found.numbers if found else None, marks=marks)
-                stages["alone"] = time.perf_counter() - since
+                stages["alone"] = time.perf_counter() - drawn
                 bar.set_postfix_str(f"{at}: truth", refresh=False)
                 bar.update()
             for stage, taken in stages.items():
