@@ -219,12 +219,7 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
         raise InputError(f"{path}: {described(error, SceneTables)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    _check_references(path, file)
-    return file, plate, frustum
-
-
-def _check_references(path: Path, file: SceneTables) -> None:
-    """Refuse names of materials and files that there are not, all of them before the first mesh is read."""
+    # Names of materials and files that there are not are refused before the first mesh is read.
     for index, entry in enumerate(file.objects):
         if entry.material is not None and entry.material not in file.material:
             known = ", ".join(file.material) or "none"
@@ -239,6 +234,7 @@ def _check_references(path: Path, file: SceneTables) -> None:
         with named(path, "environment.map"):
             advice = "its path is relative to the scene file"
             regular_size(path.parent / file.environment.map, "environment map", advice)
+    return file, plate, frustum
 
 
 @contextmanager
@@ -274,14 +270,12 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
 
 def dotted(location: Location) -> str:
     """Return a location as people write it, such as `object[0].rotate_deg`."""
-    text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            bare = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else json.dumps(part)
-            text += f".{bare}" if text else bare
-    return text
+    bare = re.compile(r"[A-Za-z0-9_-]+")
+    keys = (
+        f"[{k}]" if isinstance(k, int) else "." + (k if bare.fullmatch(k) else json.dumps(k))
+        for k in location
+    )
+    return "".join(keys).removeprefix(".")
 
 
 def _table_at(table: type[BaseModel], location: Location) -> type[BaseModel]:

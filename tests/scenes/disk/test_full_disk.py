@@ -66,7 +66,7 @@ def swept(command: str, limits: list[int], folder: Path) -> tuple[list[Outcome],
     return outcomes, whole
 
 
-@pytest.mark.parametrize("command", ["trace", "raster"])
+@pytest.mark.parametrize("command", kept(["trace", "raster"], ["trace"]))
 def test_an_image_is_whole_or_absent_wherever_the_disk_is_full(command: str, folder: Path) -> None:
     """OpenEXR writes the last bytes when it closes, and says nothing of an error then."""
     size = (folder / ("truth.exr" if command == "trace" else "1x0.exr")).stat().st_size
@@ -79,7 +79,7 @@ def test_an_image_is_whole_or_absent_wherever_the_disk_is_full(command: str, fol
 
 @pytest.mark.parametrize("command", kept(["compare", "verify", "plate"], ["plate"]))
 def test_everything_else_is_whole_or_absent_wherever_the_disk_is_full(command: str, folder: Path) -> None:
-    outcomes, whole = swept(command, [100, 1000, 40_000], folder)
+    outcomes, whole = swept(command, [400, 4000], folder)
     for outcome in outcomes:
         assert_done_or_absent(outcome, whole)
     assert {outcome.status for outcome in outcomes} >= {2}
