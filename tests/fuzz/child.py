@@ -16,8 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-HANG_S = 20.0
-"""Seconds after which a command that reads one small input counts as hanging."""
+HANG_S = 120.0
+"""Seconds after which a command that reads one small input counts as hanging: some take six seconds of CPU
+time, and many run side by side."""
 
 WRITTEN_BYTES = 1 << 26
 """Bytes of the largest file that an input may make a command write."""
