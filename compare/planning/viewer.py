@@ -143,11 +143,6 @@ class EyeRequirement(Requirement):
             found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
         return tuple(found)
 
-    @property
-    def binding(self) -> NearLimit | None:
-        """The limit that leaves the smallest near; None where no near is noticed."""
-        return binding(self.limits)
-
 
 def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     """Return the limit that leaves the smallest near; None where no near is noticed."""

@@ -193,7 +193,7 @@ def planned_record(
     farthest = max(requirement.content.farthest, key=abs, default=0.0)
     blurs, binds, limit = (
         blur_arcmin(farthest, viewer, display),
-        requirement.binding,
+        binding(requirement.limits),
         requirement.separation_limit,
     )
     rays = None

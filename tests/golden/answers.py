@@ -114,6 +114,7 @@ EXPECTED = {
     # apertures the other way: the neighbors of the one are looked through, or those of the other.
     r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both are right",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
+    r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression: answers that differ or have gone, and why the new one is right."""

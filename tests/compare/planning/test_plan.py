@@ -318,7 +318,7 @@ def test_a_plan_grows_with_the_scene(buffer: tuple[DepthFormat, DepthMapping]) -
 
 @pytest.mark.parametrize("name", thinned(["asymmetric-recentered", "car"], 2))
 def test_asking_for_more_never_gives_fewer_slabs_or_else_a_larger_near(name: str) -> None:
-    views = views_of(name)
+    views = traced(view(name, (96, 72)))
     easier = Requirement(tolerance_px=2.0, separation=2.0, max_wrong=0.1)
     for harder in (
         [replace(easier, tolerance_px=px) for px in (0.5, 0.02)],

@@ -62,7 +62,7 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
 @pytest.fixture(scope="module")
 def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("scene") / "small.toml"
-    size = film((40.0, 30.0), hogels=(9, 7), resolution=(64, 48), fov_deg=(60.0, 50.0), reach=(100.0, 100.0))
+    size = film((40.0, 30.0), hogels=(9, 7), resolution=(48, 36), fov_deg=(60.0, 50.0), reach=(100.0, 100.0))
     file.write_text(size + part("torus", 30.0, (2.0, 1.0, -40.0)))
     return str(file)
 

@@ -157,7 +157,7 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
 
 def crossed(tmp_path: Path, **keys: object) -> str:
     """Write a scene whose plate is a row of apertures on the x axis, and a square through some of them."""
-    size = film((40.0, 5.0), hogels=(8, 1), resolution=(64, 48), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
+    size = film((40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
     text = size + part("square", 20.0, (-10.5, 0.0, 0.0), **keys) + part("box", 10.0, (8.0, 0.0, -30.0))
     (tmp_path / "crossed.toml").write_text(text)
     return str(tmp_path / "crossed.toml")

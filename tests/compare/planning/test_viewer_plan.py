@@ -12,7 +12,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.plan import Plan
-from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement
+from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding
 from xfrustum.compare.planning.views import Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.reports.eye.plan_replay import (
@@ -48,7 +48,7 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     wanted = replace(wanted, display=replace(wanted.display, pitch=0.5))
     stereo, crack = wanted.limits
     assert (stereo.name, crack.name) == (STEREO, CRACK)
-    assert wanted.binding == stereo
+    assert binding(wanted.limits) == stereo
     near = stereo.largest_near
     assert near is not None and crack.largest_near is not None and near < crack.largest_near
     assert wanted.by_eyes(DoubleFrustum(near=near)) <= 1
@@ -62,13 +62,13 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
     scene = open_scene(scene_file)
     viewer = Viewer(distance=600.0, stereo_acuity_arcsec=1e6)
     fine = replace(requirement(scene, viewer), display=replace(Display.of(scene), pitch=0.1))
-    binding = fine.binding
-    assert binding is not None and binding.largest_near is not None
-    assert (binding.name, binding.hidden_by) == (CRACK, "acuity")
-    assert "crack" in fine.limit_of_near(DoubleFrustum(near=2 * binding.largest_near), "mm")
+    binds = binding(fine.limits)
+    assert binds is not None and binds.largest_near is not None
+    assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
+    assert "crack" in fine.limit_of_near(DoubleFrustum(near=2 * binds.largest_near), "mm")
     # Without a surface at the plate nothing is noticed at any near.
     apart = replace(fine, content=replace(fine.content, through=False))
-    assert apart.binding is None and len(apart.limits) == 1
+    assert binding(apart.limits) is None and len(apart.limits) == 1
 
 
 def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
@@ -86,7 +86,7 @@ def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) 
     stereo, crack = wanted.limits
     assert stereo.largest_near == 0.0
     assert crack.largest_near != 0.0
-    assert wanted.binding == stereo
+    assert binding(wanted.limits) == stereo
     assert "no near" in planned_table(record_of(wanted), "mm")
 
 
