@@ -149,6 +149,7 @@ class Search:
         self.highest = index_below(frustum.longest_reach, strictly=True)
         self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
         self._tolerable = lru_cache(maxsize=None)(self._displaces_little)
+        self.judged = lru_cache(maxsize=None)(self._judged)
         self._traced = lru_cache(maxsize=None)(
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
@@ -241,8 +242,8 @@ class Search:
         assert best is not None
         return self._with_largest_near(buffer, best[1])
 
-    def judged(self, settings: DoubleFrustum) -> Attempt:
-        """Return what is to be expected of any settings."""
+    def _judged(self, settings: DoubleFrustum) -> Attempt:
+        """Return what is to be expected of any settings: `judged`, which knows those that were asked for."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
         if not attempt.holds or self.requirement.SEEN_BY_EYES:
@@ -335,19 +336,20 @@ class Search:
         def judged(length: float) -> Attempt:
             return self.judged(settings_with(length))
 
-        found = largest_index(low, high, lambda length: may_hold(settings_with(length)))
-        index = low if found is None else found
-        largest = attempt = judged(round_number(index))
+        def small_enough(length: float) -> bool:
+            """Return whether a length holds, or depth alone fails, which no smaller one would mend."""
+            one = judged(length)
+            return one.holds or (one.depth_excess > 1 and one.settings.near <= farthest)
+
         farthest = max(self._views.farthest(camera) for camera, _ in self._sides)
+        found = largest_index(low, high, lambda length: may_hold(settings_with(length)))
+        index = above = low if found is None else found
+        largest = judged(round_number(index))
         # A smaller near displaces less, and helps depth only where n is larger than any |z|, and rounds w.
-        while index > low and not attempt.holds:
-            if attempt.depth_excess > 1 and attempt.settings.near <= farthest:
-                break
+        while index > low and not small_enough(round_number(index)):
             above, index = index, max(index - INDICES_PER_OCTAVE, low)
-            attempt = judged(round_number(index))
-            if attempt.holds:
-                found = largest_index(index, above - 1, lambda length: judged(length).holds)
-                return attempt if found is None else judged(round_number(found))
+        found = largest_index(index, above - 1, small_enough)
+        attempt = largest if found is None else judged(round_number(found))
         return attempt if attempt.holds else largest
 
     def _is_tolerable(self, settings: DoubleFrustum) -> bool:
