@@ -44,8 +44,8 @@ class Timing:
     median: float
     lowest: float
     highest: float
-    repetitions: int  # after the warm-up
-    # Ends of the median's interval where it is narrower than from `lowest` to `highest`, else None.
+    repetitions: int  #: after the warm-up
+    #: Ends of the median's interval where it is narrower than from `lowest` to `highest`, else None.
     low: float | None = None
     high: float | None = None
 

@@ -47,11 +47,11 @@ class CostReport(Shown):
 
     scene: Scene
     aperture: Aperture
-    # Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
+    #: Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
     auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
-    # By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
+    #: By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
     upload_s: dict[str, float]
     machine: dict[str, str]
     versions: dict[str, str]

@@ -26,14 +26,14 @@ class Option:
 
     renderer: str
     label: str
-    # Group of options that it belongs to: a depth buffer, or whatever else was varied.
+    #: Group of options that it belongs to: a depth buffer, or whatever else was varied.
     family: str
     configuration: Mapping[str, Any]
-    # 99th percentile of displacement, and share of judged pixels with the wrong surface.
+    #: 99th percentile of displacement, and share of judged pixels with the wrong surface.
     displacement_p99_px: float
     surface_fraction: float
-    # Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
-    # read back: None for a tracer, which does neither.
+    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
+    #: read back: None for a tracer, which does neither.
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None

@@ -51,7 +51,7 @@ class Way:
     family: str
     make: Callable[[], HogelImage | Drawn]
     configuration: Mapping[str, Any] = field(default_factory=dict)
-    # By name: seconds of whole pictures, and of drawing and reading back.
+    #: By name: seconds of whole pictures, and of drawing and reading back.
     seconds: dict[str, list[float]] = field(default_factory=lambda: {"time_s": [], "gpu_s": [], "read_s": []})
 
     def picture(self) -> HogelImage:

@@ -44,7 +44,7 @@ class Window:
 
     low: float
     high: float
-    nears: int  # that were measured from `low` to `high`
+    nears: int  #: that were measured from `low` to `high`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +54,12 @@ class Recommendation:
     settings: DoubleFrustum
     surface_fraction: float
     displacement_p99_px: float
-    # Share of judged pixels with a channel that is off by more than 1/255; None of a scene without shading.
+    #: Share of judged pixels with a channel that is off by more than 1/255; None of a scene without shading.
     radiance_fraction: float | None
-    # The near planes of the same depth buffer that are as good.
+    #: The near planes of the same depth buffer that are as good.
     window: Window
-    # The aperture with the largest share of wrong surfaces, and of those the most displaced one; and the one
-    # with the largest displacement: the same one, unless another is displaced more.
+    #: The aperture with the largest share of wrong surfaces, and of those the most displaced one; and the one
+    #: with the largest displacement: the same one, unless another is displaced more.
     aperture: Aperture
     displaced_aperture: Aperture
 

@@ -44,7 +44,7 @@ class MissedLight:
 
     aperture: Aperture
     numbers: LeftOutNumbers
-    # Addresses of the truth with shadows and interreflection, and of its difference from the truth without.
+    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth without.
     picture: str
     difference: str
 
@@ -54,14 +54,14 @@ class LightReport:
     """What a report says about light beside its rows."""
 
     scene: Scene
-    names: str  # of the effects, as `--effects` takes them
-    # For every effect: whether the scene calls for it, and why.
+    names: str  #: of the effects, as `--effects` takes them
+    #: For every effect: whether the scene calls for it, and why.
     decisions: tuple[Decision, ...]
-    # Whether the rasterizer's images with all effects and with those called for are the same, bit by bit.
+    #: Whether the rasterizer's images with all effects and with those called for are the same, bit by bit.
     same_bits: bool
-    # Error by near; empty where no highlight and no reflection is drawn.
+    #: Error by near; empty where no highlight and no reflection is drawn.
     eye: tuple[EyeError, ...]
-    # Missed light by aperture; empty where no light transport is asked for.
+    #: Missed light by aperture; empty where no light transport is asked for.
     missed: tuple[MissedLight, ...]
 
     @property

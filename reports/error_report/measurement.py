@@ -84,13 +84,13 @@ class Measurement:
     unexplained: int | None
     predicted: Prediction | None
     times_s: StageTimes
-    # The device's own time, a part of `times_s.raster`.
+    #: The device's own time, a part of `times_s.raster`.
     gpu_s: float
     shear: ShearNumbers | None = None
-    # By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off by
-    # more than 1/255; empty where they were not kept.
+    #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off by
+    #: more than 1/255; empty where they were not kept.
     wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
-    # Encoded pictures by name; see `images.setting_pictures`.
+    #: Encoded pictures by name; see `images.setting_pictures`.
     pictures: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
     @property

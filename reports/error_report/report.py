@@ -46,13 +46,13 @@ class ReportFiles:
     json: Path
     parquet: Path
     inspection: Path
-    # The best setting with its numbers at the worst aperture, in words, and the command that draws with it.
+    #: The best setting with its numbers at the worst aperture, in words, and the command that draws with it.
     best: Recommendation
     sentence: str
     command: str
-    # The object in report.json.
+    #: The object in report.json.
     content: dict[str, Any]
-    # Further sentences: how much of the plate was measured, and what is left out; and the time that it took.
+    #: Further sentences: how much of the plate was measured, and what is left out; and the time that it took.
     notes: tuple[str, ...]
     cost: str
 

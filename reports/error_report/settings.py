@@ -47,26 +47,26 @@ class ReportOptions:
     Every combination of the nears, depth buffers and camera geometries is measured.
     """
 
-    # In scene units, each between 0 and the reach; None for `default_nears`.
+    #: In scene units, each between 0 and the reach; None for `default_nears`.
     nears: Sequence[float] | None = None
-    # None for the middle one and, if the frustum is recentered, two corners. With those that
-    # `auto_apertures` chooses, the page has a map of the plate.
+    #: None for the middle one and, if the frustum is recentered, two corners. With those that
+    #: `auto_apertures` chooses, the page has a map of the plate.
     apertures: Sequence[Aperture] | AutoApertures | None = None
     depths: Sequence[DepthBuffer] | None = None
-    # None for both of a recentered frustum where they differ; else the aperture.
+    #: None for both of a recentered frustum where they differ; else the aperture.
     pivots: Sequence[Pivot] | None = None
     fits: Sequence[Fit | float] | None = None
     offsets: Sequence[Offset] | None = None
     slabs: Sequence[tuple[float, ...]] | None = None
     cull: Cull = Cull.NONE
     tracer: str = "embree"
-    # Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
+    #: Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
     effects: str = "auto"
-    # What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
+    #: What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
     decided_by: str = CERTIFIED
-    # Whether wrong pixels are charged to causes, and errors predicted.
+    #: Whether wrong pixels are charged to causes, and errors predicted.
     causes: bool = True
-    # Whether there is a progress bar on standard error.
+    #: Whether there is a progress bar on standard error.
     progress: bool = False
 
 

@@ -65,19 +65,19 @@ class Sweep:
     scene: Scene
     options: ReportOptions
     apertures: tuple[Aperture, ...]
-    # One for each aperture and setting: all settings of the first aperture first.
+    #: One for each aperture and setting: all settings of the first aperture first.
     rows: tuple[Measurement, ...]
     truths: tuple[Truth, ...]
-    decided_by: str  # what decided the truths; see `reference.plain.DECISIONS`
-    reduction: int  # image pixels per picture pixel, along each side
+    decided_by: str  #: what decided the truths; see `reference.plain.DECISIONS`
+    reduction: int  #: image pixels per picture pixel, along each side
     versions: Mapping[str, str]
     devices: Mapping[str, str]
-    # Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
-    # `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and `light`
-    # of a shaded scene. Stages run at the same time: the sum exceeds `wall_s`.
+    #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
+    #: `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and of a
+    #: shaded scene `light`. Stages run at the same time: the sum exceeds `wall_s`.
     times_s: Mapping[str, float]
     wall_s: float
-    # Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
+    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
     inspected: tuple[InspectedHogel, ...]
     light: LightReport | None
 
