@@ -48,8 +48,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ReportFiles]:
         return draw(self, aperture, settings, **how)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run, "ChainStart", refuse)
-        patched.setattr(run, "Predictor", refuse)
+        for name in ("ChainStart", "Predictor"):
+            patched.setattr(run, name, type(name, (), {"__init__": refuse}))
         patched.setattr(Reference, "trace_model", refuse)
         patched.setattr(Reference, "gaps", refuse)
         patched.setattr(Rasterizer, "draw", noted)
