@@ -412,11 +412,12 @@ def serve(descriptor: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     threading.Thread(target=listen, daemon=True).start()
-    opened, job = _OpenSession(), pickle.loads(asked.get())
+    opened, job = _OpenSession(), asked.get()
     while True:
-        function, item = pickle.loads(asked.get())
+        request = asked.get()
         try:
-            answer = True, function(opened.of(job, lambda: job), item)
+            function, item = pickle.loads(request)
+            answer = True, function(opened.of(job, lambda: pickle.loads(job)), item)
         except Exception as error:
             answer = False, _portable(error)
         connection.send(answer)

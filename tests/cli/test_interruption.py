@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -14,6 +15,10 @@ from pathlib import Path
 import pytest
 
 from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, part
+
+FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
 
@@ -195,6 +200,30 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         os.kill(int(out), signal.SIGKILL)
 
 
+def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path) -> None:
+    body = """
+        import os, sys
+        from pathlib import Path
+        from xfrustum.reports.common.outputs import write_output
+        os.mkfifo("pipe")
+        def watched(event, arguments):
+            if event == "open" and str(arguments[0]) == "pipe":
+                print("ready", flush=True)
+        sys.addaudithook(watched)
+        write_output(Path("pipe"), b"content", "--junit")
+        """
+    with start(program(body), tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == ENDED[signal.SIGINT]
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its status stands, and no exception comes out of what Python still has to do."""
     leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
@@ -249,3 +278,48 @@ def cpu_s(pid: int) -> float:
     """Return the CPU time that a process has taken, in seconds; proc(5), /proc/pid/stat."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", list(ENDED))
+def test_a_report_that_is_stopped_says_so_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
+    with start(["-m", "xfrustum", "report", "car", "--quiet", "--out", "out"], tmp_path) as process:
+        while process.poll() is None and len(list(tmp_path.iterdir())) == 1:
+            time.sleep(0.01)
+        assert process.poll() is None, "the report has begun"
+        # `timeout` sends two signals; the second must not stop the cleaning up.
+        for _ in range(2 if stop is signal.SIGTERM else 1):
+            process.send_signal(stop)
+        _, said = process.communicate()
+    assert (process.returncode, said) == ENDED[stop]
+    assert [path.name for path in tmp_path.rglob("*")] == ["temporary"]
+
+
+@pytest.mark.slow
+def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
+    random_number, folder = random.Random(14), tmp_path
+    (folder / "boxes.toml").write_text(SCENE)
+    command = from_the_first_moment(["trace", "boxes.toml", "--quiet", "--out", "x.exr"])
+    begun = time.monotonic()
+    with start(command, folder) as process:
+        _, said = process.communicate(timeout=300)
+    assert (process.returncode, said) == (0, "")
+    whole = time.monotonic() - begun
+    for _ in range(40):
+        (folder / "x.exr").unlink(missing_ok=True)
+        stop = random_number.choice(list(ENDED))
+        with start(command, folder) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            time.sleep(random_number.uniform(0, whole))
+            for _ in range(random_number.choice([1, 1, 2])):
+                process.send_signal(stop)
+            _, said = process.communicate(timeout=300)
+        left = sorted(path.name for path in folder.iterdir() if path.name not in ("boxes.toml", "temporary"))
+        if process.returncode == 0:  # it was done before
+            assert (said, left) == ("", ["x.exr"])
+        else:
+            assert (process.returncode, said) == ENDED[stop]
+            # A signal that comes after the file has taken its place does not remove the file.
+            assert left in ([], ["x.exr"])
+        assert list((folder / "temporary").iterdir()) == []

@@ -62,6 +62,7 @@ STRANGE_VALUES = (
     ("trace", "car", "--tracer", "strange", "--out", "x.exr"),
     ("plate", "car", "--near", "0.1", "--color", "int7", "--out", "x.zarr"),
     ("plate", "car", "--near", "0.1", "--apertures", "a,b", "--out", "x.zarr"),
+    ("verify", "car", "x.png", "--accept", "strange"),
     ("plan", "car", "--apertures", "none"),
     ("compare", "nosuch.exr", "nosuch.exr"),
     ("new", "nosuch.obj"),

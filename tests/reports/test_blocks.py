@@ -13,6 +13,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, NoReturn
 
 import psutil
 import pytest
@@ -122,6 +123,20 @@ def test_what_a_worker_refuses_is_refused_here_in_its_words(tmp_path: Path) -> N
         run(ToyJob.at(tmp_path, bad=5), Engine(workers=2))
 
 
+def unread(*_: object) -> NoReturn:
+    raise LookupError("there is no such thing in a worker")
+
+
+class UnreadJob(ToyJob):
+    def __reduce__(self) -> Any:
+        return unread, ()
+
+
+def test_a_job_that_a_worker_cannot_read_fails_with_its_own_error(tmp_path: Path) -> None:
+    with pytest.raises(LookupError, match="no such thing in a worker"):
+        run(UnreadJob.at(tmp_path), Engine(workers=2))
+
+
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
 def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
     stop: signal.Signals, tmp_path: Path, undisturbed: dict[str, bytes]
@@ -184,17 +199,21 @@ def test_a_killed_worker_of_a_cluster_changes_no_byte(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_dies_ends_the_command_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_scheduler_that_dies_ends_the_command_in_one_line_and_the_next_one_goes_on(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(blocks, "CONNECT_S", 60)
     port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
+    where = Engine(scheduler=f"tcp://127.0.0.1:{port}")
     with ThreadPoolExecutor(1) as pool, dask(*worker(port)):
         with dask(*scheduler(port)):
-            work = pool.submit(run, job, Engine(scheduler=f"tcp://127.0.0.1:{port}"))
+            work = pool.submit(run, job, where)
             wait_for_blocks(tmp_path, 2)
         with pytest.raises(InputError, match="is gone; start it again and repeat the command"):
             work.result(LONGEST_WAIT_S)
+        with dask(*scheduler(port)), dask(*worker(port)):
+            run(job, where)
+    assert parts_of(tmp_path) == undisturbed
 
 
 def test_scenes_travel_whole_with_their_jobs() -> None:

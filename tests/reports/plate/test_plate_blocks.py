@@ -25,6 +25,7 @@ from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, d
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import StoredPlate, camera_of
 from xfrustum.scenes import InputError, Plate
+from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 BLOCK = (3, 2)
@@ -215,6 +216,14 @@ def test_questions_that_make_no_sense_are_refused_in_one_line(
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1 and said in printed.err
     assert not out.exists()
+
+
+def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
+    scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
+    out = write_plate(scene, None, tmp_path / "x.zarr", [scene.plate.middle]).out
+    said: Any = zarr.open_group(out, mode="r").attrs["xfrustum"]
+    assert said["transport"] == {"shadows": True, "interreflection": False, "samples": 4}
+    assert "settings" not in said
 
 
 sizes = st.integers(1, 9)

@@ -90,3 +90,8 @@ def test_killed_workers_change_no_byte_of_a_plate(
     assert run.returncode == 0
     assert kills
     assert files_of(out) == alone
+
+
+@pytest.mark.slow
+def test_workers_make_the_same_plate(scene_path: Path, alone: dict[str, bytes], tmp_path: Path) -> None:
+    assert drawn(scene_path, tmp_path / "x.zarr", "--workers", "2") == alone

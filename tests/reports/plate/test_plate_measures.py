@@ -95,6 +95,16 @@ def test_measures_that_are_gone_or_damaged_are_made_again(damage: str, plate: Pa
     assert tree(out) == tree(plate) and tree(table) == tree(plate.with_suffix(".parquet"))
 
 
+def test_rows_of_one_block_add_up_in_any_order(plate: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.zarr"
+    second_of_its_block = [apertures()[2]]
+    assert judged(out, second_of_its_block).drawn == 1
+    files = judged(out)
+    assert (files.drawn, files.found) == (len(CHOSEN) - 1, 1)
+    assert tree(out) == tree(plate)
+    assert tree(out.with_suffix(".parquet")) == tree(plate.with_suffix(".parquet"))
+
+
 @pytest.mark.parametrize("written", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
     written: int, plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -117,6 +127,14 @@ def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
     assert (files.drawn, files.found, files.damaged) == (len(CHOSEN), 0, 0)
     assert tree(out) == tree(plate)
     assert tree(out.with_suffix(".parquet")) == tree(plate.with_suffix(".parquet"))
+
+
+def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(plate: Path, tmp_path: Path) -> None:
+    out = write_plate(small(), SETTINGS, tmp_path / "x.zarr", apertures(), EVERYTHING, block=BLOCK).out
+    pixels = {path: data for path, data in tree(out).items() if path.startswith(("color/c", "triangle/c"))}
+    assert pixels.items() <= tree(plate).items()
+    with pytest.raises(InputError, match=r"other content"):
+        judged(out)
 
 
 @pytest.mark.parametrize(("name", "points"), [("mirror-sphere", 1), ("asymmetric-recentered", 3)])

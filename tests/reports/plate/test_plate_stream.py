@@ -243,6 +243,13 @@ def test_killing_it_three_times_changes_no_byte(tmp_path: Path) -> None:
     assert_kills_do_no_harm(tmp_path, "28", 81, delays)
 
 
+@pytest.mark.slow
+def test_killing_it_twenty_times_changes_no_byte(tmp_path: Path) -> None:
+    chance = random.Random(20)
+    delays = iter([chance.uniform(0.0, 3.0 if number % 4 == 3 else 0.8) for number in range(20)])
+    assert_kills_do_no_harm(tmp_path, "20-39", 1620, delays)
+
+
 @pytest.mark.parametrize("apertures", ["", "5", "1,2,3", "4-2,0", "-1,0", "a,b", "0,0;", "0-81,3"])
 def test_apertures_that_are_none_are_refused_in_one_line(
     apertures: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +20,7 @@ from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.passes import drawing_order
-from xfrustum.reports.studies import splitting_cells
+from xfrustum.reports.studies import splitting, splitting_cells
 from xfrustum.reports.studies.splitting import SEPARATIONS, make_study, measure
 from xfrustum.reports.studies.splitting_cells import (
     AS_IN_THE_PAPER,
@@ -40,6 +44,7 @@ from xfrustum.reports.studies.splitting_cells import (
     sentence,
     straight_nears,
     suitability,
+    unbroken,
 )
 from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
@@ -228,6 +233,19 @@ def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Su
     assert suitability(row_of(**changed)) is expected
 
 
+def test_the_fewest_slabs_that_are_enough_are_the_outcome() -> None:
+    rows = [row_of(misordered=1.0), row_of(slabs=(0.1,), misordered=1.0), row_of(slabs=(0.1, 0.2, 0.5))]
+    (outcome,) = outcomes([*rows, row_of(slabs=(0.1, 0.3))]).values()
+    assert not outcome.one_pair
+    assert outcome.slabs == (0.1, 0.3)
+
+
+def test_a_window_ends_at_its_first_gap() -> None:
+    measured = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+    assert unbroken({1e-2, 1e-3, 1e-5}, measured) == (1e-2, 1e-3)
+    assert unbroken((), measured) == ()
+
+
 @pytest.mark.parametrize("buffer", FULL[1][0].buffers)
 def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: DepthBuffer) -> None:
     near = least_near(buffer)
@@ -242,7 +260,47 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
 
 # Stopped and resumed.
 
+CHILD = """
+import os, signal, sys
+from pathlib import Path
+from tests.reports.studies.test_splitting import TINY
+from xfrustum.reports.studies import splitting, sweep
+
+make, left = sweep.Sweep.make, int(sys.argv[2])
+
+def killed_in_the_end(self, cells):
+    global left
+    if not left:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left -= 1
+    make(self, cells)
+
+sweep.Sweep.make = killed_in_the_end
+splitting.make_study(Path(sys.argv[1]), TINY)
+"""
 """Measures into a folder, and is killed without warning when so many blocks are kept."""
+
+
+@pytest.mark.slow
+def test_killed_it_loses_nothing_and_measures_nothing_twice(
+    tiny: StudyFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(3):
+        command = [sys.executable, "-c", CHILD, str(tmp_path), "1"]
+        child = subprocess.run(
+            command, check=False, cwd=CHECKOUT, env=os.environ | {"PYTHONPATH": f"{CHECKOUT}:{CHECKOUT}/src"}
+        )
+        assert child.returncode == -signal.SIGKILL
+    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "blocks").iterdir()}
+    assert len(kept) == 3 and not (tmp_path / "when-to-split.md").exists()
+    assert studied(tmp_path).rows == tiny.rows
+    assert all((tmp_path / "blocks" / name).stat().st_mtime_ns == when for name, when in kept.items())
+
+    def never(*_: object) -> None:
+        raise AssertionError("measured again")
+
+    monkeypatch.setattr(splitting, "compare_images", never)
+    assert studied(tmp_path).rows == tiny.rows
 
 
 def test_a_block_is_known_by_what_was_asked_and_what_measured_it(tmp_path: Path) -> None:

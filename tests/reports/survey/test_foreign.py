@@ -104,6 +104,29 @@ def test_only_the_folder_that_files_were_named_from_is_left_out_of_a_text() -> N
     assert as_given("/a/b/c.png", None) == as_given("/a/b/c.png", Path("/")) == "/a/b/c.png"
 
 
+@pytest.mark.slow
+def test_images_that_were_drawn_again_are_another_survey(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "box.toml"
+    path.write_text(
+        named("box") + film((20, 8), (2, 1), (16, 16), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    )
+    scene = open_scene(path)
+    pattern, out = tmp_path / "{i}x{j}.exr", tmp_path / "survey"
+    with Rasterizer(scene) as rasterizer:
+        for near in (0.001, 5.0):
+            for aperture in scene.plate.apertures():
+                image = rasterizer.render(aperture, DoubleFrustum(near=near))
+                write_image(Path(str(pattern).format(i=aperture.column, j=aperture.row)), image)
+            status = survey_of(path, pattern, out)
+            assert status == (0 if near < 1 else 2)
+    assert "begun with another state of the images" in capsys.readouterr().err
+    # The images as they are now are judged in a folder of their own, and are not right any more.
+    assert survey_of(path, pattern, tmp_path / "again") == 1
+    assert survey_of(path, pattern, tmp_path / "again") == 1
+
+
 def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

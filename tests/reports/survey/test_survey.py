@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -44,6 +49,12 @@ def surveyed(scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *m
     status = main(words)
     printed = capsys.readouterr()
     return {"status": status, **json.loads(printed.out or "{}"), "errors": printed.err}
+
+
+def test_the_last_line_is_the_page(scene_path: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--near", str(NEAR), "--all", "--workers", "1", "--quiet", "--out", str(whole)]
+    assert main(["survey", str(scene_path), *words]) == 0
+    assert Path(capsys.readouterr().out.splitlines()[-1]) == whole / "index.html"
 
 
 @pytest.fixture(scope="module")
@@ -147,12 +158,42 @@ def test_parts_of_a_job_array_make_the_survey_between_them(
 
 
 @pytest.mark.slow
-def test_workers_make_the_same_survey(
-    scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("kills", [0, 2])
+def test_workers_make_the_same_survey_also_where_they_are_killed_and_open_no_port(
+    kills: int, scene_path: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said = surveyed(scene_path, tmp_path / "s", capsys, "--near", str(NEAR), "--all", "--workers", "2")
+    """Nobody can reach its processes, from this machine or another, as whatever user."""
+    scratch, out = tmp_path / "temporary", tmp_path / "survey"
+    scratch.mkdir()
+    monkeypatch.setenv("TMPDIR", str(scratch))
+    words = ["survey", str(scene_path), "--near", str(NEAR), "--all", "--out", str(out), "--json"]
+    killed, seen, doors = set[int](), set[int](), list[object]()
+    with subprocess.Popen(
+        [sys.executable, "-m", "xfrustum", *words, "--workers", "2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as run:
+        while run.poll() is None:
+            with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
+                children = psutil.Process(run.pid).children(recursive=True)
+                workers = [one for one in children if "xfrustum.reports.blocks" in " ".join(one.cmdline())]
+                # The two that were started first: a block that kills two processes ends the command.
+                seen.update(one.pid for one in workers if len(seen) < 2)
+                for process in (psutil.Process(run.pid), *workers):
+                    doors += process.net_connections("inet")
+                    doors += [one for one in process.net_connections("unix") if one.laddr]
+                first = [one for one in workers if one.pid in seen - killed]
+                if len(killed) < kills and first and len(parts_of(out)) > 2 * len(killed):
+                    killed.add(first[0].pid)
+                    first[0].kill()
+            time.sleep(0.02)
+        assert run.returncode == 0 and run.stdout is not None
+        said = json.loads(run.stdout.read())
     assert (said["judged"], said["workers"]) == (20, 2)
-    assert parts_of(tmp_path / "s") == parts_of(whole)
+    assert len(killed) == kills and len(seen) == 2 and doors == []
+    assert list(scratch.iterdir()) == []
+    assert parts_of(out) == parts_of(whole)
+    assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
 
 
 def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
