@@ -23,7 +23,9 @@ from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, lines_by_definition, reversed_d32f, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import programs
+from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
+    Camera,
     DepthMapping,
     DoubleFrustum,
     Frustum,
@@ -368,3 +370,24 @@ def test_light_is_linear_and_nothing_is_clipped() -> None:
     ]
     np.testing.assert_array_equal(lit(*brighter), once * 1024)
     np.testing.assert_allclose(sum(lit(light) for light in LIGHTS), once, atol=2.0**-21)
+
+
+def test_a_picture_is_the_same_whatever_was_drawn_before() -> None:
+    """Far from its mirror direction a highlight is too small to be a normal float32. A software renderer was
+    seen to flush such numbers to zero until it had drawn a plate, and to keep them from then on."""
+    scene = LOOKS["no diffuse"](dressed_scene("asymmetric", RESOLUTION))
+    pictures = []
+    for _ in range(3):
+        pictures.append(color_of(drawn(scene, reversed_d32f(0.5))).tobytes())
+        with PlateRenderer(view("asymmetric", RESOLUTION), DoubleFrustum(near=0.5)) as plate:
+            assert len(list(plate.hogels(scene.plate.corners))) == len(scene.plate.corners)
+    assert pictures.count(pictures[0]) == len(pictures)
+
+
+@pytest.mark.parametrize(("effect", "camera"), [(Effect.C, Camera.C_STAR), (Effect.C_STAR, Camera.C)])
+def test_without_one_camera_the_other_draws_alone(effect: Effect, camera: Camera) -> None:
+    scene = dressed_scene("asymmetric", RESOLUTION)
+    one = drawn(scene, reversed_d32f(0.5), ALL_EFFECTS - {effect})
+    alone = drawn(scene, replace(reversed_d32f(0.5), camera=camera))
+    for name in ("triangle", "position", "color"):
+        assert getattr(one, name).tobytes() == getattr(alone, name).tobytes()

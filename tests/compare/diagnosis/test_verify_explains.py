@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -18,9 +19,10 @@ from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Front
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
-from xfrustum.scenes import Scene
+from xfrustum.scenes import NOTHING, Aperture, HogelImage, Plate, Scene
 
 SIZE = 48
 CENTERED, RECENTERED = "asymmetric", "asymmetric-recentered"
@@ -203,3 +205,30 @@ def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale:
     assert np.all(fit.low <= expected.parameters + 1e-12)
     assert np.all(fit.high >= expected.parameters - 1e-12)
     assert set(off) <= set(np.flatnonzero(expected.parameters != nominal))
+
+
+@pytest.mark.slow
+def test_colors_tell_that_the_nearest_surface_of_the_viewers_half_wins() -> None:
+    scene = small(CENTERED, SIZE)
+    reference, model = Reference(scene), DrawnModel(front=Front.NEAREST)
+
+    def draw(scene: Scene, aperture: Aperture) -> HogelImage:
+        image = colored(scene, model, trace_drawn(reference, model, aperture))
+        nothing = np.full_like(image.triangle, NOTHING)
+        nowhere = np.full_like(image.position, np.nan)
+        return replace(image, triangle=nothing, object=nothing, position=nowhere)
+
+    assert set(by_name(xfrustum.verify(scene, draw, apertures=SOME))) == {"front-nearest"}
+
+
+@pytest.mark.parametrize("hogels", [(5, 1), (1, 1)])
+def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int]) -> None:
+    whole = small(CENTERED, SIZE)
+    scene = replace(whole, plate=Plate(size=(whole.plate.size[0], 12.0), hogels=hogels))
+    with Faulty(scene=moved(scene, offset=(1.0, 0.0, 0.0))) as renderer:
+        found = xfrustum.verify(scene, renderer)
+    named = by_name(found)
+    assert "scene-offset-x" in named
+    assert "aperture-offset-x" in named["scene-offset-x"].alternatives
+    # Numbers that are left open are null in JSON, and never NaN.
+    json.dumps(found.summary(), allow_nan=False)

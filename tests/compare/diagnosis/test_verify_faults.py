@@ -183,3 +183,13 @@ def test_a_picture_turned_about_is_seen_without_numbers() -> None:
     named = {fault.fault: fault.value for fault in found.diagnosis.faults}
     assert named["orientation"] == ABOUT.words[0]
     assert named["aperture-order"] == EXCHANGED.words[1]
+
+
+@pytest.mark.slow
+def test_accepted_conventions_are_named_but_not_judged() -> None:
+    world = small(size=SIZE)
+    with Faulty(scene=world, orientation=TURNED, order=REVERSED) as renderer:
+        assert not xfrustum.verify(world, renderer, apertures=SOME).passed
+        accepted = xfrustum.verify(world, renderer, apertures=SOME, accept=("orientation", "order"))
+    assert accepted.passed
+    assert {fault.fault for fault in accepted.diagnosis.faults} == {"orientation", "aperture-order"}

@@ -131,3 +131,12 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
 def test_options_that_mean_nothing_are_refused(asked: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         xfrustum.verify(small("asymmetric", SIZE), "none_{i}_{j}.png", **asked)
+
+
+@pytest.mark.slow
+def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> None:
+    scene = small("asymmetric", SIZE)
+    assert verified(scene, DrawnModel(culled=Culled.CLOCKWISE)).passed
+    found = verified(scene, DrawnModel(culled=Culled.COUNTERCLOCKWISE))
+    assert [fault.fault for fault in found.diagnosis.faults] == ["culling"]
+    assert found.summary()["corrected"]["causes"]["unexplained"] == 0

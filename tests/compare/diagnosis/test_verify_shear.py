@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.foreign_renderers import small
+import xfrustum
+from tests.support.foreign_renderers import Faulty, small
+from tests.support.long_tail import kept
 from xfrustum.compare.diagnosis.diagnosis import diagnose
 from xfrustum.compare.diagnosis.evidence import Evidence
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.scenes import Scene
+from xfrustum.scenes import Camera, Scene
 
 SIZE = 32
 SOME = [(0, 0), (4, 1), (2, 3)]
@@ -53,3 +56,58 @@ def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear()
     (fault,) = diagnosed(before, DrawnModel(recentering=Recentering.C_STAR_REVERSED), *SOME).values()
     assert (fault.fault, fault.value) == ("shear-sign", "C*")
     assert "images cannot tell" in fault.words
+
+
+def put_in(scene: Scene, fault: str) -> tuple[dict[str, Any], dict[str, float | str]]:
+    """Return the arguments of a renderer with a fault, and the faults that must be named with their sizes."""
+    screen = scene.frustum.screen
+    assert screen is not None
+    x, y = screen.center[0] + 0.05 * screen.size[0], screen.center[1] - 0.03 * screen.size[1]
+    height = 1.25 * screen.height
+    each: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
+        "right": ({}, {}),
+        "screen-height": ({"screen_height": height}, {"screen-height": height}),
+        "screen-center": ({"screen_center": (x, y)}, {"screen-center-x": x, "screen-center-y": y}),
+        "not-recentered": ({"recentered": False}, {"not-recentered": "no shear"}),
+        "shear-sign": ({"reversed_shears": frozenset({Camera.C_STAR})}, {"shear-sign": "C*"}),
+    }
+    return each[fault]
+
+
+SCENES = ("asymmetric-recentered", "car-recentered", "teapot-recentered")
+SHEARS = ("right", "screen-height", "screen-center", "not-recentered", "shear-sign")
+QUICK = [("asymmetric-recentered", "screen-height", 0.0), ("car-recentered", "right", 0.0)]
+
+
+# Also beside a near offset, as a share of the reach.
+@pytest.mark.parametrize(
+    ("name", "fault", "near_per_reach"),
+    kept(
+        product(("asymmetric-recentered", "car-recentered", "teapot-recentered"), SHEARS, (0.0, 0.02)), QUICK
+    ),
+)
+def test_a_wrong_shear_is_named_with_its_size_and_no_other_fault(
+    name: str, fault: str, near_per_reach: float
+) -> None:
+    quick = (name, fault, near_per_reach) == QUICK[0]
+    scene = small(name, SIZE if quick else 64)
+    near = near_per_reach * scene.frustum.longest_reach
+    faults, expected = put_in(scene, fault)
+    apertures = SOME if quick else [*SOME, (1, 4), (3, 2)]
+    with Faulty(scene=scene, near=near or None, **faults) as renderer:
+        found = xfrustum.verify(scene, renderer, apertures=apertures)
+    expected |= {"near": near} if near else {}
+    named = {one.fault: one for one in found.diagnosis.faults}
+    assert set(named) == set(expected)
+    assert found.passed == (not expected)
+    for one, size in expected.items():
+        low, high = named[one].low, named[one].high
+        if isinstance(size, str):
+            assert named[one].value == size
+        else:
+            # The faults are thirty times as large as the interval, or more.
+            assert low is not None and high is not None and low <= size <= high and high - low < 0.1
+    for hogel in found.hogels if expected else ():
+        assert hogel.corrected is not None and hogel.corrected.surface is not None
+        assert hogel.corrected.surface.fraction < 0.01
+    assert not expected or found.summary()["corrected"]["causes"]["unexplained"] == 0

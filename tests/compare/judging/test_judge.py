@@ -160,3 +160,9 @@ def test_times_are_those_of_stages() -> None:
     taken = plain.drawings[0].times
     assert min(taken.trace, taken.raster, taken.compare) > 0 == taken.predict == taken.causes
     assert min(vars(charged.drawings[0].times).values()) > 0
+
+
+def test_a_tracer_that_there_is_none_of_is_refused() -> None:
+    with pytest.raises(InputError, match="tracer"):
+        Judge(view("asymmetric", (16, 16)), tracer="nobody")
+    assert not threads()

@@ -23,7 +23,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.judging.judged import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, open_scene
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError, open_scene
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
@@ -234,3 +234,22 @@ def test_geometry_passes_another_shading_that_colors_fail(hogels: Hogels) -> Non
     assert geometry.checks[0].figure == "wrong outlines"
     rolled = verified(hogels["right"], lambda image: np.roll(headlight(image), 1, axis=0), compare="geometry")
     assert all(hogel.verdict == "fail" for hogel in rolled.hogels)
+
+
+@pytest.mark.slow
+def test_the_tolerance_of_colors_is_the_users(hogels: Hogels) -> None:
+    def brighter(image: HogelImage) -> Bytes:
+        return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(
+            np.uint8
+        )
+
+    assert verified(hogels["right"], colors).passed
+    assert not verified(hogels["right"], brighter).passed
+    assert verified(hogels["right"], brighter, max_color=0.04).passed
+
+
+def test_limits_that_cannot_be_meant_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match="max-color"):
+        xfrustum.verify(open_scene("scene.toml"), "{i}{j}", max_color=-1.0)
+    assert main(["verify", "scene.toml", "{i}{j}.png", "--max-displacement-px", "some"]) == 2
+    assert "is not a number of pixels or none" in capsys.readouterr().err

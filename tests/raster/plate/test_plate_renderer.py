@@ -305,3 +305,20 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
         np.testing.assert_array_equal(one.color[here], other.color[here])
         shown += int((one.triangle[here] >= 0).sum())
     assert shown > 100
+
+
+def test_a_stream_may_be_left_and_another_begun() -> None:
+    scene = view("asymmetric", (24, 18))
+    row = [scene.plate.aperture(column, 20) for column in range(20)]
+    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
+        whole = list(plate.hogels(row))
+        abandoned = plate.hogels(row[::-1])
+        next(abandoned)
+        assert_same(whole, list(plate.hogels(row)))
+
+
+@pytest.mark.parametrize("effect", Effect)
+def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
+    scene = dressed_scene("asymmetric", (32, 24))
+    chosen = DoubleFrustum(near=0.1)
+    assert checked_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
