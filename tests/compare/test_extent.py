@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import xfrustum
 from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
@@ -229,3 +230,15 @@ def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() 
         scene = open_scene(name)
         assert unseen_sentence(scene, scene.default_apertures()) is None
         assert bool(warnings(scene)) == (name == "large-triangles")
+
+
+def test_functions_refuse_it_where_it_is_asked(tmp_path: Path) -> None:
+    scene = open_scene(write(tmp_path, *FAR))
+    for ask in (
+        lambda: xfrustum.make_plan(scene),
+        lambda: xfrustum.make_report(scene, tmp_path / "out"),
+        lambda: xfrustum.explain(scene, repeat=0),
+        lambda: xfrustum.verify(scene, lambda scene, aperture: None),  # type: ignore[arg-type,return-value]
+    ):
+        with pytest.raises(InputError, match="8,000 to 9,000 mm behind the plate"):
+            ask()

@@ -173,3 +173,15 @@ def test_a_sample_of_nothing_is_refused() -> None:
             RandomSample(**wrong)
     with pytest.raises(InputError, match="at least one hogel"):
         GrowingSample(plate=plate(2, 2), first=0)
+    with pytest.raises(InputError, match="from 0"):
+        GrowingSample(plate=plate(2, 2), first=1, seed=-1)
+
+
+@given(st.integers(1, 500), st.data())
+def test_bounds_lie_between_what_was_seen_and_what_is_possible(hogels: int, data: st.DataObject) -> None:
+    judged = data.draw(st.integers(1, hogels))
+    beyond = data.draw(st.integers(0, judged))
+    bound = share_beyond(beyond, judged, hogels)
+    assert beyond / hogels <= bound <= (hogels - judged + beyond) / hogels
+    if judged == hogels:
+        assert bound == beyond / hogels

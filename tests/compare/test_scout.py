@@ -154,3 +154,11 @@ def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_
     auto = only(both_sides, blocked, *others)
     assert auto.blocked == 1 and blocked.aperture not in auto.apertures
     assert only(both_sides, blocked).apertures == (blocked.aperture,)
+
+
+def test_where_all_apertures_see_alike_the_middle_is_enough(both_sides: Scout) -> None:
+    seen = both_sides.looks[0]
+    alike = [
+        replace(look, height=seen.height, outline_widths=seen.outline_widths) for look in both_sides.looks
+    ]
+    assert only(both_sides, *alike).apertures == (both_sides.scene.plate.middle,)

@@ -285,3 +285,11 @@ def test_a_grating_in_the_plane_of_the_screen_stays_sharp() -> None:
     assert sharp.color is not None and averaged.color is not None
     # Bars are left out whose edges meet a pixel's center to within the rasterizer's roundings.
     assert (np.abs(averaged.color - sharp.color) > SINGLE).mean() < 0.02
+
+
+def test_multisampling_mixes_reflections_as_supersampling_does() -> None:
+    scene = dressed_scene("car", RESOLUTION)
+    with Rasterizer(scene) as raster:
+        exact = color(raster, supersample=8).astype(np.float64)
+        four, one = (np.abs(color(raster, multisample=n) - exact).mean() for n in (FOUR, 1))
+    assert four < one

@@ -250,3 +250,17 @@ def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:
     opened.release()
     software = any(name in renderer for name in ("llvmpipe", "softpipe", "swrast"))
     assert (device_index() in context.gpu_indices()) == (not software)
+
+
+def test_shading_agrees_with_the_reference_on_both_sides_of_the_plate() -> None:
+    """C* flips normal and light; a flip left out darkens one side (paper, section 3)."""
+    scene = view("asymmetric", (128, 128))
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(scene.plate.middle, reversed_d32f(1.5e-5))
+    truth = Reference(scene).trace(scene.plate.middle)
+    same = truth.covered & (drawn.triangle == truth.triangle)
+    assert drawn.color is not None and truth.color is not None
+    for side in (truth.height > 0, truth.height < 0):
+        assert (same & side).sum() > 500
+        assert truth.color[same & side].std() > 0.05
+        np.testing.assert_allclose(drawn.color[same & side], truth.color[same & side], atol=1e-5)

@@ -104,7 +104,7 @@ def test_nothing_is_left_unexplained_whatever_is_set(name: str) -> None:
 
 def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
     """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
-    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")[::4]):
+    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")[::5]):
         for part in (budget.displacement, budget.height):
             defined = np.isfinite(part.total)
             assert defined.any()

@@ -14,6 +14,7 @@ import pytest
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
@@ -109,3 +110,9 @@ def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:
     assert flat["surface_culled"] == row["comparison"]["surface"]["culled"]
     assert "faces turned away from the viewer culled" in files.html.read_text()
     assert "--cull back" in files.command
+
+
+def test_without_culling_the_chain_is_as_it_was() -> None:
+    scene = view("large-triangles", FILM)
+    settings = replace(culled(scene, 1e-5), cull=Cull.NONE)
+    assert [link.name for link in charged(scene, settings).numbers.links] == list(LINKS)

@@ -320,3 +320,12 @@ class TestImagesOfOtherRenderers:
     def test_a_drawn_image_is_no_truth(self, asymmetric: Case) -> None:
         with pytest.raises(InputError, match="traced image first"):
             compare_images(asymmetric.drawn, asymmetric.truth, asymmetric.reference)
+
+
+def test_an_empty_scene_has_no_errors_and_no_spread() -> None:
+    scene = view("empty", (16, 8))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    summary = compare_images(truth, truth, reference).summary()
+    assert summary["covered"] == summary["surface"]["wrong"] == 0
+    assert summary["displacement_px"] is None and summary["height"] is None

@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DoubleFrustum
@@ -84,3 +85,36 @@ def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> 
     # Sums of other orders: each addition of n squares is off by 2^-53 of the sum, and the root by half.
     assert found.height.rms == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=len(error) * 2**-53)
     assert found.height.max == float(np.abs(error).max())
+
+
+def test_colors_are_those_of_whole_images(compared: Compared) -> None:
+    truth, drawn, found = compared.truth, compared.drawn, compared.found
+    assert truth.color is not None and drawn.color is not None
+    judged = truth.certainty != Certainty.TIE
+    error = drawn.color.astype(np.float64) - truth.color
+    error[~judged] = np.nan
+    np.testing.assert_array_equal(found.maps.radiance, error)
+    assert found.radiance is not None
+    assert_plain(found.radiance, error[judged])
+    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
+    assert found.radiance.away_from_edges is not None
+    assert_plain(found.radiance.away_from_edges, error[same])
+
+
+def assert_plain(found: RadianceSpread, error: Floats) -> None:
+    """Compare a spread with that of NumPy's own functions over errors (N, 3)."""
+    size = np.abs(error)
+    worst = size.max(axis=1)
+    squares = np.mean(error**2, axis=0)
+    # Sums of other orders: as of heights.
+    rounding = error.size * 2**-53
+    assert found.pixels == len(error)
+    assert found.rms == pytest.approx(float(np.sqrt(squares.mean())), rel=rounding)
+    assert found.mean == pytest.approx(float(error.mean()), abs=rounding * float(size.mean()))
+    assert (found.p99, found.max) == (np.percentile(worst, 99), worst.max())
+    assert found.above_step == np.mean(worst > STEP)
+    channels = found.channels
+    assert channels.rms == pytest.approx(tuple(np.sqrt(squares)), rel=rounding)
+    assert channels.mean == pytest.approx(tuple(error.mean(axis=0)), abs=rounding * float(size.mean()))
+    assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
+    assert channels.max == tuple(size.max(axis=0))

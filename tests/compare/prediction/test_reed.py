@@ -102,3 +102,15 @@ def test_the_distant_far_plane_is_an_infinite_one(mapping: DepthMapping) -> None
     ends = MAPPINGS[mapping].ends
     limit = [-ends.far, NEAR * (ends.near - ends.far)]
     np.testing.assert_allclose(projection(mapping, INFINITE)[2:, 2], limit, atol=1e-30)
+
+
+def test_premultiplied_matrices_keep_the_order() -> None:
+    """With one matrix for view and projection the numbers depend on summation, but not their order."""
+    points = world_points()
+
+    def wrong(mapping: DepthMapping, far: float) -> float:
+        return sum(shares(stored(transformed(points, view_from_world() @ projection(mapping, far)), mapping)))
+
+    hyperbolic = [wrong(mapping, far) for mapping, far in PUBLISHED if mapping is not DepthMapping.REVERSED]
+    reversed_float = [wrong(DepthMapping.REVERSED, far) for far in (FAR, INFINITE)]
+    assert max(reversed_float) < 0.1 * min(hyperbolic)

@@ -323,3 +323,17 @@ def test_unreadable_patch_files_and_senseless_tolerances_are_input_errors(tmp_pa
         load_patches(tmp_path / "bytes.bpt")
     with pytest.raises(InputError, match="choose a larger chord_tolerance"):
         load_patches(tmp_path / "good.bpt", chord_tolerance=1e-15)
+
+
+def test_a_finer_tolerance_takes_triangles_in_inverse_proportion(shared_data: Path) -> None:
+    nets = teapot(shared_data)
+    counts = [len(tessellate(nets, tolerance, name="t").faces) for tolerance in (4e-3, 2e-3, 1e-3)]
+    assert all(1.8 < fine / coarse < 2.2 for coarse, fine in itertools.pairwise(counts))
+
+
+def test_without_a_tolerance_it_is_relative_to_the_size(tmp_path: Path) -> None:
+    counts = set()
+    for size in (1e-3, 1.0, 1e3):
+        (tmp_path / "one.bpt").write_text("1\n" + patch_text(paraboloid() * size))
+        counts.add(len(load_patches(tmp_path / "one.bpt").faces))
+    assert len(counts) == 1
