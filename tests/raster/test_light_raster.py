@@ -391,3 +391,10 @@ def test_without_one_camera_the_other_draws_alone(effect: Effect, camera: Camera
     alone = drawn(scene, replace(reversed_d32f(0.5), camera=camera))
     for name in ("triangle", "position", "color"):
         assert getattr(one, name).tobytes() == getattr(alone, name).tobytes()
+
+
+def test_without_reflections_the_rest_of_the_light_is_that_of_the_definition() -> None:
+    scene = dressed_scene("asymmetric", RESOLUTION)
+    image = drawn(scene, reversed_d32f(1e-2), ALL_EFFECTS - {Effect.REFLECTION})
+    expected = radiance_by_definition(scene, image, reflections=False)
+    np.testing.assert_allclose(color_of(image), expected, atol=ONE_CODE)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -279,3 +281,13 @@ def test_explain_tells_the_separation_in_the_slab_that_draws_a_depth() -> None:
     far = scene().frustum.reach[1]
     steps = (1 / 0.01 - 1 / (far + 0.01)) / (1 / 4 - 1 / far)
     assert coarse["separation"] / fine["separation"] == pytest.approx(steps, rel=0.02)
+
+
+def test_explain_answers_from_the_scene_alone() -> None:
+    """Neither renderers nor tracers are loaded, nor statistics: they would take longer than the answer."""
+    loaded = (
+        "import sys; from xfrustum.cli.main import main; main(['explain', 'grating']); "
+        "print([m for m in ('moderngl', 'embreex', 'mitsuba', 'scipy.stats', 'trimesh') if m in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert ended.stdout.endswith("[]\n") and "because" in ended.stdout and not ended.stderr
