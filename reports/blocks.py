@@ -474,6 +474,7 @@ class _Cluster(Workers):
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
         from distributed import CancelledError, KilledWorker, as_completed  # noqa: PLC0415 - as above
+        from distributed.comm import CommClosedError  # noqa: PLC0415 - as above
 
         listed = list(items)
         if not listed:
@@ -494,7 +495,7 @@ class _Cluster(Workers):
                 except KilledWorker as error:
                     raise WorkerLostError("its workers died; look at their memory and logs", item) from error
                 yield item, answer
-        except CancelledError as error:
+        except (CancelledError, CommClosedError) as error:  # the latter while an answer is on its way
             raise InputError(
                 f"--scheduler {self._address}: is gone; start it again and repeat the command, which goes "
                 "on where it was"

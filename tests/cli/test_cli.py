@@ -57,6 +57,13 @@ def test_scenes_lists_every_builtin_scene_with_its_purpose(capsys: pytest.Captur
     assert all(entry.purpose in line for entry, line in zip(builtin.listing(), lines, strict=True))
 
 
+def test_scenes_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "--json"]) == 0
+    entries = one_object(capsys.readouterr().out)["scenes"]
+    assert isinstance(entries, list)
+    assert [entry["name"] for entry in entries] == builtin.names()
+
+
 def test_compare_prints_the_object_of_the_contract(
     images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,6 +116,19 @@ def test_images_of_different_size_are_both_named_with_their_sizes(
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err.count("\n") == 1
     assert "truth.exr is 48 x 32 and raster.exr is 40 x 36" in printed.err
+
+
+def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
+    images: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message is about the image, and not about a missing file at the place that it names."""
+    (tmp_path / "moved").mkdir()
+    Path("boxes.toml").unlink()
+    (tmp_path / "moved/boxes.toml").write_text("plate = 1\n")
+    for name in images:
+        Path(name).rename(tmp_path / "moved" / name)
+    assert main(["compare", *(f"moved/{name}" for name in images)]) == 0
+    assert "(moved/boxes.toml: plate: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("change", ["gone", "other", "broken"])
@@ -172,7 +192,9 @@ LONG = 300 * "n"
 BAD = [
     ("report missing.toml", "missing.toml"),
     ("report no-such-scene", "no-such-scene"),
+    ("report boxes.toml --near 0", "near"),
     ("report boxes.toml --near 0.1,-1", "near"),
+    ("report boxes.toml --near nan", "near"),
     ("report boxes.toml --near 60", "reach"),
     ("report boxes.toml --near 1e-39", "at least 1.18e-38"),
     ("report boxes.toml --near a,b", "--near"),
@@ -186,9 +208,12 @@ BAD = [
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
     ("trace boxes.toml --out x.png", "such as x.exr"),
+    ("trace boxes.toml --out x", "such as x.exr"),
+    ("raster boxes.toml --near 1 --out x.png", "such as x.exr"),
     ("trace boxes.toml --aperture 0,-1 --out x.exr", "outside the plate"),
     ("trace boxes.toml --aperture 1 --out x.exr", "--aperture"),
     ("raster boxes.toml --out x.exr", "--near"),
+    ("raster boxes.toml --near -2 --out x.exr", "near"),
     ("raster boxes.toml --near 1 --depth d48 --out x.exr", "d48"),
     ("raster boxes.toml --near 1 --out a-file/x.exr", "a-file"),
     ("compare boxes.toml boxes.toml", "boxes.toml"),
@@ -198,11 +223,15 @@ BAD = [
     ("verify boxes.toml {i}x{j}.png --timeout inf", "finite"),
     (f"trace boxes.toml --out {LONG}.exr", "File name too long"),
     (f"trace {LONG} --out x.exr", "File name too long"),
+    (f"report boxes.toml --out {LONG}", "File name too long"),
+    (f"compare {LONG}.exr x.exr", "File name too long"),
     (f"verify boxes.toml {{i}}x{{j}}{LONG}.png --quiet", "none of its files exists"),
     (f"verify boxes.toml {{i}}x{{j}}.png --junit {LONG}", "File name too long"),
     ("trace boxes.toml --out caf\udce9.exr", r"caf\xe9.exr is not UTF-8"),
     ("verify boxes.toml {i:q}x{j}.png", "{i:q} is no way to write {i}"),
     ("verify boxes.toml {i:>99999999999}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml {i!r}x{j}.png", "{i!r} is no way to write {i}"),
+    ("verify boxes.toml {i:{j}}x{j}.png", "no way to write {i}"),
     ("verify boxes.toml --command x{out:5}", "{out:5} is no way to write {out}"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -65,6 +69,14 @@ def test_compare_says_that_a_truth_was_not_examined(
         assert [line.removeprefix("xfrustum: ") for line in err.splitlines()] == said
 
 
+def test_an_uncertified_picture_says_so_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "a.exr"
+    assert main(["trace", "sheets", "--decided-by", "embree", "--json", "--out", str(out)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["decided_by"] == "embree" and told["alone"] is None
+    assert list(told["certainty"]) == ["unexamined"]
+
+
 def test_a_second_opinion_is_not_asked_of_another_tracer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,6 +116,28 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
     assert f"{alone['embree']:,} of {alone['judged']:,}</em>" in page
     assert "Not examined" not in page
+
+
+def test_the_picture_marks_the_pixels_that_a_tracer_would_have_got_wrong(
+    certified: tuple[dict[str, Any], str],
+) -> None:
+    _, page = certified
+    marks = re.search(r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page)
+    assert marks is not None
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
+    scene = open_scene(HARD)
+    truth = Reference(scene).trace(scene.plate.middle)
+    proposed = Reference(scene, tracer="embree").propose(scene.plate.middle)
+    np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
+
+
+def test_a_report_asks_no_second_opinion_beside_a_plain_tracer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--decided-by", "mitsuba", "--tracer", "embree", "--out", str(tmp_path / "report")]
+    assert main([*REPORT, *options]) == 2
+    assert "--decided-by mitsuba" in capsys.readouterr().err
+    assert not (tmp_path / "report").exists()
 
 
 def test_a_report_against_a_plain_tracer_says_so_at_the_top(

@@ -144,6 +144,13 @@ def test_a_crash_leaves_its_traces_on_standard_error(descriptor: str, tmp_path: 
     assert "Fatal Python error: Segmentation fault" in done.stderr and "in work" in done.stderr
 
 
+def test_a_crash_of_a_child_process_leaves_its_traces_too(tmp_path: Path) -> None:
+    (tmp_path / "child.py").write_text("import faulthandler; faulthandler._sigsegv()")
+    child = "import subprocess; subprocess.run([sys.executable, 'child.py'])"
+    (tmp_path / "x.py").write_text(LIBRARIES.format(ending=child))
+    assert "Fatal Python error: Segmentation fault" in run('"$PYTHON" x.py work', tmp_path).stderr
+
+
 def test_no_message_is_longer_than_500_characters(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -156,7 +163,9 @@ def test_no_message_is_longer_than_500_characters(
         f"trace car --aperture {long} --out x.exr",
         f"--{long}",
         long,
+        f"verify car {long}",
         f"convert {long} {long}",
+        f"report car --depth {long}",
         f"plan car --apertures {long}",
         "trace long.toml --out x.exr",
         "trace keys.toml --out x.exr",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -17,7 +18,9 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reports.benchmarks import judge, plate, truth
+from xfrustum.reports.benchmarks.common import ratios_of
 from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes import NOTHING, HogelImage
 
 
@@ -58,6 +61,17 @@ def test_truth_says_every_rate() -> None:
         assert set(race["ratios"]) >= {"certified/mitsuba", "certified/trimesh"}
 
 
+@pytest.mark.parametrize("kind", ["truth", "judge", "plate"])
+def test_the_command_prints_one_object(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    sizes = ["--resolution", "8", "--repeat", "2"]
+    more = ["--hogels", "2", "--triangles", "1000"] if kind == "judge" else []
+    assert main(["bench", kind, "crossing", *sizes, *more, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
+    scenes = found["scenes"] if kind == "judge" else [found]
+    assert [one["scene"]["triangles"] for one in scenes] == ([10598, 1000] if kind == "judge" else [10598])
+
+
 def test_judge_says_every_rate_and_stage() -> None:
     scene = judge.globes_through_a_plate(1000)
     measured = judge.benchmark_judge([scene], (8,), 2, 1)
@@ -84,11 +98,19 @@ def test_plate_says_every_rate_and_stage() -> None:
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
 
 
+def test_the_ratio_to_a_contestant_that_does_not_run_here_is_open() -> None:
+    rates = {name: Timing.of([rate]) for name, rate in {"a": 2.0, "b": 8.0}.items()}
+    assert ratios_of(rates, [("b", "a"), ("b", "c")]) == {"b/a": 4.0, "b/c": None}
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
         (["truth", "crossing", "--resolution", "512,-1"], "--resolution"),
         (["truth", "crossing", "--resolution", "0"], "positive whole numbers"),
+        (["truth", "crossing", "--resolution", "many"], "--resolution"),
+        (["truth", "crossing", "--resolution", "8", "--repeat", "0"], "--repeat"),
+        (["truth", "empty"], "has no triangles to measure"),
         (["plate", "empty"], "has no triangles to measure"),
         (["judge", "empty", "--resolution", "8"], "has no triangles to measure"),
     ],

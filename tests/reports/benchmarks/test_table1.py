@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from xfrustum.cli.main import main
 from xfrustum.raster.drawing import reflecting
 from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
@@ -95,6 +97,15 @@ def test_table_1_is_measured_in_the_papers_terms() -> None:
     assert on["factor"] == pytest.approx(on["frames_per_second"] / old)
     without = on["seconds_per_frame_without"]["median"]
     assert on["slowdown"] == pytest.approx(on["seconds_per_frame"]["median"] / without)
+
+
+@pytest.mark.slow
+def test_the_command_prints_both_cars_of_table_1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "table1", "--resolution", "8", "--repeat", "1", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["polygons"] for row in rows] == [42382, 272074]
+    assert [round(row["reflective_share"], 3) for row in rows] == [0.312, 0.479]
+    assert all(set(row["paper"]) == {"RealityEngine2", "Maximum Impact"} for row in rows)
 
 
 def test_the_papers_numbers_are_the_papers(shared_data: Path) -> None:

@@ -86,6 +86,8 @@ def test_what_the_raster_misses_is_counted(files: ReportFiles) -> None:
 
 def test_the_page_has_light(files: ReportFiles) -> None:
     own = re.sub(r"<script>.*?</script>", "", files.html.read_text(), count=1, flags=re.DOTALL)
+    assert not re.search(r"https?:|//cdn|@import|url\(", own)
+    assert not re.search(r'(src|href)\s*=\s*"(?!data:|inspect\.html")', own)
     for part in (
         "<h2>Light</h2>",
         "What the raster misses",

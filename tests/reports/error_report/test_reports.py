@@ -224,6 +224,8 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     assert made.sentence == (
         "At hogel 40,30: there is nothing to judge: neither the truth nor any raster image shows a surface."
     )
+    no_tracer = "no pixel that Embree alone or Mitsuba alone, in single precision, would have got wrong"
+    assert no_tracer in made.html.read_text()
     (row,) = made.content["rows"]
     assert row["comparison"]["surface"]["wrong"] == 0 == row["predicted_surface"]["fraction"]
     assert row["comparison"]["displacement_px"] is None is row["predicted_displacement_px"]

@@ -6,12 +6,15 @@ bpy that XFRUSTUM_BLENDER_PYTHON names.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shlex
+import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -57,6 +60,13 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
         assert np.allclose([shear, half], [true_shear, true_half], rtol=1e-14)
 
 
+def test_files_of_plain_python_are_read_by_libraries() -> None:
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
+    content = pixel_files.png(pixels)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
+
+
 def test_openexr_of_plain_python_is_read_by_the_library_and_by_itself(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     planes = {
@@ -91,6 +101,39 @@ def test_the_script_tells_mistakes_in_one_line(
     error = capsys.readouterr().err
     assert told in error
     assert error.count("\n") == 1
+
+
+def test_ctrl_c_is_noted_and_ends_nothing_by_itself() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        pressed = render.interruptions()
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert pressed == [signal.SIGINT]
+
+
+def test_the_script_ends_with_130_when_it_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    plate_of(small(), tmp_path)
+    monkeypatch.setattr(render, "HERE", tmp_path)
+    monkeypatch.setattr(render, "render_hogels", interrupted)
+    assert render.main(["--out", str(tmp_path / "hogels")]) == 130
+    assert capsys.readouterr().err == "render.py: interrupted; call again to go on\n"
+
+
+def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
+    monkeypatch.setattr(render, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    said: list[str] = []
+    done = render.progress(6, said.append)
+    for number in range(1, 7):
+        done(number)
+    assert said == ["3 of 6 hogels done, about 12 s left"]
 
 
 def run(folder: Path, arguments: str) -> str:

@@ -102,6 +102,14 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
     assert np.array_equal(stored(tmp_path, "triangle"), numbers)
 
 
+def test_hogels_that_were_never_drawn_are_counted(tmp_path: Path) -> None:
+    plate = zarr.create_group(tmp_path / "plate.zarr")
+    color = plate.create_array("color", shape=(2, 3, 4, 5, 3), chunks=(1, 1, 4, 5, 3), dtype="uint8")
+    color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
+    done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
+    assert done.reasons[-1] == done.notes[0] == "5 hogels are not there and count as empty"
+
+
 @pytest.mark.parametrize(("drawn", "missing"), [(15, 0), (14, 1), (0, 15)])
 def test_hogels_are_counted_by_what_the_plate_says_of_them(drawn: int, missing: int, tmp_path: Path) -> None:
     plate = zarr.create_group(tmp_path / "plate.zarr")
@@ -180,6 +188,26 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     assert told in error
     assert error.count("\n") == 1
     assert sorted(Path().iterdir()) == before
+
+
+def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
+    source, _ = group(tmp_path, "uint8")
+    convert(source, tmp_path / "files", write_as="pleno")
+    (tmp_path / "files" / "002_003.ppm").write_bytes(b"P6\n4 3\n1023\n12")
+    with pytest.raises(InputError, match=r"002_003\.ppm: the image is damaged"):
+        convert(tmp_path / "files", tmp_path / "out", write_as="views")
+
+
+def test_a_bar_counts_files_and_hogels_unless_nobody_wants_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, _ = group(tmp_path, "uint8")
+    assert main(["convert", str(source), str(tmp_path / "hogels"), "--to", "hogels"]) == 0
+    assert "12/12" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "hogels"), str(tmp_path / "back.zarr")]) == 0
+    assert "12/12" in capsys.readouterr().err
+    assert main(["convert", str(source), str(tmp_path / "again"), "--to", "hogels", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.slow

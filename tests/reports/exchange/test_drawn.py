@@ -77,6 +77,11 @@ def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path
     assert expected.pixels.any()
 
 
+def test_a_quilt_states_the_shape_of_the_plate(scene: Path, tmp_path: Path) -> None:
+    assert plate(scene, tmp_path / "quilt.png", "--layout", "quilt", "--color", "uint8") == 0
+    assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]
+
+
 @pytest.mark.parametrize(
     ("name", "words", "told"),
     [

@@ -90,6 +90,14 @@ def test_view_prints_the_contract_and_writes_all_its_files(
         assert getattr(animation, "n_frames", 1) == 2
 
 
+def test_the_display_alone_is_judged_where_no_hogels_are_named(
+    scene_file: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (eye,) = told(capfd, str(scene_file), "--eye=0,0,300", RESOLUTION)["eyes"]
+    assert eye["renderer"] is None
+    assert eye["display"]["flip"] > 0
+
+
 def test_a_stored_plate_and_one_made_on_the_fly_show_the_same_pixels(
     scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -144,6 +152,16 @@ def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
     assert main(["view", str(scene_file), EYE, RESOLUTION, source, "--quiet"]) == 0
     lines = capfd.readouterr().out.splitlines()
     assert sum("renderer  wrong surfaces unknown, FLIP" in line for line in lines) == 1
+
+
+def test_pictures_read_as_colors_name_no_surfaces(
+    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_hogels(open_scene(str(scene_file)), tmp_path)
+    for encoding in ("rgb", "srgb"):
+        source = (f"--images={tmp_path / '{i}x{j}.png'}", f"--encoding={encoding}")
+        for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
+            assert eye["renderer"]["fraction"] is None
 
 
 def test_images_that_name_surfaces_are_charged_with_wrong_ones(
@@ -225,7 +243,9 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
         (["--eye=0,0,300", "--depth=d16"], "give --near too"),
         (["--eye=0,0,300", "--encoding=rgb"], "give both"),
         (["--eye=0,0,300", "--path=3"], "two eyes"),
+        (["--eye=0,0,300", "--resolution=4"], "W,H"),
         (["--eye=0,0,300", "--quilt=2x2"], "needs --out"),
+        (["--eye=0,0,300", "--quilt=2"], "COLUMNSxROWS"),
         (["--eye=1e200,0,1", "--near=0.5"], "bring it nearer"),
     ],
 )

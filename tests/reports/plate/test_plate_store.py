@@ -63,6 +63,8 @@ def flipped(path: Path) -> None:
 
 
 CHUNK_DAMAGE: dict[str, Callable[[Path], object]] = {
+    "empty": lambda path: path.write_bytes(b""),
+    "zeros": lambda path: path.write_bytes(bytes(path.stat().st_size)),
     "cut off": lambda path: path.write_bytes(path.read_bytes()[:-1]),
     "something else": lambda path: path.write_bytes(b"something else" * 20),
     "a bit": flipped,
@@ -96,9 +98,27 @@ def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
 METADATA_DAMAGE: dict[str, Callable[[dict[str, Any]], object]] = {
     "a shape of 10^12": lambda said: said.update(shape=[10**6, 10**6, 12, 20, 3]),
     "another shape": lambda said: said["shape"].reverse(),
+    "chunks of 10^12": lambda said: said["chunk_grid"]["configuration"].update(chunk_shape=[10**12] * 5),
+    "another type": lambda said: said.update(data_type="float64"),
+    "no codecs": lambda said: said.update(codecs=[]),
     "unknown codecs": lambda said: said.update(codecs=[{"name": "unknown"}]),
+    "another place for chunks": lambda said: said.update(chunk_key_encoding={"name": "v2"}),
     "nothing": lambda said: said.clear(),
 }
+
+
+@pytest.mark.parametrize("damage", METADATA_DAMAGE)
+def test_descriptions_of_arrays_that_are_damaged_change_no_pixel(
+    damage: str, plate: Path, clean: Path
+) -> None:
+    """The group has all descriptions too, which are the ones that are read."""
+    place = plate / "color" / "zarr.json"
+    said = json.loads(place.read_bytes())
+    METADATA_DAMAGE[damage](said)
+    place.write_text(json.dumps(said))
+    (plate / CHUNK["color"]).unlink()
+    assert drawn_again(plate).drawn == 1
+    assert (plate / CHUNK["color"]).read_bytes() == (clean / CHUNK["color"]).read_bytes()
 
 
 @pytest.mark.parametrize("damage", METADATA_DAMAGE)
@@ -112,9 +132,18 @@ def test_a_group_whose_description_of_an_array_is_damaged_is_refused(damage: str
     assert tree(plate) == before
 
 
-@pytest.mark.parametrize("content", [b"", b"[" * 100_000, b"\xff", b"{}" + b" " * (1 << 21)])
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[" * 100_000, b"\xff", b"1" * 5000, b"{}" + b" " * (1 << 21)]
+)
 def test_descriptions_that_are_none_are_refused(content: bytes, plate: Path) -> None:
     (plate / "zarr.json").write_bytes(content)
+    with pytest.raises(InputError, match="is no plate of xfrustum"):
+        drawn_again(plate)
+
+
+@pytest.mark.parametrize("replaced", [replaced_by_link, replaced_by_pipe])
+def test_what_is_no_file_is_no_description(replaced: Callable[[Path], None], plate: Path) -> None:
+    replaced(plate / "zarr.json")
     with pytest.raises(InputError, match="is no plate of xfrustum"):
         drawn_again(plate)
 

@@ -61,6 +61,16 @@ def finished(folder: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
+def test_the_group_says_what_was_drawn_and_how(tmp_path: Path) -> None:
+    scene = small()
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [scene.plate.middle]).out
+    said = json.loads(json.dumps(zarr.open_group(out, mode="r").attrs["xfrustum"]))
+    assert said["scene"]["hash"] == scene.content_hash
+    assert said["plate"] == {"size": [80.0, 60.0], "hogels": [7, 5]}
+    assert said["frustum"]["resolution"] == [20, 12] and said["frustum"]["screen"]["height"] == 120.0
+    assert said["settings"]["near"] == 0.15 and said["content"] == {"color": "float16", "ids": False}
+
+
 def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) -> None:
     scene = small()
     whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(1, 1)).out
@@ -153,6 +163,21 @@ def test_finer_sampling_is_drawn_as_raster_draws_it_and_said(tmp_path: Path) -> 
             )
     said = group.attrs["xfrustum"]
     assert isinstance(said, dict) and said["sampling"] == {"aperture": 3, "supersample": 2, "multisample": 4}
+
+
+def test_a_plate_says_how_many_sub_apertures_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    arguments = ["plate", "sheets", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
+    assert main([*arguments, "--aperture-samples", "3"]) == 0
+    said = zarr.open_group(out, mode="r").attrs["xfrustum"]
+    assert isinstance(said, dict) and said["sampling"] == {"aperture": 3}
+    assert main([*arguments, "--aperture-samples", "3"]) == 0
+    capsys.readouterr()
+    assert main(arguments) == 2
+    assert "another sampling" in capsys.readouterr().err
+    assert main([*arguments, "--aperture-samples", "car"]) == 2
 
 
 def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:

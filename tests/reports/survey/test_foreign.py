@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import LaidOutPlate
+from xfrustum.reports.inspection.page import MAX_MAP_CELLS
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
@@ -102,6 +104,26 @@ def test_only_the_folder_that_files_were_named_from_is_left_out_of_a_text() -> N
     for other in ("/x/a/b/c.png", "/a/bc.png", "../a/b/c.png"):
         assert as_given(other, folder) == other
     assert as_given("/a/b/c.png", None) == as_given("/a/b/c.png", Path("/")) == "/a/b/c.png"
+
+
+def test_a_wide_plate_of_which_nothing_can_be_read_has_a_small_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "br{a}ce"
+    folder.mkdir()
+    path = folder / "box.toml"
+    path.write_text(
+        named("box") + film((20, 8), (300, 1), (8, 6), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    )
+    (folder / "0x0.exr").write_bytes(b"damaged")
+    monkeypatch.chdir(folder)
+    words = ("--images", "{i}x{j}.exr", "--sample", "5", "--workers", "1", "--quiet", "--out", "survey")
+    assert main(["survey", "box.toml", *words]) == 1
+    page = Path("survey/inspect.html").read_text()
+    found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    # A cell for each hogel of a plate of millions would be megabytes of nothing.
+    assert [len(row) for row in json.loads(found[1])["cells"]] == [MAX_MAP_CELLS]
 
 
 @pytest.mark.slow

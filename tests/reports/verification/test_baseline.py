@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from xfrustum.reports.verification.baseline import (
     BaselineOptions,
     Change,
     Stated,
+    accepted_runs,
     append_step_summary,
     baseline,
     commit_of,
@@ -68,6 +70,16 @@ def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Pa
     assert len(list((tmp_path / "kept" / ACCEPTED).iterdir())) == 2
 
 
+def test_runs_kept_at_once_are_all_kept_and_read_as_they_were(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: held(tmp_path, RIGHT, approve=True), range(3)))
+    held(tmp_path, WORSE)
+    kept = accepted_runs(tmp_path / "kept")
+    assert len(kept) == 3 and all(one.run in kept for one in found)
+    assert [one.measures["wrong_surfaces"] for one in kept[0].hogels] == [3.0, 0.0, 5.0]
+    assert held(tmp_path, RIGHT).change is Change.SAME
+
+
 def test_worse_is_what_exceeds_repeated_runs_by_more_than_their_spread(tmp_path: Path) -> None:
     for wrong in (40, 44, 38, 41, 43):
         held(tmp_path, {(0, 0): wrong}, approve=True, repeated=True)
@@ -117,6 +129,12 @@ def test_of_states_that_two_branches_accepted_the_later_one_counts(tmp_path: Pat
     assert not held(tmp_path, {(0, 0): 41}).passed
 
 
+def test_images_judged_by_other_options_are_not_compared(tmp_path: Path) -> None:
+    for encoding in ("triangle-id", "object-id"):
+        options = BaselineOptions(device="toy", approve=True, encoding=encoding)
+        assert not baseline(verification(RIGHT), tmp_path / "kept", options).compared
+
+
 def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_counted(tmp_path: Path) -> None:
     held(tmp_path, RIGHT, approve=True)
     fine = held(tmp_path, {(0, 0): 3, (1, 0): 0, (3, 0): 2})
@@ -131,6 +149,14 @@ def test_new_hogels_are_held_to_the_limits_and_all_that_is_not_compared_is_count
     told = found.summary()
     assert (told["new_hogels"], told["new_beyond_limits"], told["not_judged_hogels"]) == (3, 2, 0)
     assert held(tmp_path, {**RIGHT, (3, 0): 900}, approve=True).passed
+
+
+def test_approving_some_hogels_leaves_the_others_accepted(tmp_path: Path) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    held(tmp_path, {(1, 0): 8}, approve=True)
+    assert held(tmp_path, WORSE).passed
+    again = held(tmp_path, {**WORSE, (2, 0): 6})
+    assert [one.aperture for one in again.of_kind(Change.WORSE)] == [(2, 0), (2, 0)]
 
 
 def test_a_missing_hogel_is_told_and_a_stated_tolerance_holds(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
@@ -205,7 +206,21 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(world: Sce
     assert found.hogels[2].passed
 
 
-@pytest.mark.parametrize("kept", ["object", "position"])
+def test_a_function_needs_a_picture_of_the_right_size() -> None:
+    scene, other = small(size=16), small(size=24)
+    with Faulty(scene=other) as renderer:
+        found = xfrustum.verify(scene, renderer, apertures=[(0, 0)])
+    assert found.hogels[0].problem == "Faulty returned an image that is not 16 x 16"
+
+
+def test_python_refuses_what_the_command_line_refuses(world: Scene) -> None:
+    with pytest.raises(InputError, match="accept"):
+        xfrustum.verify(world, "{i}{j}", accept=("everything",))
+    with pytest.raises(InputError, match="max-wrong"):
+        xfrustum.verify(world, "{i}{j}", max_wrong=2.0)
+
+
+@pytest.mark.parametrize("kept", ["triangle", "object", "position", "all"])
 def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, tmp_path: Path) -> None:
     with Rasterizer(world) as rasterizer:
         for aperture in all_apertures(world):
@@ -215,9 +230,9 @@ def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, 
                 tmp_path / f"{aperture.column}{aperture.row}.exr",
                 HogelImage(
                     camera=image.camera,
-                    triangle=nothing,
-                    object=image.object if kept == "object" else nothing,
-                    position=image.position if kept == "position" else np.full_like(image.position, np.nan),
+                    triangle=image.triangle if kept in ("triangle", "all") else nothing,
+                    object=image.object if kept in ("object", "all") else nothing,
+                    position=np.where(kept in ("position", "all"), image.position, np.nan),
                 ),
             )
     found = xfrustum.verify(world, str(tmp_path / "{i}{j}.exr"))

@@ -151,6 +151,11 @@ def test_a_command_runs_in_the_folder_of_the_caller(
         gone.require_state((), before)
 
 
+def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
+    script = "import sys; " * 100
+    assert state_of(f"sh -c '{script}'", tmp_path) == state_of("sh", tmp_path)
+
+
 def test_what_another_diagnosis_judged_is_not_put_together(
     right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -185,6 +190,29 @@ def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
 
 
 @pytest.mark.slow
+def test_parts_of_a_job_array_make_the_verification_between_them(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone, out, pattern = tmp_path / "alone", tmp_path / "verified", pattern_of(scene_path)
+    assert verified(scene_path, alone, pattern) == 1
+    capsys.readouterr()
+    assert verified(scene_path, out, pattern, "--part", "2/2") == 0
+    assert files_of(out) == {}
+    assert "this part is judged" in capsys.readouterr().err
+    assert verified(scene_path, out, pattern, "--part", "1/2") == 1
+    assert json.loads(capsys.readouterr().out) == json.loads((alone / "verification.json").read_text())
+    assert files_of(out) == files_of(alone)
+    # What was lost is judged again, and nothing else.
+    parts = sorted((out / "verification.parquet").glob("part-*"))
+    times = {path: path.stat().st_mtime_ns for path in parts}
+    parts[1].unlink()
+    assert verified(scene_path, out, pattern, "--part", "1/1") == 1
+    assert [path for path in parts if path.stat().st_mtime_ns != times[path]] == [parts[1]]
+    assert f"{len(parts) - 1} of {len(parts)} blocks were judged before" in capsys.readouterr().err
+    assert files_of(out) == files_of(alone)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("--workers", "2"), ("--part", "1/1", "--apertures", "4,3;0,0;2,1")])
 def test_workers_and_single_hogels_say_what_one_process_says(
     scene_path: Path, words: tuple[str, ...], tmp_path: Path
@@ -194,6 +222,22 @@ def test_workers_and_single_hogels_say_what_one_process_says(
     assert verified(scene_path, tmp_path / "one", pattern, *plain) == 1
     assert verified(scene_path, tmp_path / "several", pattern, *words) == 1
     assert files_of(tmp_path / "several") == files_of(tmp_path / "one") != {}
+
+
+@pytest.mark.slow
+def test_workers_run_a_command_and_notice_another_program(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "render"
+    script.write_text(f"#!/bin/sh\nexec cp {scene_path.parent}/$1x$2.exr $3\n")
+    script.chmod(0o755)
+    words = ("--command", f"{script} {{i}} {{j}} {{out}}")
+    assert verified(scene_path, tmp_path / "one", *words) == 1
+    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 1
+    assert files_of(tmp_path / "two") == files_of(tmp_path / "one") != {}
+    script.write_text(script.read_text() + "# another\n")
+    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 2
+    assert "begun with another state of the images" in capsys.readouterr().err
 
 
 def test_images_that_were_drawn_again_are_another_verification(
