@@ -474,7 +474,7 @@ class _Cluster(Workers):
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]
     ) -> Iterator[tuple[Item, Answer]]:
         from distributed import CancelledError, KilledWorker, as_completed  # noqa: PLC0415 - as above
-        from distributed.comm import CommClosedError  # noqa: PLC0415 - as above
+        from distributed.comm.core import CommClosedError  # noqa: PLC0415 - as above
 
         listed = list(items)
         if not listed:
