@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pytest
 
 from tests.fuzz.child import Outcome
 from tests.fuzz.findings import findings
+from tests.fuzz.mutations import mutated, mutated_arguments
 from tests.fuzz.replay import entries
 
 
@@ -29,6 +31,13 @@ def replayed() -> dict[str, list[str]]:
 @pytest.mark.parametrize("name", [path.name for path in entries()])
 def test_no_input_of_the_corpus_finds_anything_again(name: str, replayed: dict[str, list[str]]) -> None:
     assert replayed[name] == []
+
+
+def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
+    data = bytes(range(256)) + b"size = [10.0, 8.0]\n"
+    once, again = ([mutated(data, random.Random(number)) for number in range(50)] for _ in range(2))
+    assert once == again and len(set(once) - {data}) > 40
+    assert () in {mutated_arguments(("scenes",), random.Random(number)) for number in range(1000)}
 
 
 def test_every_finding_is_found() -> None:

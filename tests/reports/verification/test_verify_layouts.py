@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, table
@@ -190,6 +192,37 @@ def test_a_wrong_reading_is_named(case: str, request: pytest.FixtureRequest, tmp
     if case == "views as hogels":
         assert [fault.value for fault in found.diagnosis.faults] == ["views"]
         assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("layout", "program", "named"),
+    [
+        # T. Burnett's renderer samples pixels at their corners.
+        ("burnett", {"shift": (-0.5, -0.5)}, {"shift-x", "shift-y"}),
+        # J. Hocking's recipe works for scenes behind the plate only; its field of view is 70 degrees.
+        ("hocking", {"front": "missing"}, {"front-missing"}),
+        (
+            "hocking",
+            {"fov": (math.tan(math.radians(35)) / math.tan(math.radians(30)),) * 2},
+            {"fov-x", "fov-y"},
+        ),
+    ],
+)
+def test_what_the_program_of_a_layout_draws_otherwise(
+    layout: str, program: dict[str, Any], named: set[str], tmp_path: Path
+) -> None:
+    scene = small("asymmetric", 48)
+    with Faulty(scene=scene, **program) as renderer:
+        columns, rows = scene.plate.hogels
+        pixels = [
+            [packed(renderer(scene, scene.plate.aperture(i, j)).triangle) for i in range(columns)]
+            for j in range(rows)
+        ]
+    found = asked(scene, written(Plates(pixels=np.asarray(pixels), levels=255), layout, tmp_path))
+    assert f"layout {layout}" in found.source
+    assert not found.passed
+    assert faults(found) == named
 
 
 @pytest.mark.slow
