@@ -22,7 +22,7 @@ from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget import CHAIN, command, write_budget
+from xfrustum.reports.budget import CHAIN, command, table, write_budget
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
@@ -235,3 +235,13 @@ def test_the_command_of_a_budget_makes_it_again() -> None:
     fields = {name: value for name, value in taken.params.items() if value is not None}
     for name in ("near", "depth", "mapping", "fit", "pivot"):
         assert fields[name] == getattr(settings, name)
+
+
+def test_the_table_has_prediction_measurement_and_ratio() -> None:
+    [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
+    link = budget.summary()["links"][0]
+    predicted = [line for line in table(budget).splitlines() if line.startswith("near offset")][-1]
+    ratio = link["surface"] / link["predicted_surface"]
+    shown = [f"{link['surface']}", f"{link['predicted_surface']:.0f}", f"{ratio:.3g}"]
+    numbers = predicted.removeprefix("near offset").replace(",", "").split()
+    assert numbers[0] == str(link["pixels"]) and numbers[1:4] == shown and len(numbers) == 7

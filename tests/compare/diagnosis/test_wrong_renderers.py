@@ -133,7 +133,7 @@ def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "toy", ["headlight", "gamma", "right", "rolled", "mirrored", "moved-y", "no-front", "white"]
+    "toy", ["headlight", "gamma", "right", "rolled", "mirrored", "moved-y", "near", "no-front", "white"]
 )
 def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> None:
     """Plain pictures of another shading are judged by their outlines, where that is asked for."""
