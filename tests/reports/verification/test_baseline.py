@@ -211,6 +211,10 @@ def test_the_summary_for_github_is_appended(tmp_path: Path, monkeypatch: pytest.
     assert text.startswith("what another step wrote\n### xfrustum verify\n\n```\nasymmetric: ")
     assert "Baseline: worse than accepted: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text
     assert "  worse: wrong surfaces of hogel 1,0: 0 accepted, 8 now" in text.splitlines()
+    # No name ends the block of code, in which nothing is markup.
+    assert append_step_summary(held(tmp_path, WORSE, device="a```b <img src=x>")) is None
+    added = summary.read_text().removeprefix(text)
+    assert added.count("```") == 2 and added.endswith("\n```\n") and "on ab <img src=x>," in added
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "nowhere" / "summary.md"))
     assert "was not written" in (append_step_summary(found) or "")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY")
