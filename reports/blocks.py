@@ -341,14 +341,17 @@ class _Processes(Workers):
 
     def _give(self, place: int, job: bytes, request: object) -> Connection[Any, Any]:
         """Hand something over to a process; return where the answer will come from."""
-        while True:
+        starts = 0
+        while starts < ATTEMPTS:
             with suppress(BrokenPipeError, ConnectionResetError):  # it has died since
                 if place not in self._running:
+                    starts += 1
                     self._start(place, job)
                 connection = self._running[place][1]
                 connection.send(request)
                 return connection
             self.end(place)
+        raise InputError(f"{ATTEMPTS} worker processes died as they started; --workers 1 shows why")
 
     def map(
         self, job: Job, function: Callable[[Any, Item], Answer], items: Iterable[Item]

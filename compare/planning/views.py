@@ -97,9 +97,8 @@ class Requirement:
     """Whether eyes judge near, and not pixels: then the largest near that they cannot see is planned."""
 
     tolerance_px: float = TOLERANCE_PX  #: largest 99th percentile of displacement
-    separation: float | None = (
-        None  # of ordered sheets, scene units; None: `SEPARATION_PER_REACH` of the reach
-    )
+    #: distance of ordered sheets, scene units; None: `SEPARATION_PER_REACH` of the reach
+    separation: float | None = None
     max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
 
     def __post_init__(self) -> None:

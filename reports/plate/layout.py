@@ -136,16 +136,14 @@ class Layout:
         """
         (width, height), hogels = self.side, self.plate.hogels
         across = -(-hogels[0] // width)
-        found: dict[int, list[Aperture]] = {}
         if isinstance(apertures, ApertureBlocks):
-            for columns, rows in apertures.blocks:
-                for row in range(rows.start // height, -(-rows.stop // height)):
-                    first, last = columns.start // width, -(-columns.stop // width)
-                    found |= {row * across + column: [] for column in range(first, last)}
+            found = self._touched(apertures)
         else:
+            named: dict[int, list[Aperture]] = {}
             for one in dict.fromkeys(apertures):
-                found.setdefault(one.row // height * across + one.column // width, []).append(one)
-        for number, some in found.items():
+                named.setdefault(one.row // height * across + one.column // width, []).append(one)
+            found = iter(named.items())
+        for number, some in found:
             row, column = divmod(number, across)
             columns = range(column * width, min((column + 1) * width, hogels[0]))
             rows = range(row * height, min((row + 1) * height, hogels[1]))
@@ -153,6 +151,21 @@ class Layout:
                 one for j in rows for i in columns if (one := self.plate.aperture(i, j)) in apertures
             ]
             yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
+
+    def _touched(self, apertures: ApertureBlocks) -> Iterator[tuple[int, list[Aperture]]]:
+        """Yield the number of each block, once, that has a hogel in any of some rectangles."""
+        (width, height), across = self.side, -(-self.plate.hogels[0] // self.side[0])
+        earlier: list[tuple[range, range]] = []
+        for columns, rows in apertures.blocks:
+            here = (
+                range(columns.start // width, -(-columns.stop // width)),
+                range(rows.start // height, -(-rows.stop // height)),
+            )
+            for row in here[1]:
+                for column in here[0]:
+                    if not any(column in some and row in others for some, others in earlier):
+                        yield row * across + column, []
+            earlier.append(here)
 
 
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:

@@ -58,10 +58,11 @@ class PlateJob(Job):
     layout: Layout
     free: bool
     judge: bool = False
+    check: bool = False
 
     def finished(self, block: Block) -> bool:
         """Return whether all hogels of a block that are asked for are there."""
-        return not _opened(self.out, self.layout).missing(block)[0]
+        return not _opened(self.out, self.layout).missing(block, check=self.check)[0]
 
     def size(self, block: Block) -> int:
         """Return the number of hogels of a block that are asked for."""
@@ -78,7 +79,8 @@ class PlateJob(Job):
         A process with another device than the one that made the store is refused.
         """
         with source_of(self.scene, self.settings, self.content, judge=self.judge) as source:
-            yield PlateSession(source, open_store(self.out, self.layout, source.description, free=self.free))
+            store = open_store(self.out, self.layout, source.description, free=self.free)
+            yield PlateSession(source, store, self.check)
 
 
 _opened = lru_cache(1)(PlateStore)
@@ -91,13 +93,14 @@ class PlateSession:
 
     source: HogelSource
     store: PlateStore
+    check: bool
 
     def begun(self) -> None:
         """Do nothing: the question makes a worker open the store, or make it."""
 
     def make(self, block: Block) -> None:
         """Draw what is missing of a block."""
-        self.draw([replace(block, apertures=self.store.missing(block)[0])])
+        self.draw([replace(block, apertures=self.store.missing(block, check=self.check)[0])])
 
     def draw(self, blocks: Iterable[Block], done: Callable[[int], object] = lambda hogels: None) -> None:
         """Draw blocks as one stream of hogels; each block is written while the next one is drawn."""
@@ -152,7 +155,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     judge
         Whether every hogel is traced too, and its measures are stored beside its pixels.
     check
-        Whether this process reads every hogel that is there in full; what is damaged is drawn again.
+        Whether every hogel that is there is read in full; what is damaged is drawn again.
     engine
         Where blocks are drawn: by processes of this machine, by a cluster, or in parts.
 
@@ -174,6 +177,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         layout=layout,
         free=block is None,
         judge=judge,
+        check=check,
     )
     drawn = broken = 0
     some = sum(1 for _ in islice(part.of(layout.blocks(chosen)), MOST_WORKERS))

@@ -73,13 +73,15 @@ def obeyed(*, ignored_afterwards: bool = False) -> Iterator[None]:
 def delayed() -> Iterator[None]:
     """Let a short block run to its end before a signal is obeyed; not for anything that waits."""
     global _delays
-    here = int(threading.current_thread() is threading.main_thread())
-    _delays += here
+    if threading.current_thread() is not threading.main_thread():  # only there signals are obeyed and counted
+        yield
+        return
+    _delays += 1
     try:
         yield
     finally:
-        _delays -= here
-    if here and received is not None:
+        _delays -= 1
+    if received is not None:
         _raise()
 
 

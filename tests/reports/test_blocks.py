@@ -118,6 +118,16 @@ def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
         run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
 
 
+def test_processes_that_die_as_they_start_end_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A job that a socket cannot hold is written to a process that is gone: it is not started for ever."""
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    monkeypatch.setattr(pickle, "dumps", lambda _: bytes(1 << 24))
+    with pytest.raises(InputError, match="died as they started"):
+        run(ToyJob.at(tmp_path), Engine(workers=2))
+
+
 def test_what_a_worker_refuses_is_refused_here_in_its_words(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^a bad block; mend it$"):
         run(ToyJob.at(tmp_path, bad=5), Engine(workers=2))

@@ -18,6 +18,7 @@ import pytest
 from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
+from xfrustum.reports.blocks import Engine
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, layout_of, write_plate
 from xfrustum.reports.plate.sources import source_of
@@ -85,6 +86,14 @@ def test_a_damaged_chunk_is_drawn_again(name: str, damage: str, plate: Path, cle
     assert files.notes == ((f"{plate}: 1 damaged hogels were drawn again",) if found else ())
     assert tree(plate) == tree(clean)
     assert drawn_again(plate, check=True).drawn == 0
+
+
+def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -> None:
+    flipped(plate / CHUNK["color"])
+    files = write_plate(
+        small(), SETTINGS, plate, content=EVERYTHING, block=(1, 1), check=True, engine=Engine(workers=2)
+    )
+    assert files.damaged == 1 and tree(plate) == tree(clean)
 
 
 def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:

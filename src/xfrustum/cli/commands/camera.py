@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
 
 from xfrustum.cli import options
 from xfrustum.cli.options import FOLDER, INDICES, option
-
-if TYPE_CHECKING:
-    pass
 
 
 class _Asked(options.Printed):

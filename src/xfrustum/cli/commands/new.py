@@ -17,7 +17,7 @@ _PLACES = {
 
 
 def _place(**given: bool) -> str | None:
-    """Return the place of the last option that is given."""
+    """Return the place that is asked for; of several, the last of `_PLACES`."""
     return next((place for place in reversed(_PLACES) if given[place]), None)
 
 

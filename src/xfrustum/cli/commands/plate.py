@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -12,9 +12,6 @@ from xfrustum.cli import options
 from xfrustum.cli.commands.convert import tell_losses
 from xfrustum.cli.light import ALL, light_options
 from xfrustum.cli.options import FOLDER, LAYOUT, TILES, flag, option
-
-if TYPE_CHECKING:
-    pass
 
 Span = tuple[int, int] | None
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")

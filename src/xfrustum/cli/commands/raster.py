@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from xfrustum.cli import options
 from xfrustum.cli.light import RASTER, light_options
 from xfrustum.cli.options import FOLDER, option
-
-if TYPE_CHECKING:
-    pass
 
 
 class _Asked(options.Asked):
