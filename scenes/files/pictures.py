@@ -328,7 +328,7 @@ def _read_row(path: Path, stored: Bytes, at: int, row: Bytes) -> int:
             code = int(stored[at]) if at + 1 < stored.size else 0
             count = code - 128 if code > 128 else code
             values = stored[at + 1 : at + 2] if code > 128 else stored[at + 1 : at + 1 + count]
-            if not 0 < count <= width - done or values.size not in (1, count):
+            if not 0 < count <= width - done or values.size != (1 if code > 128 else count):
                 raise InputError(f"{path}: the environment map is damaged (a run of a row); write it again")
             component[done : done + count] = values
             done, at = done + count, at + 1 + values.size
