@@ -5,5 +5,5 @@ measures  How each hogel of a plate differs from its truth: rows of a table, and
 plate     Plates drawn block by block into a store, by this process or by others, and never twice
 rows      Plates in Zarr groups as rows of pixels, for conversion from and to layouts of files
 sources   Sources of a plate's hogels: drawn, drawn and judged, or traced; and what decides their pixels
-store     A plate on disk: the only place that opens, makes, writes and reads its Zarr group
+store     A plate on disk: draws, resumes and reads its Zarr group (`rows` makes those of `convert`)
 """
