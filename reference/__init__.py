@@ -3,7 +3,7 @@
 Read it in this order, beside docs/truth.md:
 
 lines/       The lines through an aperture: the definition of truth
-certify/     Where a pixel is proven, decided exactly, or named a tie; and what hides a drawn point
+certify/     Where a pixel is proven, decided exactly, or named a tie; and the occlusion query
 shading/     The color of true hits
 pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
 truth        True images: asks `certify` for each pixel, then adds points, normals and color

@@ -135,5 +135,5 @@ def cross(a: Vector, b: Vector) -> list[Any]:
 
 
 def difference(a: Vector, b: Vector) -> list[Any]:
-    """Return a - b, coordinate by coordinate."""
+    """Return a - b."""
     return [one - other for one, other in zip(a, b, strict=True)]

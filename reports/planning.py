@@ -145,12 +145,10 @@ def table(
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
         if (known := made.plate) is not None:
-            blocked = f", at {known.hopeless} of them because a surface lies in the aperture"
-            none = (
-                f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
-                f"{known.scouted} that were looked through{blocked if known.hopeless else ''}."
-            )
-            lines.append(_filled(none))
+            none = f"{known.scouted} of the plate's {known.hogels:,} hogels were looked through"
+            if known.hopeless:
+                none += f"; at {known.hopeless} of them a surface lies in the aperture or too close to it"
+            lines.append(_filled(f"{none}."))
         return "\n".join(lines)
     cuts = ", ".join(f"{height:g}" for height in made.slabs)
     cuts = f"{cuts} {scene.units}" if cuts else "none"

@@ -121,7 +121,7 @@ def _rows_of_cells(triangles: Triangles, pencil: Pencil) -> list[_Rows]:
 
 
 class Occlusion:
-    """The triangles of a scene, ready to be searched for what hides points."""
+    """The triangles of a scene, ready to be searched for those that occlude points."""
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
