@@ -169,6 +169,9 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 
     `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no more than
     another. Returned are the lengths of displacements, px; None where none has clearly the most contrast.
+
+    A tile of dim outlines beside a strong one has more contrast at the strong one, however right the picture
+    is. So what does not even register with itself, within half a pixel, measures nothing.
     """
     # Row and column (N, 2), axis and weight of the strongest steps.
     rows = [np.argwhere(some > 0) for some in expected]
@@ -179,17 +182,24 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
         places, weights, axis = places[kept], weights[kept], axis[kept]
     every = -(-len(places) // MAX_STEPS) or 1
     places, weights, axis = places[::every], weights[::every], axis[::every]
-    whole = _peak(places, axis, weights, shown) if len(places) >= MIN_STEPS else None
+
+    def moved(chosen: Mask) -> tuple[float, float] | None:
+        some = places[chosen], axis[chosen], weights[chosen]
+        found = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
+        if found is None or max(map(abs, found)) <= 0.5:
+            return found
+        own = _peak(*some, expected)
+        return found if own is not None and max(map(abs, own)) <= 0.5 else None
+
+    whole = moved(np.ones(len(places), dtype=np.bool_))
     if whole is None:
         return None
     found = [whole]
     side = int(np.clip(np.sqrt(len(places) / STEPS_PER_TILE), 1, MAX_TILES_PER_SIDE))
     tile = places * side // (len(expected[0]), expected[1].shape[1])
     for number in range(side * side) if side > 1 else ():
-        here = tile[:, 0] * side + tile[:, 1] == number
-        if here.sum() >= MIN_STEPS:
-            moved = _peak(places[here], axis[here], weights[here], shown)
-            found += [] if moved is None else [moved]
+        of_tile = moved(tile[:, 0] * side + tile[:, 1] == number)
+        found += [] if of_tile is None else [of_tile]
     return Spread.of(np.hypot(*np.array(found).T))
 
 

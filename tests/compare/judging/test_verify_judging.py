@@ -222,6 +222,24 @@ def test_noise_has_no_outlines(seed: int) -> None:
     assert outline_displacement(steps_of(disk), steps_of(noise)) is None
 
 
+@pytest.mark.parametrize("shift", [0, 1, 3])
+def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> None:
+    """A dim step six pixels beside a strong grid has most contrast on the grid, in a right picture too."""
+    gray = np.zeros((96, 96))
+    gray[:, 44:] += 0.02
+    gray[:, 50:] += 1.0
+    gray[8:90:6, 54:92] = 0
+    gray[:, 60:92:8] *= 0.5
+    # Contrast counts up to a cap, as that of pictures does.
+    (across, down), (moved_across, moved_down) = (
+        steps_of(one) for one in (gray, np.roll(gray, shift, axis=1))
+    )
+    expected = np.minimum(across, 0.2), np.minimum(down, 0.2)
+    spread = outline_displacement(expected, (np.minimum(moved_across, 0.2), np.minimum(moved_down, 0.2)))
+    assert spread is not None
+    assert spread.max == pytest.approx(shift, abs=0.01)
+
+
 def test_geometry_passes_another_shading_that_colors_fail(hogels: Hogels) -> None:
     by_color = verified(hogels["right"], headlight)
     geometry = verified(hogels["right"], headlight, compare="geometry")
