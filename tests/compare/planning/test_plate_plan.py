@@ -235,7 +235,7 @@ def test_a_plate_without_any_near_says_so(tmp_path: Path, capsys: pytest.Capture
     assert made["near"] is None and "every aperture" in made["reason"]
     assert made["plate"]["hopeless"] == 8 and made["plate"]["share_within_at_least"] == 0.0
     assert main(["plan", scene, "--sample=8", *FINE, "--quiet"]) == 0
-    assert "for no share of the plate's 8 hogels" in capsys.readouterr().out
+    assert "8 of the plate's 8 hogels were looked through" in capsys.readouterr().out
 
 
 @pytest.mark.slow
