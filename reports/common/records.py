@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import reduce
 from operator import or_
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import pyarrow as pa
+import pyarrow.json
 
 from xfrustum.reports.common.json_ready import json_ready
 
@@ -30,9 +33,8 @@ def named_columns(pattern: str) -> Mapping[str, str]:
     return {"columns": pattern}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Column:
-    """One column of a table: a value for each row, None where the row has none."""
+class Column(NamedTuple):
+    """One column of a table: a value for each row as JSON takes it, None where the row has none."""
 
     name: str
     type: pa.DataType
@@ -45,12 +47,7 @@ def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     A field that is a dataclass itself is a group, which has a column for each of its fields; these columns
     exist, and are null, also where a row has no such group. A mapping has a column or a group for each of
     its keys. Any other field has one column: enumerations and texts are strings, tuples and lists are lists,
-    and what may have several types is written as text.
-
-    Raises
-    ------
-    TypeError
-        A field has a type that no column can have.
+    and what may have several types is written as text. TypeError where no column can have the field's type.
     """
     hints = get_type_hints(kind)
     found: list[Column] = []
@@ -66,26 +63,30 @@ def _columns(name: str, pattern: str, hint: Any, values: Sequence[Any]) -> Itera
     hint = _without_none(hint)
     if is_dataclass(hint):
         assert isinstance(hint, type), "hints name classes, not instances"
-        for one in columns_of(hint, values):
-            yield Column(name=pattern.format(one.name), type=one.type, values=one.values)
+        yield from (one._replace(name=pattern.format(one.name)) for one in columns_of(hint, values))
     elif get_origin(hint) in (dict, Mapping):
         for key in dict.fromkeys(key for value in values if value for key in value):
             part = re.sub(r"\W+", "_", key.lower())
             parts = [value.get(key) if value else None for value in values]
             group = pattern.format(f"{part}_{{}}")
             yield from _columns(pattern.format(part), group, get_args(hint)[1], parts)
+    elif get_origin(hint) in _UNIONS:
+        yield Column(name, pa.string(), [None if value is None else str(value) for value in values])
     else:
-        ready = [json_ready(value) for value in values]
-        if get_origin(hint) in _UNIONS:
-            ready = [None if value is None else str(value) for value in ready]
-        yield Column(name=name, type=_arrow_type(hint), values=ready)
+        yield Column(name, _arrow_type(hint), [json_ready(value) for value in values])
 
 
 def table_of(kind: type, rows: Sequence[Any]) -> pa.Table:
     """Return some records of one dataclass as a table; see `columns_of`."""
     columns = columns_of(kind, rows)
     schema = pa.schema([(column.name, column.type) for column in columns])
-    return pa.table([pa.array(column.values, column.type) for column in columns], schema=schema)
+    if not rows:
+        return schema.empty_table()
+    names, records = schema.names, zip(*(column.values for column in columns), strict=True)
+    # Through JSON, because pa.array imports all of pandas when it is first given a list.
+    lines = "\n".join(json.dumps(dict(zip(names, record, strict=True))) for record in records)
+    options = pyarrow.json.ParseOptions(explicit_schema=schema)
+    return pyarrow.json.read_json(io.BytesIO(lines.encode()), parse_options=options)
 
 
 def _arrow_type(hint: Any) -> pa.DataType:
