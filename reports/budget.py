@@ -18,7 +18,6 @@ from xfrustum.compare.attribution.budget import RIGHT, Budget, make_budget
 from xfrustum.compare.attribution.radiance_budget import (
     RadianceBudget,
     RadianceLink,
-    RadianceNumbers,
     make_radiance_budget,
     steps,
 )
@@ -33,7 +32,6 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.reports.scout import choices, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
@@ -49,13 +47,11 @@ CHAIN = {
     "T2": "with the pivot",
     "T3": "with the fit",
     "T4": "with slabs",
+    "T5": "with faces culled that are turned away from the viewer",
     "R0": "rasterized, with linear depth",
     "R1": "as it is drawn",
 }
-"""Names of the chain's images, as the files are called, and what each shows."""
-
-CULLED = {"T5": "with faces culled that are turned away from the viewer"}
-"""The image that a chain has after `T4` where faces are culled."""
+"""Names of the chain's images, as files are called, and what each shows; T5 only where faces are culled."""
 
 LINK_WORDS = {
     "near offset": "both cameras step back from the plate by near",
@@ -78,7 +74,7 @@ EXPLANATION_WORDS = {
 
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
-FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN))
+FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN if name != "T5"))
 """Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
 SHOWN_GRAY, EMPTY_GRAY = 215, 250
@@ -97,12 +93,15 @@ class BudgetReport(Shown):
     why: str = ""  #: reason for which the aperture was chosen; empty where it was given
 
     @property
+    def place(self) -> str:
+        """The aperture in words."""
+        return f"aperture {self.aperture.column},{self.aperture.row}"
+
+    @property
     def images(self) -> dict[str, str]:
         """Names of the chain's images, and what each shows."""
-        if self.settings.cull is Cull.NONE:
-            return CHAIN
-        pairs = list(CHAIN.items())
-        return dict([*pairs[:-2], *CULLED.items(), *pairs[-2:]])
+        culled = self.settings.cull is not Cull.NONE
+        return {name: words for name, words in CHAIN.items() if culled or name != "T5"}
 
     def summary(self) -> dict[str, Any]:
         """Return one JSON object: the numbers of geometry, and those of radiance after them."""
@@ -110,12 +109,17 @@ class BudgetReport(Shown):
 
     def table(self) -> str:
         """Return the numbers as aligned lines."""
-        return f"{table(self.geometry)}\n{_radiance_table(self.radiance.numbers)}"
+        columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
+        rows = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
+        numbers = self.radiance.numbers
+        for row in (*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)):
+            values = (getattr(row, name) for name in columns)
+            rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
+        return f"{table(self.geometry)}\n{aligned(rows)}"
 
     def _said(self) -> str:
-        column, row = self.aperture.index
         settings = f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
-        return f"{self.scene.name!r}, aperture {column},{row} with {settings}: {self.geometry._said()}"
+        return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
 
     def _tables(self) -> Sequence[Table]:
         head = ("charged to", "pixels", "surface", "moves by, px rms")
@@ -138,29 +142,23 @@ class BudgetReport(Shown):
 class AutoBudget(Shown):
     """A budget at each of the apertures that were chosen for a plate, in their order."""
 
-    auto: AutoApertures
     budgets: tuple[BudgetReport, ...]
 
     def summary(self) -> dict[str, Any]:
         """Return one JSON object: a budget for each aperture, beside the reason for which it was chosen."""
-        pairs = zip(json_ready(choices(self.auto)), self.budgets, strict=True)
-        return {"apertures": [{**choice, **one.summary()} for choice, one in pairs]}
+        every = [{"aperture": one.aperture.index, "why": one.why, **one.summary()} for one in self.budgets]
+        return {"apertures": json_ready(every)}
 
     def table(self) -> str:
         """Return the budgets one below the other, each under its aperture."""
-        pairs = zip(self.auto.chosen, self.budgets, strict=True)
-        return "\n\n".join(f"{spelled(chosen)}\n{one.table()}" for chosen, one in pairs)
+        return "\n\n".join(f"{one.place}: {one.why}\n{one.table()}" for one in self.budgets)
 
     def _said(self) -> str:
-        return f"{len(self.budgets)} apertures; " + "; ".join(
-            f"{one.aperture.column},{one.aperture.row}: {one.geometry._said()}" for one in self.budgets
-        )
+        said = (f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets)
+        return f"{len(self.budgets)} apertures; " + "; ".join(said)
 
     def _tables(self) -> Sequence[Table]:
-        pairs = zip(self.auto.chosen, self.budgets, strict=True)
-        return (
-            Table(rows=[(*spelled(chosen).split(": ", 1), one.geometry._said()) for chosen, one in pairs]),
-        )
+        return (Table(rows=[(one.place, one.why, one.geometry._said()) for one in self.budgets]),)
 
 
 def auto_budget(
@@ -170,7 +168,7 @@ def auto_budget(
     budgets = [
         replace(budget(scene, settings, one.aperture, progress=progress), why=one.why) for one in auto.chosen
     ]
-    return AutoBudget(auto=auto, budgets=tuple(budgets))
+    return AutoBudget(budgets=tuple(budgets))
 
 
 def budget(
@@ -218,7 +216,7 @@ def table(geometry: Budget) -> str:
     """Return the budget as aligned lines: each link, beside what was predicted of it, with the ratios."""
     numbers = geometry.numbers
     compared = ("predicted", "ratio")
-    rows: list[tuple[str, ...]] = [
+    rows: list[Sequence[str]] = [
         ("charged to", "pixels", "surface", *compared, "moves by, px rms", *compared)
     ]
     for link in numbers.links:
@@ -229,15 +227,12 @@ def table(geometry: Budget) -> str:
         ):
             ratio = measured / predicted if predicted and measured is not None else None
             cells += map(_three_digits, (measured, predicted, ratio))
-        rows.append(tuple(cells))
+        rows.append(cells)
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
-    return "\n".join(
-        (
-            f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle",
-            aligned(rows),
-            f"explained: {reasons}; unexplained {numbers.unexplained:,}",
-            f"right in the end although some link differed: {numbers.cancelled:,}",
-        )
+    return (
+        f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle\n{aligned(rows)}\n"
+        f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
+        f"right in the end although some link differed: {numbers.cancelled:,}"
     )
 
 
@@ -246,16 +241,6 @@ def _three_digits(value: float | None) -> str:
     if value is None:
         return "-"
     return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
-
-
-def _radiance_table(numbers: RadianceNumbers) -> str:
-    """Return the radiance error link by link as aligned lines."""
-    columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
-    rows: list[tuple[str, ...]] = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
-    for row in (*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)):
-        values = (getattr(row, name) for name in columns)
-        rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
-    return aligned(rows)
 
 
 def command(report: BudgetReport) -> str:
@@ -284,12 +269,44 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     if isinstance(report, AutoBudget):
         every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)
         return tuple(path for paths in every for path in paths)
-    pictures = _pictures(report)
+    geometry, links = report.geometry, report.geometry.numbers.links
+    truth, unexplained, colors = report.chain.images[0], geometry.explanation.unexplained, CAUSE_COLORS
+    wrong, own = geometry.surface_charge >= 0, [colors[link.name] for link in links]
+    chain = zip(report.images, report.chain.images, strict=True)
+    pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
+    pictures[BY_TRIANGLE] = causes(truth, geometry.charge, unexplained, own)
+    pictures[BY_SURFACE] = causes(truth, geometry.surface_charge, unexplained & wrong, own)
+    changes = (*report.radiance.change.steps, report.radiance.change.total)
+    for name, change in zip((*report.radiance.links, "total"), changes, strict=True):
+        pictures[f"radiance-{name.replace(' ', '-')}.png"] = images.radiance_map(change)
+    counts = {**geometry.numbers.explained, "unexplained": geometry.numbers.unexplained}
+    values = {
+        "scene": report.scene,
+        "aperture": report.aperture,
+        "why": report.why,
+        "settings": report.settings,
+        "numbers": geometry.numbers,
+        "radiance": report.radiance.numbers,
+        "colors": colors,
+        "words": LINK_WORDS,
+        "unexplained_color": UNEXPLAINED_COLOR,
+        "unexplained": [int(unexplained.sum()), int((unexplained & wrong).sum())],
+        "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
+        "grays": [f"rgb({gray},{gray},{gray})" for gray in (SHOWN_GRAY, EMPTY_GRAY)],
+        "chain": list(report.images.items()),
+        "by_triangle": BY_TRIANGLE,
+        "by_surface": BY_SURFACE,
+        "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
+        "radiance_range": images.RADIANCE_RANGE,
+        "radiance_colors": images.RADIANCE_SCALE,
+        "pictures": {name: images.address(encoded) for name, encoded in pictures.items()},
+        "command": command(report),
+    }
     with Staging(out, FILES) as staging:
         write_json(staging.folder / DATA, report.summary())
         for name, encoded in pictures.items():
             (staging.folder / name).write_bytes(encoded)
-        page = html_page("budget.html.j2", {"digits": digits}, _page_values(report, pictures))
+        page = html_page("budget.html.j2", {"digits": digits}, values)
         (staging.folder / PAGE).write_text(page, encoding="utf-8")
         return staging.commit()
 
@@ -297,21 +314,6 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
 def folder_of(aperture: Aperture) -> str:
     """Return the name of the folder of one of several apertures."""
     return f"aperture-{aperture.column}-{aperture.row}"
-
-
-def _pictures(report: BudgetReport) -> dict[str, bytes]:
-    """Return all pictures by the names of their files."""
-    found, truth = report.geometry, report.chain.images[0]
-    unexplained, wrong = found.explanation.unexplained, found.surface_charge >= 0
-    colors = [CAUSE_COLORS[link.name] for link in found.numbers.links]
-    chain = zip(report.images, report.chain.images, strict=True)
-    pictures = {f"{name}.webp": images.picture(image) for name, image in chain}
-    pictures[BY_TRIANGLE] = causes(truth, found.charge, unexplained, colors)
-    pictures[BY_SURFACE] = causes(truth, found.surface_charge, unexplained & wrong, colors)
-    changes = (*report.radiance.change.steps, report.radiance.change.total)
-    for name, change in zip((*report.radiance.links, "total"), changes, strict=True):
-        pictures[f"radiance-{name.replace(' ', '-')}.png"] = images.radiance_map(change)
-    return pictures
 
 
 def causes(
@@ -328,52 +330,3 @@ def causes(
     buffer = io.BytesIO()
     Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
-
-
-def _page_values(report: BudgetReport, pictures: dict[str, bytes]) -> dict[str, Any]:
-    """Return what the page's template shows."""
-    numbers, unexplained = report.geometry.numbers, report.geometry.explanation.unexplained
-    counts = {**numbers.explained, "unexplained": numbers.unexplained}
-    legend = [
-        {
-            "name": link.name,
-            "color": CAUSE_COLORS[link.name],
-            "words": LINK_WORDS[link.name],
-            "pixels": link.pixels,
-            "surface": link.surface,
-            "moved_px": link.displacement_rms_px,
-            "predicted_px": link.predicted_displacement_rms_px,
-            "predicted_surface": link.predicted_surface,
-        }
-        for link in numbers.links
-    ]
-    # After the links of the chain comes what none of them explains.
-    legend.append(
-        {
-            "name": "unexplained",
-            "color": UNEXPLAINED_COLOR,
-            "words": EXPLANATION_WORDS["unexplained"],
-            "pixels": int(unexplained.sum()),
-            "surface": int((unexplained & (report.geometry.surface_charge >= 0)).sum()),
-            **dict.fromkeys(("moved_px", "predicted_px", "predicted_surface")),
-        }
-    )
-    return {
-        "scene": report.scene,
-        "aperture": report.aperture,
-        "why": report.why,
-        "settings": report.settings,
-        "numbers": numbers,
-        "radiance": report.radiance.numbers,
-        "legend": legend,
-        "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
-        "grays": [f"rgb({gray},{gray},{gray})" for gray in (SHOWN_GRAY, EMPTY_GRAY)],
-        "chain": list(report.images.items()),
-        "by_triangle": BY_TRIANGLE,
-        "by_surface": BY_SURFACE,
-        "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
-        "radiance_range": images.RADIANCE_RANGE,
-        "radiance_colors": images.RADIANCE_SCALE,
-        "pictures": {name: images.address(encoded) for name, encoded in pictures.items()},
-        "command": command(report),
-    }

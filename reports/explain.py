@@ -82,9 +82,9 @@ def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
             more, less = _seconds(with_it), _seconds(without_it)
         else:
             less, more = _seconds(without_it), _seconds(with_it)
-        differences.append(more - less)
-        plain.append(less)
-    differences, plain = differences[1:], plain[1:]
+        if turn:
+            differences.append(more - less)
+            plain.append(less)
     low, high = median_interval(differences)
     quartiles = statistics.quantiles(differences, n=4) if repeat > 1 else differences * 3
     return {
@@ -109,10 +109,10 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
     from xfrustum.reference import Reference  # noqa: PLC0415
     from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415
 
-    scene, repeat, asked = plan.scene, plan.repeat, plan.scene.sampling
+    scene, asked = plan.scene, plan.scene.sampling
     if name in ("shadows", "interreflection"):
         tracer, few = PathTracer(scene), Transport(samples=MEASURED_PATHS, **{name: True})
-        found = cost(lambda: tracer.render(plan.aperture, few), lambda: None, repeat)
+        found = cost(lambda: tracer.render(plan.aperture, few), lambda: None, plan.repeat)
         factor = scene.transport.samples / MEASURED_PATHS
         longer = {key: factor * found[key] for key in ("seconds", "spread")}
         return {"reference": found | longer | {"interval": tuple(factor * end for end in found["interval"])}}
@@ -140,7 +140,7 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
         return lambda: rasterizer.render(plan.aperture, plan.settings, normals=False, sampling=sampling)
 
     with ExitStack() as stack:
-        return {by: cost(image(by, *one), image(by, *other), repeat) for by in renderers}
+        return {by: cost(image(by, *one), image(by, *other), plan.repeat) for by in renderers}
 
 
 # What a scene calls for ----------------------------------------------------------------------------------
@@ -148,14 +148,13 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One effect, or a setting of the scene: whether it is used, the fact that decided it, and its costs."""
+    """One effect, or a setting of the scene: whether it is used, and the fact that decided it."""
 
     name: str
     used: bool
     reason: str
     objects: tuple[int, ...] = ()  #: those that call for it, and those that would if an image could show them
     out_of_sight: tuple[int, ...] = ()
-    costs: dict[str, Cost] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -169,7 +168,8 @@ class EffectsPlan(Shown):
     rows: tuple[Row, ...]
     slabs: tuple[SlabContent, ...]  #: of both cameras, from the back
     depths: dict[str, Any]
-    left_out: dict[str, Cost] = field(default_factory=dict)  #: cost of all local effects beyond those used
+    #: Costs by renderer of each row by its name, and of `all` local effects beyond those used
+    costs: dict[str, dict[str, Cost]] = field(default_factory=dict)
     repeat: int = 0
 
     def _said(self) -> str:
@@ -198,14 +198,9 @@ def explain(
 ) -> EffectsPlan:
     """Say what an image of a scene calls for and, if asked, measure what each effect costs here and now.
 
-    Parameters
-    ----------
-    aperture, settings
-        Image that is asked for; by default of the middle aperture, with both cameras and no slabs.
-    repeat
-        Measured pairs of images for each effect; 0 measures nothing, and answers from the scene alone.
-    progress
-        Whether to draw a bar on standard error.
+    The image is of the middle aperture, with both cameras and no slabs, where none is asked for. `repeat` is
+    the number of measured pairs of images for each effect; 0 measures nothing, and answers from the scene
+    alone.
 
     Raises
     ------
@@ -222,40 +217,9 @@ def explain(
         raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
-    rows = [
-        Row(
-            name=one.effect,
-            used=one.used,
-            reason=one.reason,
-            objects=one.objects,
-            out_of_sight=one.out_of_sight,
-        )
-        for one in decide(scene, question=question)
-    ]
-    plan = EffectsPlan(
-        scene=scene,
-        aperture=aperture,
-        settings=settings,
-        tracer=tracer,
-        rows=(*rows, *_rows_of_settings(scene, repeat > 0)),
-        slabs=slab_contents(scene, settings),
-        depths=depths(scene, aperture, settings),
-        repeat=repeat,
-    )
-    if not repeat:
-        return plan
-    used = frozenset(Effect(row.name) for row in rows if row.used)
-    names, costs = [*(row.name for row in plan.rows), "all"], {}
-    with progress_bar(len(names), "explain", "effect", shown=progress) as bar:
-        for name in names:
-            costs[name] = _costs(plan, name, used)
-            bar.update()
-    measured = tuple(replace(row, costs=costs[row.name]) for row in plan.rows)
-    return replace(plan, rows=measured, left_out=costs["all"])
-
-
-def _rows_of_settings(scene: Scene, measured: bool) -> Iterator[Row]:
-    """Yield the rows of what changes the picture and therefore is simulated only if it is asked for."""
+    decided = [asdict(one) for one in decide(scene, question=question)]
+    rows = [Row(name=one.pop("effect"), **one) for one in decided]
+    # What changes the picture is simulated only if it is asked for.
     sampling, transport = scene.sampling, scene.transport
     side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
     paths = f"{transport.samples} light paths a pixel"
@@ -266,8 +230,27 @@ def _rows_of_settings(scene: Scene, measured: bool) -> Iterator[Row]:
         ("shadows", transport.shadows, f"asked for, with {paths}", paths),
         ("interreflection", transport.interreflection, f"asked for, with {paths}", paths),
     ):
-        unasked = f"not asked for{f'; the cost is that of {cheap}' if measured else ''}"
-        yield Row(name=name, used=used, reason=asked if used else unasked)
+        unasked = f"not asked for{f'; the cost is that of {cheap}' if repeat else ''}"
+        rows.append(Row(name=name, used=used, reason=asked if used else unasked))
+    plan = EffectsPlan(
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        tracer=tracer,
+        rows=tuple(rows),
+        slabs=slab_contents(scene, settings),
+        depths=depths(scene, aperture, settings),
+        repeat=repeat,
+    )
+    if not repeat:
+        return plan
+    effects = frozenset(Effect(row.name) for row in rows[: len(decided)] if row.used)
+    costs: dict[str, dict[str, Cost]] = {}
+    with progress_bar(len(rows) + 1, "explain", "effect", shown=progress) as bar:
+        for name in (*(row.name for row in rows), "all"):
+            costs[name] = _costs(plan, name, effects)
+            bar.update()
+    return replace(plan, costs=costs)
 
 
 # What bounds errors at each depth --------------------------------------------------------------------------
@@ -279,11 +262,7 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     The near offset displaces what lies below the first cut, and a fit makes that less: without an own one the
     first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
     """
-    bins, film, screen = (
-        depth_bins(scene, [aperture]),
-        np.array(scene.frustum.resolution),
-        scene.frustum.screen,
-    )
+    film, screen = np.array(scene.frustum.resolution), scene.frustum.screen
     corner, contrast = math.hypot(*film) / 2, contrast_of(scene, [aperture])
     fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
     sheared = 0.0
@@ -292,16 +271,15 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         # aperture to the screen's middle, in half sizes of the screen.
         away = np.subtract(screen.center, (aperture.x, aperture.y)) / (np.array(screen.size) / 2)
         sheared = float(np.hypot(*(film / 2 * away)))
-    rows, nears = [], list(settings.slabs)
-    counts: list[int | None] = []
-    areas: list[tuple[float, float]] = []
-    for one in bins:
+    rows: list[dict[str, Any]] = []
+    nears, areas = list(settings.slabs), []
+    for one in depth_bins(scene, [aperture]):
         sections = settings.sections(scene.frustum.reach[1 if one.behind else 0])
         of_fit = 1.0 if fitted is None else abs(1 - one.nearest / fitted)
-        displaced = one.nearest < sections[0][1]
-        if displaced:
+        moved = 0.0
+        if one.nearest < sections[0][1]:
+            moved = settings.near / (one.nearest + settings.near)
             nears.append(one.nearest * TOLERANCE_PX / max(corner * of_fit - TOLERANCE_PX, TOLERANCE_PX))
-        moved = settings.near / (one.nearest + settings.near) if displaced else 0.0
         # The farthest content is ordered in the slab that draws it. The first slab's camera has stepped back;
         # those of the others stand in the aperture.
         low, high = next((ends for ends in sections if one.farthest <= ends[1]), sections[-1])
@@ -309,37 +287,35 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         w = np.array([one.farthest + back])
         separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
         widest, least = blurs(scene, one)
-        count = sub_apertures_for(widest, contrast)
-        counts.append(count)
         areas.append(widest)
         rows.append(
             {
                 "side": "behind" if one.behind else "before",
-                "heights": one.heights,
-                "nearest": one.nearest,
-                "farthest": one.farthest,
+                **{name: getattr(one, name) for name in ("heights", "nearest", "farthest")},
                 "triangles": one.triangles,
                 "share": one.share,
                 "near_px": corner * moved * of_fit,
                 "shear_px": sheared * moved,
                 "separation": float(separation[0]),
                 "blur_px": (least, max(widest)),
-                "sub_apertures": count,
+                "sub_apertures": sub_apertures_for(widest, contrast),
             }
         )
-    errors = {
-        count: max((error_bound(count, widest, contrast) for widest in areas), default=0.0) / LEVEL
-        for count in EXAMPLE_SUB_APERTURES
-    }
+    counts = [row["sub_apertures"] for row in rows]
+    bounds = ([error_bound(count, one, contrast) for one in areas] for count in EXAMPLE_SUB_APERTURES)
+    errors = [max(some, default=0.0) / LEVEL for some in bounds]
     return {
         "rows": rows,
         "near": settings.near,
         "largest_near": min(nears, default=0.0) or None,
         "tolerance_px": TOLERANCE_PX,
         "contrast": contrast,
-        "sub_apertures": None if None in counts else max((count for count in counts if count), default=1),
+        "sub_apertures": None if None in counts else max(filter(None, counts), default=1),
         "cuts": settings.slabs,
-        "band_errors": [{"sub_apertures": count, "levels": levels} for count, levels in errors.items()],
+        "band_errors": [
+            {"sub_apertures": count, "levels": levels}
+            for count, levels in zip(EXAMPLE_SUB_APERTURES, errors, strict=True)
+        ],
     }
 
 
@@ -350,18 +326,14 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
     """Return the object that `explain --json` prints."""
     sampling, scene, cameras = plan.scene.sampling, plan.scene, (Effect.C, Effect.C_STAR)
 
-    def by_renderer(costs: dict[str, Cost], name: str) -> dict[str, Any]:
-        """Return a number of the cost by each renderer; None where it was not measured or means nothing."""
-        return {one: costs[one][name] if one in costs else None for one in RENDERERS}
+    def by_renderer(of: str, name: str) -> dict[str, Any]:
+        """Return a number of a cost by each renderer; None where it was not measured or means nothing."""
+        return {one: plan.costs.get(of, {}).get(one, {}).get(name) for one in RENDERERS}
 
+    named = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
     effects = [
-        {
-            **{name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")},
-            "cost_s": by_renderer(row.costs, "seconds"),
-            "spread_s": by_renderer(row.costs, "spread"),
-            "interval_s": by_renderer(row.costs, "interval"),
-            "resolved": by_renderer(row.costs, "resolved"),
-        }
+        {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
+        | {key: by_renderer(row.name, name) for key, name in named.items()}
         for row in plan.rows
     ]
     objects = []
@@ -386,7 +358,7 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
         "objects": objects,
         "depths": plan.depths,
         "cameras": list(dict.fromkeys(slab.camera for slab in drawn)),
-        "slabs": [asdict(slab) for slab in plan.slabs],
+        "slabs": plan.slabs,
         "passes": [
             {"camera": slab.camera, "heights": slab.heights, "draws": kind}
             for kind in kinds
@@ -399,9 +371,9 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
         },
         "transport": scene.transport,
         "tracer": plan.tracer,
-        "image_s": by_renderer(plan.left_out, "without"),
-        "left_out_s": by_renderer(plan.left_out, "seconds"),
-        "left_out_interval_s": by_renderer(plan.left_out, "interval"),
+        "image_s": by_renderer("all", "without"),
+        "left_out_s": by_renderer("all", "seconds"),
+        "left_out_interval_s": by_renderer("all", "interval"),
         "repeat": plan.repeat,
         "procedure": PROCEDURE,
     }
@@ -417,7 +389,7 @@ def table(plan: EffectsPlan) -> str:
     units, told, measured = plan.scene.units, summary(plan), RENDERERS if plan.repeat else ()
     lines = [("effect", "", *measured, "because")]
     for row in plan.rows:
-        costs = (_time(row.costs.get(name)) for name in measured)
+        costs = (_time(plan.costs[row.name].get(name)) for name in measured)
         lines.append((row.name, "used" if row.used else "left out", *costs, row.reason))
     text = [*_columns(lines), ""]
     for one in told["objects"]:
@@ -439,9 +411,9 @@ def table(plan: EffectsPlan) -> str:
         "over the aperture",
         f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}",
     ]
-    for name, every in plan.left_out.items():
+    for name, every in plan.costs.get("all", {}).items():
         text.append(f"{name} {_duration(every['without'])} an image, all effects besides {_time(every)}")
-    if plan.left_out:
+    if plan.repeat:
         text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
     return "\n".join(text)
 
@@ -450,7 +422,7 @@ def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
     """Yield lines of cells, each column as wide as its longest cell."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        yield "  ".join(map(str.ljust, line, widths)).rstrip()
 
 
 def _by_depth(plan: EffectsPlan) -> Iterator[str]:
@@ -461,6 +433,10 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
         f"what lies in the frustum of aperture {column},{row} by depth, hidden surfaces included; near "
         f"{digits(found['near'])} {units}, {cuts}, {plan.settings.depth_label}:"
     )
+
+    def points(count: int | None) -> str:
+        return "over 65,536" if count is None else f"{count:,}"
+
     lines: list[tuple[str, ...]] = [
         (f"|z| ({units})", "surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
     ]
@@ -473,7 +449,7 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
             f"{digits(one['shear_px'])} px",
             f"{digits(one['separation'])} {units}",
             f"{least} to {largest} px",
-            _points(one["sub_apertures"]),
+            points(one["sub_apertures"]),
         )
         lines.append(cells)
     yield from _columns(lines)
@@ -486,12 +462,8 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
     yield (
         f"band limiting: {plan.scene.sampling.aperture:,} sub-apertures are used; edges may be off by so "
-        f"many levels of 8 bits: {', '.join(errors)}; {_points(found['sub_apertures'])} keep them under one"
+        f"many levels of 8 bits: {', '.join(errors)}; {points(found['sub_apertures'])} keep them under one"
     )
-
-
-def _points(count: int | None) -> str:
-    return "over 65,536" if count is None else f"{count:,}"
 
 
 def _time(found: Cost | None) -> str:
@@ -512,12 +484,7 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
     """Return what a display can show to a viewer at a distance, and whether a near offset is seen there.
 
     The key `viewer` of `explain --viewer --json`. All surfaces within the reach count, as if every one were
-    seen.
-
-    Raises
-    ------
-    InputError
-        A surface within the reach lies behind the viewer.
+    seen; InputError where one lies behind the viewer.
     """
     # Eyes are measured with the reference, which takes longer to load than all the rest takes to answer.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415
@@ -543,8 +510,8 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
 
 def viewer_table(record: dict[str, Any], units: str) -> str:
     """Return the same as lines of text."""
-    limits, near, largest = record["limits"], record["near"], record["largest_unseen_near"]
-    unseen = f"up to n = {digits(largest)} {units}" if largest else "at no n"
+    limits, largest = record["limits"], record["largest_unseen_near"]
+    unseen = "at any n" if math.isinf(largest) else f"up to n = {digits(largest)} {units}"
     before, behind = (
         "any depth" if math.isinf(depth) else f"{digits(depth)} {units}"
         for depth in (limits.before, limits.behind)
@@ -554,17 +521,14 @@ def viewer_table(record: dict[str, Any], units: str) -> str:
         f"  a hogel is seen under {digits(limits.pitch_arcmin)}', its pixels under "
         f"{digits(limits.pixel_arcmin)}'; the eye resolves {digits(limits.viewer.acuity_arcmin)}'",
         f"  depth of field: {before} before the plate, {behind} behind it",
-        f"  a near offset n, a gap of 2 n at the plate, is not seen "
-        f"{'at any n' if math.isinf(largest) else unseen}",
-        f"  n = {digits(near)} {units} is {'seen' if record['seen'] else 'not seen'}",
+        f"  a near offset n, a gap of 2 n at the plate, is not seen {unseen if largest else 'at no n'}",
+        f"  n = {digits(record['near'])} {units} is {'seen' if record['seen'] else 'not seen'}",
     ]
-    names = {
-        "stereo": ("stereo_change_arcsec", "arc seconds of disparity"),
-        "crack": ("crack_arcmin", "' of crack"),
-    }
     for one in record["near_limits"]:
-        key, unit = names[one.name]
-        lines.append(f"    {digits(record[key])} {unit}; up to {digits(one.allowed)} are not noticed")
+        stereo = one.name == "stereo"
+        there = record["stereo_change_arcsec" if stereo else "crack_arcmin"]
+        unit = "arc seconds of disparity" if stereo else "' of crack"
+        lines.append(f"    {digits(there)} {unit}; up to {digits(one.allowed)} are not noticed")
     if record["stereo_change_arcsec"] is None:
         lines.append(f"    whether two eyes see it is not known: how long is one of the scene's {units}?")
     return "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import click
@@ -28,10 +27,11 @@ def _sizes(default: str) -> Any:
 
 def _measured(asked: Measured, name: str, *what: Any, **given: Any) -> None:
     """Run a benchmark with the options that are given, and print what it found."""
-    module = import_module(f"xfrustum.reports.benchmarks.{name}")
+    from xfrustum.reports import benchmarks
+
     known = {key: value for key, value in given.items() if value is not None}
-    found = getattr(module, f"benchmark_{name}")(*what, **known, progress=asked.progress)
-    asked.tell(lambda: found, lambda: module.table(found))
+    found = getattr(benchmarks, f"benchmark_{name}")(*what, **known, progress=asked.progress)
+    asked.tell(lambda: found, lambda: getattr(benchmarks, f"{name}_table")(found))
 
 
 class _Truth(Measured):
@@ -63,7 +63,7 @@ def judge(asked: _Judge) -> None:
     of a million triangles.
     """
     opened = [options.open_scene(name) for name in asked.scenes]
-    from xfrustum.reports.benchmarks import judge as benchmarks
+    from xfrustum.reports import benchmarks
 
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]

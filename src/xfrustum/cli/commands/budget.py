@@ -33,6 +33,6 @@ def budget(asked: _Asked) -> None:
         charged = budgeting.auto_budget(opened, asked.settings, chosen, progress=asked.progress)
     else:
         charged = budgeting.budget(opened, asked.settings, chosen, progress=asked.progress)
-    if asked.out is not None:
-        budgeting.write_budget(charged, asked.out)
-    asked.tell(charged.summary, charged.table)
+    files = () if asked.out is None else budgeting.write_budget(charged, asked.out)
+    pages = [str(file) for file in files if file.name == budgeting.PAGE]
+    asked.tell(charged.summary, lambda: "\n".join((charged.table(), *pages)))

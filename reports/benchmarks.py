@@ -1,0 +1,650 @@
+"""Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
+
+`bench truth`, `judge` and `plate` race what the toolkit does against loops that anybody would write and
+against tracers that prove nothing; `bench table1` measures table 1 of the paper.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
+from xfrustum.compare.run import Judge
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.plate.one_by_one import PlainLoop
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.rasterizer import SINGLE_SAMPLE
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
+from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
+from xfrustum.reference.tracers.proposals import pixel_rays
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.timing import Timing, race
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.studio import mirrored, tessellated_car
+from xfrustum.scenes.library.targets import globes
+from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Record = dict[str, Any]
+"""The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
+
+RELATIVE_NEAR = 1e-3
+"""The near offset that all contestants draw with, as a fraction of the reach."""
+
+
+def scene_record(scene: Scene) -> Record:
+    """Return what a record says of the scene that was measured."""
+    return {"name": scene.name, "hash": scene.content_hash, "triangles": len(scene.faces)}
+
+
+def machine_record(*, tracers: bool = False) -> Record:
+    """Return the machine and the versions of the libraries, those of the tracers included if asked for."""
+    versions = provenance.versions()
+    if tracers:
+        versions |= mitsuba_backend().versions
+        versions |= {name: version(name) for name in ("drjit", "embreex", "trimesh")}
+    return {"machine": provenance.machine(), "versions": versions}
+
+
+def settings_of(scene: Scene) -> DoubleFrustum:
+    """Return the settings that all contestants draw with."""
+    return DoubleFrustum(near=RELATIVE_NEAR * scene.frustum.longest_reach)
+
+
+def sized(scene: Scene, resolution: int) -> Scene:
+    """Return a scene with a square film and one sample a pixel; InputError where it has no triangles."""
+    if not len(scene.faces):
+        raise InputError(f"scene {scene.name}: has no triangles to measure; choose one that has")
+    film = replace(scene.frustum, resolution=(positive(resolution),) * 2)
+    return replace(scene, frustum=film, sampling=Sampling())
+
+
+def positive(count: int) -> int:
+    """Return a resolution, a number of hogels or of repetitions; InputError where it is not positive."""
+    if count < 1:
+        raise InputError("bench: resolutions, hogels and repetitions must be positive; give such as 256")
+    return count
+
+
+def rate_of(amount: float, seconds: Timing) -> Timing:
+    """Return the amount per second, given the seconds that all of it took."""
+    lowest, median, highest = (amount / each for each in (seconds.highest, seconds.median, seconds.lowest))
+    return replace(seconds, median=median, lowest=lowest, highest=highest, low=None, high=None)
+
+
+def ratios_of(rates: Mapping[str, Timing], pairs: Iterable[tuple[str, str]]) -> dict[str, float | None]:
+    """Return quotients of median rates as "one/other"; None where the other does not run here."""
+    return {
+        f"{one}/{other}": rates[one].median / rates[other].median if other in rates else None
+        for one, other in pairs
+    }
+
+
+def exhaust(images: Iterable[object]) -> None:
+    """Take every image and keep none."""
+    deque(images, maxlen=0)
+
+
+def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Sequence[str]] = ()) -> str:
+    """Return rates and ratios of some races, and more rows, as text: one column for each race."""
+    heads = ["{} x {}".format(*race["resolution"]) for race in races]
+    rows: list[Sequence[str]] = [[title, *heads]]
+    for name in races[0][key]:
+        # A rate is its median and both ends; None stands for a contestant that does not run here.
+        rates = [rate and list(rate.values())[:3] for rate in json_ready([race[key][name] for race in races])]
+        cells = ("{:.2f} ({:.2f} to {:.2f})".format(*rate) if rate else "-" for rate in rates)
+        rows.append([name, *cells])
+    for pair in races[0]["ratios"]:
+        ratios = (race["ratios"][pair] for race in races)
+        rows.append([pair, *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios)])
+    rows += more
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+
+def report(head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]) -> str:
+    """Return a benchmark as text: what was measured and where, its tables, and what its names mean."""
+    where = f"{found['machine']['cores']} cores of {found['machine']['processor']}"
+    legend = "\n".join(f"{name}: {meaning}" for name, meaning in meanings.items())
+    return "\n\n".join(("\n".join((*head, where)), *tables, legend))
+
+
+# The truth, next to tracers that prove nothing ------------------------------------------------------------
+
+TRUTH_MEANINGS = {
+    "mitsuba": "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
+    "embree": "Embree through embreex, robust, rays from NumPy: triangle numbers",
+    "trimesh": "trimesh's intersects_location, first hits only",
+    "certified": "certified triangle, place along the line and certainty, with all set-up",
+    "truth": "the whole true image: also points, normals and colors, without a second opinion",
+}
+"""All contestants, in the order in which they are listed."""
+
+TRUTH_RATIOS = [(one, other) for one in ("certified", "truth") for other in ("mitsuba", "trimesh")]
+"""Pairs of contestants; the rate of the first is divided by that of the second."""
+
+
+def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
+    """Return the contestants that there are here, by the names in `TRUTH_MEANINGS`.
+
+    Acceleration structures are built, and rays aimed, here or at the first call, which no clock should count.
+    The certified truth has no such thing: each call begins with the triangles. There is no `mitsuba` where
+    it has only its scalar variant, one ray at a time.
+    """
+    pencil = crossed_frustum(scene.frustum, aperture)
+    origins, directions = pixel_rays(scene, pencil, range(pencil.resolution[1]))
+    embree, reference = EmbreeTracer(scene), Reference(scene)
+    mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+    found: dict[str, Callable[[], object]] = {
+        "embree": lambda: embree.first_hits(origins, directions),
+        "trimesh": lambda: mesh.intersects_location(origins, directions, multiple_hits=False),
+        "certified": lambda: list(reference.decide(aperture)),
+        "truth": lambda: reference.trace(aperture),
+    }
+    if not mitsuba_backend().scalar:
+        found["mitsuba"] = bare_intersection(scene, origins, directions)
+    return {name: found[name] for name in TRUTH_MEANINGS if name in found}
+
+
+def benchmark_truth(
+    scene: Scene, resolutions: Sequence[int] = (512, 1024, 2048), repeat: int = 9, *, progress: bool = False
+) -> Record:
+    """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
+
+    Raises InputError where the scene has no triangles, or a number is not positive.
+    """
+    if not resolutions:
+        raise InputError("bench: there is no resolution; give such as 512,1024")
+    scenes, races = [sized(scene, side) for side in resolutions], []
+    positive(repeat)
+    with progress_bar(len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress) as bar:
+        for one in scenes:
+            (width, height), rates = one.frustum.resolution, {}
+            # One at a time, so that none pays for what another leaves behind in caches and heap.
+            for name, run in truth_contestants(one, one.plate.middle).items():
+                rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
+                bar.update()
+            ends = {
+                name: {"median": rate.median, "slowest": rate.lowest, "fastest": rate.highest}
+                for name, rate in rates.items()
+            }
+            races.append(
+                {
+                    "resolution": (width, height),
+                    "mpixel_per_s": {name: ends.get(name) for name in TRUTH_MEANINGS},
+                    "ratios": ratios_of(rates, TRUTH_RATIOS),
+                }
+            )
+    return {
+        "scene": {**scene_record(scene), "aperture": scene.plate.middle.index},
+        "repeat": repeat,
+        "meanings": TRUTH_MEANINGS,
+        "races": races,
+        **machine_record(tracers=True),
+    }
+
+
+def truth_table(found: Record) -> str:
+    """Return the rates and ratios as text, one column for each resolution."""
+    scene = found["scene"]
+    head = [
+        f"{scene['name']}, {scene['triangles']:,} triangles, middle aperture",
+        f"median of {found['repeat']} after a warm-up (slowest to fastest)",
+    ]
+    rates = rates_table("million pixels per second", found["races"], "mpixel_per_s")
+    return report(head, [rates], found, TRUTH_MEANINGS)
+
+
+# Judged hogels, and CPU seconds by stage -------------------------------------------------------------------
+
+JUDGE_MEANINGS = {
+    "stream": "Judge.stream, which overlaps drawing, tracing and comparing: numbers alone",
+    "loop": "trace, render and compare_images, one hogel after the other: the same numbers",
+    "plain": "render, trimesh's intersects_first and NumPy: other objects, and displacement, nothing proven",
+    "render": "the frame alone, without normals and color, read back",
+    "mitsuba": "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the device",
+}
+"""All contestants, in the order in which they are listed."""
+
+JUDGE_RATIOS = [("stream", name) for name in JUDGE_MEANINGS if name != "stream"]
+"""Pairs of contestants; the rate of the first is divided by that of the second."""
+
+STAGES = {
+    "deciding": "the certified decision alone",
+    "second opinion": "the tracer's first hits along the same lines, which is no part of a truth",
+    "points and colors": "the rest of a truth: points, normals, objects, colors",
+    "drawing": "the double frustum, until the device has finished",
+    "read-back": "the rest of a frame: triangle numbers, surface points, normals and colors, read back",
+    "comparing": "compare_images, without colors",
+    "comparing radiance": "what comparing colors takes besides",
+}
+"""All stages of one judged hogel, in the order in which they are listed."""
+
+WITHIN = {
+    "second opinion": "points and colors",
+    "points and colors": "deciding",
+    "read-back": "drawing",
+    "comparing radiance": "comparing",
+}
+"""Stages whose runs contain another stage's run: their time is the difference."""
+
+
+def default_scenes() -> tuple[str, ...]:
+    """Return the built-in car and, where the folder of test data is beside the checkout, its car body."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
+    return ("car", str(beside)) if beside.exists() else ("car",)
+
+
+def globes_through_a_plate(triangles: int) -> Scene:
+    """Return globes of so many triangles, and a plate of 9 x 9 hogels; see `globes`."""
+    scene = globes(triangles, (1, 1))
+    return replace(scene, plate=replace(scene.plate, hogels=(9, 9)))
+
+
+def judged_in_stream(judge: Judge, apertures: Sequence[Aperture]) -> list[ComparisonNumbers]:
+    """Judge hogels with truths and frames made side by side."""
+    stream = judge.stream(apertures, [settings_of(judge.scene)], radiance=False)
+    return [hogel.drawings[0].comparison for hogel in stream]
+
+
+def judged_in_loop(
+    reference: Reference, rasterizer: Rasterizer, apertures: Sequence[Aperture]
+) -> list[ComparisonNumbers]:
+    """Judge the same hogels one after the other."""
+    settings, found = settings_of(reference.scene), []
+    for aperture in apertures:
+        truth = reference.trace(aperture)
+        drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+        found.append(compare_images(truth, drawn, reference, radiance=False).numbers)
+    return found
+
+
+def judged_plainly(
+    rasterizer: Rasterizer, mesh: RayMeshIntersector, apertures: Sequence[Aperture]
+) -> list[tuple[float, float]]:
+    """Judge hogels as a user would with trimesh and NumPy; nothing that it finds is proven.
+
+    Each has the share of pixels with another object, and the 99th percentile of displacement, px.
+    """
+    scene = rasterizer.scene
+    object_of_number, found = np.append(scene.object_of_triangle, np.int32(NOTHING)), []
+    for aperture in apertures:
+        drawn = rasterizer.render(aperture, settings_of(scene), normals=False, color=False)
+        pencil = crossed_frustum(scene.frustum, aperture)
+        width, height = pencil.resolution
+        first = mesh.intersects_first(*pixel_rays(scene, pencil, range(height)))
+        wrong = object_of_number[first] != drawn.object.ravel()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), pencil)
+        row, column = np.divmod(np.arange(width * height), width)
+        moved = np.hypot(place[:, 0] - column, place[:, 1] - row)
+        moved = moved[np.isfinite(moved)]
+        found.append((float(wrong.mean()), float(np.percentile(moved, 99)) if moved.size else 0.0))
+    return found
+
+
+def benchmark_judge(
+    scenes: Sequence[Scene],
+    resolutions: Sequence[int] = (128, 256, 512, 1024),
+    hogels: int = 6,
+    repeat: int = 5,
+    *,
+    progress: bool = False,
+) -> Record:
+    """Measure how fast hogels, spread over the plates of some scenes, are judged; W = H of each race.
+
+    Contestants, and then stages, take `repeat` turns after a warm-up. Raises InputError where a scene has no
+    triangles, a number is not positive, or there is no usable OpenGL.
+    """
+    films = [[sized(scene, side) for side in resolutions] for scene in scenes]
+    turns = len(scenes) * len(resolutions) * (positive(repeat) + 1) * (len(JUDGE_MEANINGS) + len(STAGES))
+    with progress_bar(turns, "bench", "run", shown=progress) as bar:
+        judged = [
+            {
+                "scene": scene_record(scene),
+                "settings": settings_of(scene),
+                "races": [_race(film, positive(hogels), repeat, bar) for film in sizes],
+            }
+            for scene, sizes in zip(scenes, films, strict=True)
+        ]
+    asked = {"hogels": hogels, "repeat": repeat, "meanings": JUDGE_MEANINGS, "stages": STAGES}
+    return {**asked, "scenes": judged, **machine_record(tracers=True)}
+
+
+def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
+    """Measure the contestants, and the stages of one hogel, at one resolution."""
+    settings, middle, plate = settings_of(scene), scene.plate.middle, scene.plate
+    # Spread evenly over the plate row by row; some twice where it has fewer.
+    numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
+    apertures = [plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers]
+    mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+    cpu: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    with Judge(scene) as judge, Rasterizer(scene) as rasterizer:
+        reference = judge.reference
+        runs: dict[str, Callable[[], object]] = {
+            "stream": lambda: judged_in_stream(judge, apertures),
+            "loop": lambda: judged_in_loop(reference, rasterizer, apertures),
+            "plain": lambda: judged_plainly(rasterizer, mesh, apertures),
+            "render": lambda: exhaust(
+                rasterizer.render(one, settings, normals=False, color=False) for one in apertures
+            ),
+        }
+        if not mitsuba_backend().scalar:
+            pencil = crossed_frustum(scene.frustum, middle)
+            bare = bare_intersection(scene, *pixel_rays(scene, pencil, range(pencil.resolution[1])))
+            runs["mitsuba"] = lambda: exhaust(bare() for _ in apertures)
+        taken = race(runs, repeat, bar.update)
+    with Rasterizer(scene) as rasterizer:
+        reference = Reference(scene)
+        truth, frame = reference.trace(middle), rasterizer.render(middle, settings, normals=False)
+        stages: dict[str, Callable[[], object]] = {
+            "deciding": lambda: exhaust(reference.decide(middle)),
+            "second opinion": lambda: reference.trace(middle).overruled,
+            "points and colors": lambda: reference.trace(middle),
+            "drawing": lambda: rasterizer.draw_only(middle, settings),
+            "read-back": lambda: rasterizer.render(middle, settings),
+            "comparing": lambda: compare_images(truth, frame, reference, radiance=False),
+            "comparing radiance": lambda: compare_images(truth, frame, reference),
+        }
+        for turn in range(repeat + 1):
+            for stage, run in stages.items():
+                begun = time.process_time()
+                run()
+                if turn:
+                    cpu[stage].append(time.process_time() - begun)
+                bar.update()
+    rates = {name: rate_of(hogels, seconds) for name, seconds in taken.items()}
+    return {
+        "resolution": scene.frustum.resolution,
+        "hogels_per_second": {name: rates.get(name) for name in JUDGE_MEANINGS},
+        "ratios": ratios_of(rates, JUDGE_RATIOS),
+        **stages_record({stage: statistics.median(values) for stage, values in cpu.items()}),
+    }
+
+
+def stages_record(taken: Mapping[str, float]) -> Record:
+    """Return the CPU seconds of each stage, and truth and comparing over a frame, given those of the runs.
+
+    A difference is never negative. A second opinion is no part of a truth: somebody asks for it.
+    """
+    cpu_s = {stage: max(0.0, taken[stage] - taken.get(WITHIN.get(stage, ""), 0.0)) for stage in STAGES}
+    drawing = cpu_s["drawing"] + cpu_s["read-back"]
+    judging = cpu_s["deciding"] + cpu_s["points and colors"] + cpu_s["comparing"]
+    over = {
+        "without radiance": judging / drawing,
+        "with radiance": (judging + cpu_s["comparing radiance"]) / drawing,
+    }
+    return {"cpu_s": cpu_s, "judging_over_drawing": over}
+
+
+def judge_table(found: Record) -> str:
+    """Return rates, ratios and stages as text, one column for each resolution."""
+    tables = []
+    for judged in found["scenes"]:
+        scene, races = judged["scene"], judged["races"]
+        more = [["CPU ms of one hogel", *("" for _ in races)]]
+        more += [[stage, *(f"{1e3 * one['cpu_s'][stage]:.1f}" for one in races)] for stage in STAGES]
+        for how in races[0]["judging_over_drawing"]:
+            shares = (f"{one['judging_over_drawing'][how]:.2f}" for one in races)
+            more.append([f"(truth + comparing)/drawing {how}", *shares])
+        rates = rates_table("judged hogels per second", races, "hogels_per_second", more)
+        tables.append(f"{scene['name']}, {scene['triangles']:,} triangles\n{rates}")
+    head = [
+        f"{found['hogels']} hogels a run",
+        f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
+    ]
+    return report(head, tables, found, JUDGE_MEANINGS | STAGES)
+
+
+# Many hogels at once, next to loops that anybody would write ---------------------------------------------
+
+PLATE_MEANINGS = {
+    "plain": "one hogel after the other, every triangle twice, triangle numbers and float32 color read back",
+    "plain-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
+    "batched": "PlateRenderer, the same images read back",
+    "batched-discarded": "the draws of batched with rasterization discarded, nothing read back",
+    "bare": "one hogel after the other, every triangle twice, 8-bit color only, nothing read back",
+    "bare-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
+    "batched-color": "PlateRenderer, 8-bit color only, read back",
+}
+"""All contestants, in the order in which they are listed."""
+
+PLATE_RATIOS = (
+    *(("batched", other) for other in ("plain", "plain-numbered", "batched-discarded")),
+    *(("batched-color", other) for other in ("bare", "bare-numbered")),
+)
+"""Pairs of contestants; the rate of the first is divided by that of the second."""
+
+EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
+COLOR_ONLY = PlateContent(color=ColorType.UINT8)
+
+
+def benchmark_plate(
+    scene: Scene, resolution: int = 128, repeat: int = 5, *, progress: bool = False
+) -> Record:
+    """Race the middle row of a scene's plate, W = H pixels a hogel and one sample a pixel.
+
+    Raises InputError where the scene has no triangles, or a number is not positive.
+    """
+    scene, repeat = sized(scene, resolution), positive(repeat)
+    settings, row = settings_of(scene), scene.plate.middle.row
+    apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]
+    effects = needed(scene) - {Effect.REFLECTION}  # plain loops draw no reflections
+    turns = (repeat + 1) * len(PLATE_MEANINGS)
+    with ExitStack() as stack, progress_bar(turns, "bench", "row", shown=progress) as bar:
+        batched, color = (
+            stack.enter_context(PlateRenderer(scene, settings, replace(content, effects=effects)))
+            for content in (EVERYTHING, COLOR_ONLY)
+        )
+        plain, plain_numbered, bare, bare_numbered = (
+            stack.enter_context(PlainLoop(scene, settings, content, numbered=numbered))
+            for content in (EVERYTHING, COLOR_ONLY)
+            for numbered in (False, True)
+        )
+        runs = {
+            "plain": lambda: exhaust(plain.hogels(apertures)),
+            "plain-numbered": lambda: exhaust(plain_numbered.hogels(apertures)),
+            "batched": lambda: exhaust(batched.hogels(apertures)),
+            "batched-discarded": lambda: batched.draw_only(apertures, rasterize=False),
+            "bare": lambda: bare.draw_only(apertures),
+            "bare-numbered": lambda: bare_numbered.draw_only(apertures),
+            "batched-color": lambda: exhaust(color.hogels(apertures)),
+        }
+        seconds = race(runs, repeat, bar.update)
+        # Everything has warmed up by now.
+        measured = [batched.measure(apertures) for _ in range(repeat)]
+        device = batched.device["renderer"]
+    rates = {name: rate_of(len(apertures), taken) for name, taken in seconds.items()}
+    clocks = ("gpu_s", "wall_s")
+    return {
+        "scene": scene_record(scene),
+        "resolution": scene.frustum.resolution,
+        "settings": settings,
+        "row": row,
+        "hogels": len(apertures),
+        "meanings": PLATE_MEANINGS,
+        "hogels_per_second": rates,
+        "ratios": ratios_of(rates, PLATE_RATIOS),
+        "stages_s": {
+            stage: {clock: Timing.of([getattr(run[stage], clock) for run in measured]) for clock in clocks}
+            for stage in measured[0]
+        },
+        "device": device,
+        **machine_record(),
+    }
+
+
+def plate_table(found: Record) -> str:
+    """Return rates, ratios and stages as text."""
+    scene, hogels = found["scene"], found["hogels"]
+    head = [
+        f"{scene['name']}, {scene['triangles']:,} triangles, row {found['row']}: {hogels} hogels",
+        f"median of {found['hogels_per_second']['plain'].repetitions} after a warm-up (slowest to fastest)",
+        found["device"],
+    ]
+    stages = ["stages of batched, ms a hogel: the device's own, and wall time of giving the orders"]
+    for name, clocks in found["stages_s"].items():
+        figures = (f"{1e3 * clock.median / hogels:9.3f}" for clock in clocks.values())
+        stages.append(f"{name:<18}" + "".join(figures))
+    rates = rates_table("hogels per second", [found], "hogels_per_second")
+    return report(head, [rates, "\n".join(stages)], found, PLATE_MEANINGS)
+
+
+# Table 1 of the paper ------------------------------------------------------------------------------------
+
+COLUMNS, ANTIALIASED_COLUMNS = 12, 4
+"""Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of them are
+drawn one by one, with antialiasing and without: each takes longer."""
+
+ANTIALIASED = Sampling(multisample=4)
+"""Antialiasing as it is measured: the largest number of coverage samples that Mesa's software renderer has.
+The paper does not say how many its hardware took."""
+
+REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
+"""The machines of the paper; antialiasing was on in the first."""
+
+PAPER = (
+    (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
+    (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),
+)
+"""Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the frames and
+the polygons a second."""
+
+
+def benchmark_table1(
+    resolution: int = 512, repeat: int = 5, databases: int = len(PAPER), *, progress: bool = False
+) -> Record:
+    """Measure the first databases of table 1 on the project's own car, `repeat` times after a warm-up.
+
+    Images have W = H pixels: the paper does not say what it drew. InputError without a usable OpenGL.
+    """
+    with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
+        rows = [_row(*row, positive(resolution), repeat, bar) for row in PAPER[:databases]]
+    return {
+        "rows": [row for row, _ in rows],
+        "resolution": (resolution, resolution),
+        "antialiasing": False,
+        "settings": settings_of(builtin.build("car")),
+        "device": rows[0][1],
+        **machine_record(),
+    }
+
+
+def _row(
+    polygons: int,
+    reflective: float,
+    machines: Mapping[str, tuple[float, float]],
+    resolution: int,
+    repeat: int,
+    bar: tqdm[Any],
+) -> tuple[Record, str]:
+    """Return a row of the table, whose polygons a second are the database's as in the paper; and the device.
+
+    Submitted are those in an image's frusta on average, the reflective ones twice.
+    """
+    car = tessellated_car(polygons, reflective)
+    scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
+    settings, (column, row) = settings_of(builtin.build("car")), scene.plate.middle.index
+    apertures, few = (
+        [scene.plate.aperture(column - count // 2 + place, row) for place in range(count)]
+        for count in (COLUMNS, ANTIALIASED_COLUMNS)
+    )
+    with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
+        runs = {
+            "plate": lambda: exhaust(renderer.hogels(apertures)),
+            "one by one": lambda: exhaust(rasterizer.render_color(a, settings, SINGLE_SAMPLE) for a in few),
+            "antialiased": lambda: exhaust(rasterizer.render_color(a, settings, ANTIALIASED) for a in few),
+        }
+        taken = race(runs, repeat, bar.update)
+        submitted = renderer.drawn_triangles(apertures) / len(apertures)
+        device = renderer.device["renderer"]
+    plate = taken["plate"].divided_by(len(apertures))
+    plain, antialiased = (taken[name].divided_by(len(few)) for name in ("one by one", "antialiased"))
+
+    def speed(seconds: float) -> Record:
+        return {"frames_per_second": 1 / seconds, "polygons_per_second": polygons / seconds}
+
+    found = {
+        "polygons": polygons,
+        "reflective_share": float(car.reflective.mean()),
+        **speed(plate.median),
+        "submitted_polygons_per_second": submitted / plate.median,
+        "seconds_per_frame": plate,
+        "paper": {
+            name: {
+                "frames_per_second": frames,
+                "polygons_per_second": speeds,
+                "antialiasing": name == REALITY_ENGINE,
+            }
+            for name, (frames, speeds) in machines.items()
+        },
+        "factors": {name: 1 / plate.median / frames for name, (frames, _) in machines.items()},
+        "antialiased": {
+            "samples": ANTIALIASED.multisample,
+            **speed(antialiased.median),
+            "seconds_per_frame": antialiased,
+            "seconds_per_frame_without": plain,
+            "slowdown": antialiased.median / plain.median,
+            "factor": 1 / antialiased.median / machines[REALITY_ENGINE][0],
+        },
+    }
+    return found, device
+
+
+def table1_table(found: Record) -> str:
+    """Return table 1 as text, one line for each machine."""
+    machine, rows = found["machine"], found["rows"]
+    lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
+    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+    for row in rows:
+        on = row["antialiased"]
+        same = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
+        drawn = [(row, "", here), (on, "", same)]
+        for name, old in row["paper"].items():
+            how = "on" if old["antialiasing"] else "off"
+            drawn.append((old, f"{row['factors'][name]:,.1f}", f"{name} (1996), antialiasing {how}"))
+        begin = f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%"
+        for rates, factor, by in drawn:
+            frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
+            lines.append(f"{begin}{frames:>11.3g}{polygons:>13,.0f}{factor:>9}  {by}")
+    width, height = found["resolution"]
+    factors = " and ".join(f"{row['antialiased']['factor']:.1f}" for row in rows)
+    slower = " and ".join(f"{row['antialiased']['slowdown']:.2f}" for row in rows)
+    shares = (f"{row['submitted_polygons_per_second'] / row['polygons_per_second']:.2f}" for row in rows)
+    lines += [
+        "",
+        f"Images of {width} x {height} by both cameras with reflections, 8-bit color read back; the paper "
+        "does not say its size.",
+        f"Polygons submitted for an image, reflective ones twice, over the database's: {', '.join(shares)}.",
+        f"With antialiasing one hogel is drawn after the other and read back in 32 bits: {slower} times as "
+        "long as without in the same loop,",
+        f"and {factors} times as fast as the {REALITY_ENGINE}, whose antialiasing was on.",
+        f"Median of {rows[0]['seconds_per_frame'].repetitions} rows of {COLUMNS} hogels after a warm-up; "
+        f"{ANTIALIASED_COLUMNS} where they are drawn one after the other.",
+    ]
+    return "\n".join(lines)
