@@ -14,7 +14,7 @@ import math
 import os
 import secrets
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -29,7 +29,7 @@ from xfrustum.reports.common.outputs import check_writable_folder, write_output
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.notebook import digits
+from xfrustum.scenes.notebook import counted, digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"
 
@@ -50,11 +50,8 @@ ROUNDING_PX = 1e-6
 """Largest difference between two displacements that is rounding, px: they are found from doubles of
 coordinates up to 1e3 px, with some hundred operations."""
 
-MAX_TOLD = 8
-"""Largest number of changes of a kind that are named one by one."""
-
-GIT_SECONDS = 20.0
-"""Longest time that git may take, seconds."""
+MAX_TOLD, GIT_SECONDS = 8, 20.0
+"""Largest number of changes of a kind that are named one by one; longest time that git may take."""
 
 Place = tuple[int, int]
 """Column and row of a hogel."""
@@ -79,10 +76,12 @@ class Stated:
     @classmethod
     def of(cls, text: str) -> Stated:
         """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma."""
-        share, amounts = None, {}
+        share, amounts, names = None, {}, ", ".join(WORDS)
         for part in (part.strip() for part in text.split(",")):
             name, equals, number = part.rpartition("=")
             name = name.strip().replace("-", "_")
+            if equals and name not in WORDS:
+                raise InputError(f"baseline tolerance: {name!r} is not one of {names}")
             try:
                 if equals:
                     amounts[name] = float(number)
@@ -93,10 +92,8 @@ class Stated:
             except ValueError as error:
                 raise InputError(
                     f"baseline tolerance {part!r}: write a share such as 5%, or NAME=AMOUNT such as "
-                    f"wrong_surfaces=3; names are {', '.join(WORDS)}"
+                    f"wrong_surfaces=3; names are {names}"
                 ) from error
-            if equals and name not in WORDS:
-                raise InputError(f"baseline tolerance: {name!r} is not one of {', '.join(WORDS)}")
         if not all(math.isfinite(one) and one >= 0 for one in (*amounts.values(), share or 0.0)):
             raise InputError("baseline tolerance: tolerances are numbers that are not negative")
         return cls(share=share, amounts=amounts)
@@ -137,16 +134,33 @@ class KeptHogel:
     by: str | None
     measures: dict[str, float | None]
 
+    @classmethod
+    def of(cls, hogel: Hogel) -> KeptHogel:
+        """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
+        found, corrected = hogel.as_found, hogel.corrected
+        measures: dict[str, float | None] = {**dict.fromkeys(WORDS), "missing": float(found is None)}
+        if found is None or corrected is None:
+            return cls(aperture=hogel.aperture.index, by=None, measures=measures)
+        measures |= {
+            "wrong_surfaces": None if found.surface is None else float(found.surface.wrong),
+            "wrong_pixels": float(found.wrong),
+            "wrong_colors": None if found.radiance is None else float(found.radiance.wrong),
+            "invalid": float(found.invalid),
+            "unexplained": None if corrected.causes is None else float(corrected.causes["unexplained"]),
+        }
+        # An image that shows nothing displaces nothing; `Limits.checks` knows which image that is.
+        still = any(check.figure == DISPLACEMENT and check.value == 0 for check in hogel.checks)
+        for name in ("rms", "p99", "max"):
+            measures[f"displacement_{name}_px"] = getattr(found.displacement_px, name, 0.0 if still else None)
+        return cls(aperture=hogel.aperture.index, by=found.by, measures=measures)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A verification as its file keeps it; runs of one scene, renderer, device and judging are comparable.
-
-    `began` is the name of the accepted state, which is the name of its first run.
-    """
+    """A verification as its file keeps it; runs of one scene, renderer, device and judging are comparable."""
 
     run: str
-    began: str
+    began: str  #: name of the accepted state, which is the name of its first run
     time: str
     scene: str
     scene_hash: str
@@ -243,33 +257,32 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
     run = _present(found, options)
     alike = run.like(everything)
     # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
-    began: dict[Place, str] = {}
-    states: dict[Place, list[KeptHogel]] = {}
+    states: dict[Place, tuple[str, list[KeptHogel]]] = {}
     for one in alike:
         for hogel in one.hogels:
-            if began.get(hogel.aperture) != one.began:
-                began[hogel.aperture], states[hogel.aperture] = one.began, []
-            states[hogel.aperture].append(hogel)
+            if hogel.aperture not in states or states[hogel.aperture][0] != one.began:
+                states[hogel.aperture] = one.began, []
+            states[hogel.aperture][1].append(hogel)
+    accepted = {place: runs for place, (_, runs) in states.items()}
     judged = {one.aperture for one in run.hogels}
-    runs = max((len(states[place]) for place in judged & states.keys()), default=0)
-    if options.tolerance is not None:
-        tolerance = "tolerance as stated"
-    else:
-        tolerance = "compared exactly, with one accepted run"
-        tolerance = tolerance if runs == 1 else f"beyond the spread of {runs} accepted runs"
-    new = [one for one in found.hogels if one.aperture.index not in states]
+    runs = max((len(accepted[place]) for place in judged & accepted.keys()), default=0)
+    tolerance = "tolerance as stated"
+    if options.tolerance is None:
+        several = f"beyond the spread of {runs} accepted runs"
+        tolerance = "compared exactly, with one accepted run" if runs == 1 else several
+    new = [one for one in found.hogels if one.aperture.index not in accepted]
     if options.approve and options.repeated and alike:
         # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
         run = replace(run, began=alike[-1].began)
     held = Baseline(
         run=run,
         approved=options.approve,
-        changes=_changes(run.hogels, states, options.tolerance),
+        changes=tuple(_changes(run.hogels, accepted, options.tolerance)),
         accepted_runs=runs,
         tolerance=tolerance,
         new_hogels=len(new),
         new_beyond_limits=sum(not one.passed for one in new),
-        not_judged_hogels=len(states.keys() - judged),
+        not_judged_hogels=len(accepted.keys() - judged),
         notes=(),
     )
     held = replace(held, notes=tuple(_notes(held, everything, options)))
@@ -314,8 +327,7 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
     judged += [f"encoding {options.encoding}"] if options.encoding else []
     judged += [f"accept {','.join(sorted(options.accept))}"] if options.accept else []
     commit, modified = commit_of(options.repository or Path())
-    # Names sort by time.
-    name = f"{now:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"
+    name = f"{now:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"  # names sort by time
     return Run(
         run=name,
         began=name,
@@ -328,40 +340,17 @@ def _present(found: Verification, options: BaselineOptions) -> Run:
         commit=commit,
         modified=modified,
         xfrustum=metadata.version("xfrustum"),
-        hogels=tuple(map(_kept, found.hogels)),
+        hogels=tuple(map(KeptHogel.of, found.hogels)),
     )
 
 
-def _kept(hogel: Hogel) -> KeptHogel:
-    """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
-    found, corrected = hogel.as_found, hogel.corrected
-    measures: dict[str, float | None] = dict.fromkeys(WORDS)
-    if found is None or corrected is None:
-        return KeptHogel(aperture=hogel.aperture.index, by=None, measures={**measures, "missing": 1.0})
-    spread = found.displacement_px
-    # An image that shows nothing displaces nothing; `Limits.checks` knows which image that is.
-    still = any(check.figure == DISPLACEMENT and check.value == 0 for check in hogel.checks)
-    measures |= {
-        "missing": 0.0,
-        "wrong_surfaces": None if found.surface is None else float(found.surface.wrong),
-        "wrong_pixels": float(found.wrong),
-        "wrong_colors": None if found.radiance is None else float(found.radiance.wrong),
-        "invalid": float(found.invalid),
-        "unexplained": None if corrected.causes is None else float(corrected.causes["unexplained"]),
-    }
-    for name in ("rms", "p99", "max"):
-        unknown = 0.0 if still else None
-        measures[f"displacement_{name}_px"] = unknown if spread is None else getattr(spread, name)
-    return KeptHogel(aperture=hogel.aperture.index, by=found.by, measures=measures)
-
-
 def _changes(
-    hogels: Sequence[KeptHogel], known: Mapping[Place, Sequence[KeptHogel]], stated: Stated | None
-) -> tuple[MeasureChange, ...]:
+    hogels: Sequence[KeptHogel], accepted: Mapping[Place, Sequence[KeptHogel]], stated: Stated | None
+) -> Iterator[MeasureChange]:
     """Compare hogels with their accepted runs: worse is what exceeds all by more than their spread."""
     values: dict[tuple[str, Place], tuple[list[float], float | None]] = {}
     for hogel in hogels:
-        runs = known.get(hogel.aperture, ())
+        runs = accepted.get(hogel.aperture, ())
         # What counts another kind of wrong pixels is another measure.
         alike = len({one.by for one in (hogel, *runs)} - {None}) <= 1
         for name, now in hogel.measures.items():
@@ -372,42 +361,33 @@ def _changes(
                 values[name, hogel.aperture] = before, now
     # The spread of few runs is uncertain: it is no less than the root mean square over all hogels.
     ranges = {key: max(before) - min(before) for key, (before, _) in values.items() if before}
-    floors = dict.fromkeys(WORDS, 0.0)
-    for name in WORDS:
-        if sizes := [size for (one, _), size in ranges.items() if one == name]:
-            floors[name] = math.sqrt(math.fsum(size * size for size in sizes) / len(sizes))
-    found = []
+    floors = {}
+    for name in {name for name, _ in ranges}:
+        squares = [size * size for (one, _), size in ranges.items() if one == name]
+        floors[name] = math.sqrt(math.fsum(squares) / len(squares))
     for (name, place), (before, now) in values.items():
         mean, high, change = None, None, Change.NEW
         if before:
             mean, spread = math.fsum(before) / len(before), max(ranges[name, place], floors[name])
             low, high = min(before) - spread, max(before) + spread
-            share = None if stated is None or stated.share is None else stated.share * mean
-            amount = share if stated is None else stated.amounts.get(name, share)
-            if amount is not None:
-                low, high = mean - amount, mean + amount
+            if stated is not None:
+                share = None if stated.share is None else stated.share * mean
+                amount = stated.amounts.get(name, share)
+                low, high = (low, high) if amount is None else (mean - amount, mean + amount)
             slack = ROUNDING_PX if name.endswith("_px") else 0.0
             change = Change.WORSE if now is None or now > high + slack else Change.SAME
-            if now is not None and now < low - slack:
-                change = Change.BETTER
-        found.append(
-            MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
-        )
-    return tuple(found)
+            change = Change.BETTER if now is not None and now < low - slack else change
+        yield MeasureChange(measure=name, aperture=place, accepted=mean, limit=high, now=now, change=change)
 
 
-def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterable[str]:
+def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
     """Yield what may be misunderstood otherwise."""
     run, told = held.run, []
-
-    def counted(number: int) -> str:
-        return f"{number:,} {'hogel' if number == 1 else 'hogels'}"
-
     if held.new_hogels and (held.compared or held.not_judged_hogels):
         beyond = f", {held.new_beyond_limits:,} of them beyond the limits" if held.new_beyond_limits else ""
-        told.append(f"{counted(held.new_hogels)} not accepted before{beyond}")
+        told.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
     if held.not_judged_hogels:
-        told.append(f"{counted(held.not_judged_hogels)} accepted, and not judged now")
+        told.append(f"{counted(held.not_judged_hogels, 'hogel')} accepted, and not judged now")
     if told:
         yield f"Not compared: {'; '.join(told)}."
     alike = run.like(everything)
@@ -426,9 +406,8 @@ def commit_of(folder: Path) -> tuple[str | None, bool]:
 
     def git(*arguments: str) -> str:
         line = ["git", "-C", str(folder), *arguments]
-        return subprocess.check_output(
-            line, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True, timeout=GIT_SECONDS
-        ).strip()
+        null = subprocess.DEVNULL
+        return subprocess.check_output(line, stdin=null, stderr=null, text=True, timeout=GIT_SECONDS).strip()
 
     try:
         return git("rev-parse", "HEAD"), bool(git("status", "--porcelain", "--untracked-files=no"))
@@ -462,10 +441,9 @@ def lines(held: Baseline) -> str:
 
 def append_step_summary(held: Baseline) -> str | None:
     """Append what changed to the summary that GitHub shows, if it asks for one; return what went wrong."""
-    name = os.environ.get("GITHUB_STEP_SUMMARY")
+    name, run = os.environ.get("GITHUB_STEP_SUMMARY"), held.run
     if not name:
         return None
-    run = held.run
     commit = f"commit {run.commit[:7]}" if run.commit else "no commit"
     made = f"{run.scene}: {run.renderer} on {run.device}, {commit}, xfrustum {run.xfrustum}"
     # A block of code shows every text as it is: no name becomes markup.

@@ -15,11 +15,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from glob import escape, iglob
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, UPRIGHT, Orientation
+from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
@@ -33,6 +33,7 @@ from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, FileSet, find_files, pictures_at, with_levels
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook import counted
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_NAMES_TRIED = 10_000
@@ -40,9 +41,6 @@ MAX_NAMES_TRIED = 10_000
 
 MAX_TOLD_LINES, MAX_TOLD_BYTES = 5, 1 << 16
 """Last lines of a failed command's standard error that are passed on, and last bytes that are looked at."""
-
-TURNED = Orientation(flip_x=True, flip_y=True)
-"""Orientation of pictures that are turned by 180 degrees."""
 
 Renderer = Callable[[Scene, Aperture], HogelImage]
 """What a renderer in Python looks like from here."""
@@ -52,13 +50,17 @@ class Problem(Exception):
     """One hogel that could not be had, in words."""
 
 
-class Source(Protocol):
-    """Hogel images by aperture."""
+@dataclass(kw_only=True, eq=False)
+class Source:
+    """Hogel images by aperture; `encoding` is what pictures mean, OpenEXR files say it themselves."""
 
-    name: str
+    reference: Reference
+    encoding: Encoding = Encoding.RGB
+    name: str = field(init=False)
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, or raise Problem with the reason why there is none."""
+        raise NotImplementedError
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where it is plain beforehand that there will be no image at all."""
@@ -95,23 +97,18 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
 
 
 def as_given(text: str, named_from: Path | None) -> str:
-    """Return a text about files with their names as the user gave them: it is then the same in every folder.
-
-    They were named from a folder; None where the names that were given are absolute.
-    """
+    """Return a text with names of files as the user gave them, from a folder: the same in every folder."""
     if named_from is None or named_from == Path(named_from.anchor):
         return text
     # Not within a longer path, which names another folder.
     return re.sub(rf"(?<![\w./-]){re.escape(str(named_from))}/", "", text)
 
 
-@dataclass(kw_only=True)
-class Files:
-    """Files whose names come from a pattern with {i} and {j}; `encoding` is what pictures mean."""
+@dataclass(kw_only=True, eq=False)
+class Files(Source):
+    """Files whose names come from a pattern with {i} and {j}."""
 
     pattern: str
-    reference: Reference
-    encoding: Encoding
 
     def __post_init__(self) -> None:
         self.name = self.pattern
@@ -164,50 +161,39 @@ def is_place(source: str, plate: Plate) -> bool:
 
 
 @dataclass(kw_only=True, eq=False)
-class LaidOut:
-    """Files in a layout; `encoding` is the meaning of pictures, OpenEXR files say it themselves."""
+class LaidOut(Source):
+    """Files in a layout."""
 
     files: FileSet
-    reference: Reference
-    encoding: Encoding
 
     def __post_init__(self) -> None:
         self.name = f"{self.files.place}, layout {self.files.words}"
-
-    @property
-    def _fits(self) -> bool:
-        return self.files.shape == shape_of(self.reference.scene)
+        self.fits = self.files.shape == shape_of(self.reference.scene)
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where there is a file for none of the hogels."""
-        if not (self.files.layout.in_hogels and self._fits):
-            return
-        if not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
+        known = self.files.layout.in_hogels and self.fits
+        if known and not any(self.files.file_of_hogel(*aperture.index) for aperture in apertures):
             raise InputError(f"SOURCE {self.files.place}: has no file of the hogels that are asked for")
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, upright as its layout says, with all that OpenEXR files have."""
-        if not self._fits:
-            asked, count = shape_of(self.reference.scene).words, len(self.files.files)
-            held = f"{count} file{'' if count == 1 else 's'}"
-            lacking = f" ({self.files.missing} are not there)" if self.files.missing else ""
+        files, layout, camera = self.files, self.files.layout, self.reference.camera(aperture)
+        if not self.fits:
+            lacking = f" ({files.missing} are not there)" if files.missing else ""
             raise Problem(
-                f"read as {self.files.layout.name}, the {held} would be {self.files.shape.words}{lacking}, "
-                f"and the scene says {asked}"
+                f"read as {layout.name}, the {counted(len(files.files), 'file')} would be {files.shape.words}"
+                f"{lacking}, and the scene says {shape_of(self.reference.scene).words}"
             )
-        camera = self.reference.camera(aperture)
         try:
-            path = self.files.file_of_hogel(*aperture.index)
+            path = files.file_of_hogel(*aperture.index)
             if path is not None and path.suffix.lower() == ".exr":
                 image = read_foreign(path, camera, self.encoding)
-                found = TURNED if self.files.layout.turned else UPRIGHT
                 names = ("triangle", "object", "position", "normal", "color")
-                stored = {name: getattr(image, name) for name in names}
-                upright: dict[str, Any] = {
-                    name: found.upright(array) for name, array in stored.items() if array is not None
-                }
-                return replace(image, **upright)
-            picture = self.files.hogel(*aperture.index)
+                stored = {name: getattr(image, name) for name in names} if layout.turned else {}
+                turned = {name: array[::-1, ::-1] for name, array in stored.items() if array is not None}
+                return replace(image, **turned)
+            picture = files.hogel(*aperture.index)
         except InputError as error:
             raise Problem(str(error)) from error
         if picture.levels is None:  # floating point: nothing but colors
@@ -219,18 +205,14 @@ class LaidOut:
         return of_stored(StoredPixels(rgb=rgb, lossy=picture.lossy), camera, self.encoding)
 
 
-@dataclass(kw_only=True)
-class Function:
+@dataclass(kw_only=True, eq=False)
+class Function(Source):
     """A renderer in Python: a function that takes the scene and an aperture, and returns a hogel image."""
 
     function: Renderer
-    reference: Reference
 
     def __post_init__(self) -> None:
         self.name = getattr(self.function, "__name__", type(self.function).__name__)
-
-    def check(self, apertures: Sequence[Aperture]) -> None:
-        """Nothing is known before the first call."""
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Call it, and see that what it returns is an image of the right size."""
@@ -256,18 +238,15 @@ class Function:
         )
 
 
-@dataclass(kw_only=True)
-class Command:
+@dataclass(kw_only=True, eq=False)
+class Command(Source):
     """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
 
     template: str  #: {x}, {y}: the aperture's center, scene units; {i}, {j}: column, row; {out}: the file
-    reference: Reference
-    encoding: Encoding
     folder: Path  #: that {out} lies in
     timeout_s: float
     suffix: str = ".png"
     working: Path | None = None  #: in which the program runs; None for that of this process
-    _arguments: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
         self.name = self.template
@@ -279,9 +258,6 @@ class Command:
             self._arguments = shlex.split(self.template)
         except ValueError as error:
             raise InputError(f"--command {self.template!r}: {error}; mind the quotes") from error
-
-    def check(self, apertures: Sequence[Aperture]) -> None:
-        """Nothing is known before the first run."""
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read what it wrote."""
@@ -301,25 +277,31 @@ class Command:
     def _run(self, arguments: list[str]) -> None:
         """Run the program to its end, and end all that it started."""
         log, process = self.folder / "stderr", None
+
+        def told() -> str:
+            with log.open("rb") as file:
+                file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
+                lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
+            return ": " + " | ".join(line.strip() for line in lines) if lines else ""
+
         try:
             # A process that was started is noted before a signal is obeyed. It has a session of its own, so
             # that children of a hanging command end with it.
-            with delayed(), log.open("wb") as told:
+            with delayed(), log.open("wb") as stderr:
                 process = subprocess.Popen(
                     arguments,
                     cwd=self.working,
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
-                    stderr=told,
+                    stderr=stderr,
                     start_new_session=True,
                 )
             status = process.wait(self.timeout_s)
         except OSError as error:
             raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
         except subprocess.TimeoutExpired as error:
-            raise Problem(
-                f"the command ran longer than {self.timeout_s:g} s and was ended{_told(log)}"
-            ) from error
+            how = f"ran longer than {self.timeout_s:g} s and was ended"
+            raise Problem(f"the command {how}{told()}") from error
         finally:
             if process is not None:
                 with delayed():
@@ -328,15 +310,7 @@ class Command:
                     process.wait()
         if status:
             how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
-            raise Problem(f"the command {how}{_told(log)}")
-
-
-def _told(log: Path) -> str:
-    """Return the last lines of a command's standard error, ready to be appended."""
-    with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
-        lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
-    return ": " + " | ".join(line.strip() for line in lines) if lines else ""
+            raise Problem(f"the command {how}{told()}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,16 +371,15 @@ class ForeignRenderer:
     # What follows is for work in several processes, which may have other working folders than the command.
 
     def placed(self, scene: Scene) -> ForeignRenderer:
-        """Return the renderer with absolute names of its files, or with the folder in which its command runs.
-
-        In the folder's part of a pattern, braces are no fields.
-        """
+        """Return the renderer with absolute names of its files, or the folder in which its command runs."""
+        here = Path.cwd()
         if self.command is not None:
-            return self if self.folder is not None else replace(self, folder=Path.cwd())
+            return self if self.folder is not None else replace(self, folder=here)
         assert isinstance(self.source, str)
         named = self.layout is not None or is_place(self.source, scene.plate)
-        folder = str(Path.cwd()) if named else str(Path.cwd()).replace("{", "{{").replace("}", "}}")
-        named_from = None if Path(self.source).is_absolute() else Path.cwd()
+        # In the folder's part of a pattern, braces are no fields.
+        folder = str(here) if named else str(here).replace("{", "{{").replace("}", "}}")
+        named_from = None if Path(self.source).is_absolute() else here
         return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
 
     def with_layout(self, scene: Scene, told: Callable[[str], object]) -> ForeignRenderer:
@@ -431,12 +404,12 @@ class ForeignRenderer:
     def state(self, apertures: Sequence[Aperture]) -> str:
         """Return a digest of names, sizes and times of the files that its images depend on.
 
-        Those of a command are its program, and every file that its words name. A word may be a whole script,
-        longer than any name of a file.
+        Those of a command are its program, and every file that its words name.
         """
         if self.command is not None:
             words, folder = shlex.split(self.command), self.folder or Path.cwd()
             program = shutil.which(words[0]) if words and os.sep not in words[0] else None
+            # A word may be a whole script, longer than any name of a file.
             named = [str(file) for word in words if os.path.isfile(file := folder / word)]  # noqa: PTH113
             paths = iter(dict.fromkeys(([program] if program else []) + named))
         else:
@@ -462,15 +435,9 @@ class ForeignRenderer:
                 f"--command {self.command!r}: there is no folder {self.folder}, in which it is to run; start "
                 "it from one that the command and all workers share"
             )
-        if self.state(apertures) == state:
-            return
-        if self.command is not None:
+        if self.state(apertures) != state:
+            name = self.source if self.command is None else f"--command {self.command!r}"
             raise InputError(
-                f"--command {self.command!r}: a worker finds another program, or other files that its words "
-                "name; give all the same files by the same paths, and leave them as they are while hogels "
-                "are judged"
+                f"{name}: a worker finds other image files than the command, or another program; give all "
+                "the same files by the same paths, and leave them as they are while hogels are judged"
             )
-        raise InputError(
-            f"{self.source}: a worker finds other image files than the command; give both the same files, "
-            "and leave them as they are while they are judged"
-        )

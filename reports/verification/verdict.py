@@ -1,16 +1,20 @@
-"""The answer to `xfrustum verify`: limits, figures of hogels, words, and what is left behind as files."""
+"""The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves."""
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
-from base64 import b64decode
+from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+
+import numpy as np
+from PIL import Image
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
@@ -29,12 +33,14 @@ from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import page as inspection
-from xfrustum.reports.inspection.channels import InspectedHogel
+from xfrustum.reports.inspection.channels import InspectedHogel, inspected_figures
 from xfrustum.reports.inspection.page import PlateMap
 from xfrustum.reports.verification.sources import as_given
-from xfrustum.reports.verification.worst_hogels import WorstHogels
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Figure, Shown, Table
 from xfrustum.scenes.plate.plate import Aperture
@@ -42,12 +48,10 @@ from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID = "claims of what does not exist"
-"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
-names."""
+"""Names of what is compared with limits, beside the wrong pixels that `compare.judging.judged` names."""
 
 MAX_INVALID_SHARE = 0.5
-"""Share of the pixels in which an image shows something that may claim what does not exist, whatever the
-limits."""
+"""Share of an image's claims that may be of what does not exist, whatever the limits."""
 
 NOT_MEASURED = "not measured, as there are no outlines"
 """Words for the displacement of an image whose truth has nothing that could be seen to move."""
@@ -58,8 +62,7 @@ JUDGED_WORDS = {
     "coverage": "surfaces, by where something is shown",
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
 }
-"""What is judged, in words, by `HogelNumbers.by`; plain pictures are judged by colors unless geometry was
-asked for."""
+"""What is judged, in words, by `HogelNumbers.by`; plain pictures are else judged by colors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,14 +81,14 @@ class Check:
     @property
     def words(self) -> str:
         """The figure and its limit, as text, page and JUnit print them."""
-        limit = "no limit" if self.limit is None else f"limit {self._sized(self.limit)}"
-        if self.value is not None:
-            return f"{self.figure} {self._sized(self.value)} ({limit})"
-        excused = self.held and self.limit is not None
-        return f"{self.figure} {NOT_MEASURED if excused else 'unknown'} ({limit})"
 
-    def _sized(self, value: float) -> str:
-        return percent(value) if self.unit == "share" else f"{value:.3g} px"
+        def sized(value: float) -> str:
+            return percent(value) if self.unit == "share" else f"{value:.3g} px"
+
+        excused = self.held and self.limit is not None
+        value = NOT_MEASURED if excused else "unknown"
+        value = value if self.value is None else sized(self.value)
+        return f"{self.figure} {value} ({'no limit' if self.limit is None else f'limit {sized(self.limit)}'})"
 
     @property
     def badness(self) -> tuple[bool, float]:
@@ -98,11 +101,8 @@ class Check:
 class Limits:
     """Limits within which a hogel is right, and how its image is judged."""
 
-    wrong: float = MAX_WRONG
-    """Largest share of wrong pixels, among those where image or answer shows a surface. Wrong are surfaces,
-    where images tell them; else colors or outlines, whichever are compared."""
-    displacement_px: float | None = TOLERANCE_PX
-    """Largest distance by which 99 of 100 surface points or outlines may be off; None for no limit."""
+    wrong: float = MAX_WRONG  #: largest share of wrong surfaces, colors or outlines in what shows something
+    displacement_px: float | None = TOLERANCE_PX  #: of 99 of 100 points or outlines; None for no limit
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:
@@ -117,9 +117,8 @@ class Limits:
         """Compare an image's figures with the limits (`compare.beyond`).
 
         Shares are of the pixels where something is shown, so that an empty film excuses nothing; but a single
-        pixel is no share, unless none may be wrong. An image that shows nothing has no displacement, and none
-        is asked for. Nor is one asked for where the truth has no outline that a picture could show elsewhere:
-        wrong pixels judge it alone.
+        pixel is no share, unless none may be wrong. No displacement is asked of an image that shows nothing,
+        nor where the truth has no outline that a picture could show elsewhere.
         """
         numbers = figures.numbers
         counts = {numbers.limited_words: numbers.limited}
@@ -194,12 +193,11 @@ def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
     if not known:
         return None
     shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
-    surfaces = [one.surface for one in known if one.surface is not None]
     spreads = [one.displacement_px.p99 for one in known if one.displacement_px is not None]
     colored = [one.radiance.wrong for one in known if one.radiance is not None]
     causes = [one.causes for one in known if one.causes is not None]
     surface = None
-    if surfaces:
+    if surfaces := [one.surface for one in known if one.surface is not None]:
         of_surface, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
         surface = SurfaceFigures(wrong=of_surface, fraction=of_surface / max(shown, 1), outside=outside)
     return PlateNumbers(
@@ -251,12 +249,76 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
     return text
 
 
+MAX_SHOWN_HOGELS, MAX_PICTURE_PX = 6, 512
+"""Hogels whose pictures are on the page, and longest side of a picture; larger ones leave pixels out."""
+
+WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
+"""Color of wrong pixels, level where nothing is shown, and share by which the truth shows beneath errors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictured:
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+
+    aperture: Aperture
+    words: str
+    badness: tuple[float, float]  #: as found, then corrected
+    pictures: dict[str, str]
+    inspected: InspectedHogel | None = None  #: all channels, where they were asked for
+
+
+@dataclass(kw_only=True)
+class WorstHogels:
+    """The worst so far, worst first; with all their channels where the scene of these is given."""
+
+    scene: Scene | None = None
+    kept: list[Pictured] = field(default_factory=list)
+
+    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
+        """Keep a hogel if it is among the worst; of equals those that came first stay."""
+        badness = (as_found.numbers.judged_fraction, corrected.numbers.judged_fraction)
+        if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
+            return
+        scene, pictures = self.scene, {}
+        shown = {"truth": _shown(as_found.answer), "image": _shown(as_found.image)}
+        for name, pixels in (shown | {"error": _errors(as_found), "rest": _errors(corrected)}).items():
+            step, buffer = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX), io.BytesIO()
+            Image.fromarray(np.ascontiguousarray(pixels[::step, ::step])).save(buffer, "PNG")
+            pictures[name] = "data:image/png;base64," + b64encode(buffer.getvalue()).decode()
+        pictured = Pictured(
+            aperture=aperture,
+            words=as_found.numbers.limited_words,
+            badness=badness,
+            pictures=pictures,
+            inspected=None if scene is None else inspected_figures(scene, aperture, as_found, corrected),
+        )
+        worst_first = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)
+        self.kept = worst_first[:MAX_SHOWN_HOGELS]
+
+
+def _shown(image: HogelImage) -> Bytes:
+    """Return what people can see of an image: its colors, else a color for each surface."""
+    if image.color is not None:
+        linear = np.clip(np.nan_to_num(image.color), 0, 1)
+        return np.asarray(np.rint(LEVELS * encoding_curve(linear)), dtype=np.uint8)
+    named = image.triangle if (image.triangle != NOTHING).any() else image.object
+    if not (named != NOTHING).any():
+        named = np.where(image.covered, 0, NOTHING)
+    # Neighboring numbers get colors far apart: multiples of odd constants.
+    spread = named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
+    return np.where((named == NOTHING)[..., None], BACKGROUND_GRAY, spread % 200 + 30).astype(np.uint8)
+
+
+def _errors(figures: Figures) -> Bytes:
+    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - _shown(figures.answer).astype(np.float64))
+    beneath[~figures.answer.covered] = BACKGROUND_GRAY
+    beneath[figures.error] = WRONG_RGB
+    return np.asarray(beneath, dtype=np.uint8)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verification(Shown):
-    """The answer to `xfrustum verify`: of which renderer, its limits, its faults, and every hogel.
-
-    `source` is the name of who answered, `worst` has pictures of the worst hogels.
-    """
+    """The answer to `xfrustum verify`: of which renderer (`source`), its limits, faults, and every hogel."""
 
     scene: Scene
     source: str
@@ -322,10 +384,10 @@ class Verification(Shown):
         return (Table(head=("worst hogel", "limit"), rows=rows), diagnosis)
 
     def _figures(self) -> Sequence[Figure]:
+        shown = [entry for one in self.worst.kept[:1] for entry in one.pictures.items()]
         return [
             Figure(caption=f"worst hogel, {name}", content=b64decode(url.partition(",")[2]))
-            for one in self.worst.kept[:1]
-            for name, url in one.pictures.items()
+            for name, url in shown
         ]
 
     def summary(self) -> dict[str, Any]:
@@ -357,28 +419,27 @@ def with_correction_tested(found: Verification) -> Verification:
     """Return a verification without the faults whose correction does not make all judged hogels better.
 
     A diagnosis is made of some hogels, of which few may be wrong: another fault may show these the same and
-    all others otherwise. Faults that the corrected figures of all judged hogels refute become guesses, which
-    state the share of the wrong pixels of all judged hogels that they explain.
+    all others otherwise. Refuted faults become guesses, which state the share of the wrong pixels of all
+    judged hogels that they explain.
     """
+
+    def wrong(numbers: HogelNumbers) -> int:  # a wrong color included
+        return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)
+
     pairs = [(one.as_found, one.corrected) for one in found.hogels if one.as_found and one.corrected]
     if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
         return found
-    before, after = sum(_wrong(one) for one, _ in pairs), sum(_wrong(one) for _, one in pairs)
+    before, after = sum(wrong(one) for one, _ in pairs), sum(wrong(one) for _, one in pairs)
     if after < before or not before:
         return found
-    left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
-    share = max(0.0, 1.0 - left / before)
+    left = sum(one.causes["unexplained"] if one.causes else wrong(one) for _, one in pairs)
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
+    share = max(0.0, 1.0 - left / before)
     doubted = [doubtful(replace(fault, explains=share)) for fault in found.diagnosis.faults]
     refuted = [replace(fault, words=f"{fault.words}; {told}") for fault in doubted]
     guesses = (*refuted, *found.diagnosis.does_not_explain)
     diagnosis = replace(found.diagnosis, faults=(), does_not_explain=guesses, refuted=True)
     return replace(found, diagnosis=diagnosis)
-
-
-def _wrong(numbers: HogelNumbers) -> int:
-    """Return the number of wrong pixels of a hogel, those of a wrong color included."""
-    return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)
 
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
@@ -432,46 +493,46 @@ def render_page(found: Verification) -> str:
     return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
 
 
-def write_junit(found: Verification, path: Path) -> None:
-    """Write one test case for each hogel as JUnit XML, whole or not at all."""
-    suite = ElementTree.Element(
-        "testsuite",
-        name=_xml_text(f"xfrustum verify {found.scene.name}"),
-        tests=str(len(found.hogels)),
-        failures=str(sum(not hogel.passed and not hogel.problem for hogel in found.hogels)),
-        errors=str(sum(bool(hogel.problem) for hogel in found.hogels)),
-    )
-    classname = _xml_text(found.scene.name) or "scene"
-    words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
-    for hogel in found.hogels:
-        name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
-        case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name)
-        if hogel.problem:
-            ElementTree.SubElement(case, "error", message=_xml_text(hogel.problem))
-        elif not hogel.passed:
-            assert hogel.as_found is not None
-            exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
-            failure = ElementTree.SubElement(case, "failure", message=_xml_text(exceeded))
-            failure.text = _xml_text(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
-    ElementTree.SubElement(suite, "system-out").text = _xml_text(table(found))
-    ElementTree.indent(suite)
-    write_output(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True), "--junit")
-
-
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
 
 
-def _xml_text(text: str) -> str:
-    """Return text in which replacement characters stand for all that XML has no way to write."""
-    return _NOT_IN_XML.sub("\ufffd", text)
+def write_junit(found: Verification, path: Path) -> None:
+    """Write one test case for each hogel as JUnit XML, whole or not at all."""
+
+    def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+        return ElementTree.SubElement(parent, tag, {name: plain(one) for name, one in attributes.items()})
+
+    def plain(text: str) -> str:
+        return _NOT_IN_XML.sub("\ufffd", text)
+
+    suite = ElementTree.Element(
+        "testsuite",
+        name=plain(f"xfrustum verify {found.scene.name}"),
+        tests=str(len(found.hogels)),
+        failures=str(sum(hogel.verdict == "fail" for hogel in found.hogels)),
+        errors=str(sum(hogel.verdict == "missing" for hogel in found.hogels)),
+    )
+    words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
+    for hogel in found.hogels:
+        name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
+        case = add(suite, "testcase", classname=found.scene.name or "scene", name=name)
+        if hogel.problem:
+            add(case, "error", message=hogel.problem)
+        elif not hogel.passed:
+            assert hogel.as_found is not None
+            exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
+            failure = add(case, "failure", message=exceeded)
+            failure.text = plain(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
+    add(suite, "system-out").text = plain(table(found))
+    ElementTree.indent(suite)
+    write_output(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True), "--junit")
 
 
 def sentence(found: Verification) -> str:
     """Return the verdict in one sentence, with the figures of the worst hogel that decided it."""
-    count = len(found.hogels)
-    missing = sum(bool(hogel.problem) for hogel in found.hogels)
-    bad = sum(not hogel.passed and not hogel.problem for hogel in found.hogels)
+    verdicts = [hogel.verdict for hogel in found.hogels]
+    count, missing, bad = len(verdicts), verdicts.count("missing"), verdicts.count("fail")
     if found.passed:
         kept = ", ".join(check.words for check in found.checks)
         who = "the hogel keeps" if count == 1 else f"all {count} hogels keep"

@@ -30,8 +30,14 @@ from xfrustum.reports.verification.sources import (
     Source,
     shape_of,
 )
-from xfrustum.reports.verification.verdict import Hogel, Limits, Verification, with_correction_tested
-from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
+from xfrustum.reports.verification.verdict import (
+    Hogel,
+    Limits,
+    Pictured,
+    Verification,
+    WorstHogels,
+    with_correction_tested,
+)
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.errors import InputError
@@ -105,11 +111,10 @@ class VerifyOptions:
         asked: Sequence[Aperture] = scene.plate.apertures()
         if self.apertures:
             pairs = [wholes(index, 2) for index in self.apertures]
-            for given, pair in zip(self.apertures, pairs, strict=True):
-                if len(pair) < 2:
-                    raise InputError(
-                        f"apertures are pairs of a column and a row, such as (2, 1), not {given!r:.100}"
-                    )
+            if short := [given for given, pair in zip(self.apertures, pairs, strict=True) if len(pair) < 2]:
+                raise InputError(
+                    f"apertures are pairs of a column and a row, such as (2, 1), not {short[0]!r:.100}"
+                )
             asked = [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
         require_seen(scene, asked)
         return asked
@@ -158,14 +163,11 @@ FiguresPair = tuple[Figures, Figures]
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What hogels are judged by: how the renderer is supposed to draw, and how it draws and stores.
-
-    `read_as_found` says whether another reading of the pixels is accepted.
-    """
+    """What hogels are judged by: how the renderer is supposed to draw, and how it draws and stores."""
 
     asked: DrawnModel
     found: Findings
-    read_as_found: bool
+    read_as_found: bool  #: whether another reading of the pixels is accepted
 
 
 @dataclass(kw_only=True, eq=False)
@@ -183,9 +185,9 @@ class Run:
         """Diagnose a sample, judge every hogel, and return the verification."""
         scene = self.reference.scene
         total = len(self.asked) + len(sampled(self.asked, scene))
+        worst, hogels = WorstHogels(scene=scene if channels else None), []
         with progress_bar(total, "verify", "hogel", shown=progress) as bar:
             question = self.question(bar.update)
-            worst, hogels = WorstHogels(scene=scene if channels else None), []
             for hogel, figures in self.hogels(question, self.asked):
                 if figures is not None:
                     worst.add(hogel.aperture, *figures)
@@ -209,8 +211,9 @@ class Run:
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
         of_views = isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels
-        judging = self.limits.judging
-        evidence = Evidence(reference=self.reference, images=images, nominal=nominal, judging=judging)
+        evidence = Evidence(
+            reference=self.reference, images=images, nominal=nominal, judging=self.limits.judging
+        )
         found = diagnose(evidence, of_views=of_views)
         conventions = [name for name in accept if name != ENCODING]
         return Question(
@@ -275,23 +278,20 @@ class Run:
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
     """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
-    width, height = scene.frustum.resolution
-    count = int(np.clip(MAX_SAMPLE_PIXELS // (width * height), MIN_SAMPLE_HOGELS, SAMPLE_SIDE**2))
+
+    def spread(items: Sequence[Item], most: int) -> list[Item]:
+        return [items[index] for index in np.unique(np.linspace(0, len(items) - 1, most).astype(int))]
+
+    pixels = math.prod(scene.frustum.resolution)
+    count = int(np.clip(MAX_SAMPLE_PIXELS // pixels, MIN_SAMPLE_HOGELS, SAMPLE_SIDE**2))
     side = max(2, int(np.sqrt(count)))
     if isinstance(apertures, ApertureBlocks):
-        columns, rows = (_spread(range(count), side) for count in scene.plate.hogels)
+        columns, rows = (spread(range(hogels), side) for hogels in scene.plate.hogels)
         return [scene.plate.aperture(column, row) for row in rows for column in columns]
-    columns = _spread(sorted({aperture.column for aperture in apertures}), side)
-    rows = _spread(sorted({aperture.row for aperture in apertures}), side)
+    columns = spread(sorted({aperture.column for aperture in apertures}), side)
+    rows = spread(sorted({aperture.row for aperture in apertures}), side)
     chosen = [a for a in apertures if a.column in columns and a.row in rows]
-    if len(chosen) < min(side, len(apertures)):
-        chosen = _spread(list(apertures), count)
-    return chosen
-
-
-def _spread(items: Sequence[Item], count: int) -> list[Item]:
-    """Return at most so many items, evenly spread."""
-    return [items[index] for index in np.unique(np.linspace(0, len(items) - 1, count).astype(int))]
+    return spread(list(apertures), count) if len(chosen) < min(side, len(apertures)) else chosen
 
 
 # Other layouts in which the files of a plate may be meant, where they are wrong in the stated one
@@ -305,9 +305,6 @@ MAX_TRIED_HOGELS = 9
 MAX_WRONG_IN_RIGHT_READING = 0.1
 """Largest share of wrong pixels under which another reading counts as right: a tenth, as for all that must
 explain what is wrong (`compare.diagnosis.evidence`)."""
-
-NOMINAL = DrawnModel()
-"""Model of a renderer without any fault."""
 
 
 def with_layout_named(
@@ -356,6 +353,14 @@ def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
 
 def mistaken(layout: Layout) -> tuple[Layout, ...]:
     """Return what others take for a layout: numbers in the other order, and views from the other side."""
+
+    def other_side(one: Layout, *, downward: bool) -> Layout:
+        def view(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
+            return tiled_views(pixels, tiles or CUBEVI_TILES, downward=downward)
+
+        before, after = ("bottom left", "top left") if downward else ("top left", "bottom left")
+        return replace(one, view=view, words=one.words.replace(before, after))
+
     numbers = layout.stated if layout.name == "quilt" else tuple(layout.numbers)
     exchanged: tuple[Layout, ...] = ()
     if len(numbers) == 2:
@@ -366,30 +371,19 @@ def mistaken(layout: Layout) -> tuple[Layout, ...]:
             words = f"{words}, with the two numbers of its names exchanged"
         exchanged = (replace(layout, pattern=pattern.replace("<swapped>", f"<{second}>"), words=words),)
     if layout.name == "quilt":
-        return (*exchanged, *(_other_side(one, downward=True) for one in (layout, *exchanged)))
-    return (_other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
-
-
-def _other_side(layout: Layout, *, downward: bool) -> Layout:
-    """Return a layout of tiles whose view 0 lies at the top left, or at the bottom left."""
-
-    def view(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
-        return tiled_views(pixels, tiles or CUBEVI_TILES, downward=downward)
-
-    before, after = ("bottom left", "top left") if downward else ("top left", "bottom left")
-    return replace(layout, view=view, words=layout.words.replace(before, after))
+        return (*exchanged, *(other_side(one, downward=True) for one in (layout, *exchanged)))
+    return (other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
 
 
 def _is_right(source: LaidOut, found: Verification) -> bool:
     """Return whether nearly all claims of a few hogels in another reading hold, whatever the other faults."""
-    reference, wrong, shown = source.reference, 0, 0
-    hogels = found.hogels[:: max(1, len(found.hogels) // MAX_TRIED_HOGELS)]
-    for hogel in hogels[:MAX_TRIED_HOGELS]:
+    reference, nominal, wrong, shown = source.reference, DrawnModel(), 0, 0
+    for hogel in found.hogels[:: max(1, len(found.hogels) // MAX_TRIED_HOGELS)][:MAX_TRIED_HOGELS]:
         try:
             image = source.image(hogel.aperture)
         except Problem:
             return False
-        points = shown_points(reference.scene, NOMINAL, image)
-        figures = judge(reference, NOMINAL, image, points, found.limits.judging, explained=False)
+        points = shown_points(reference.scene, nominal, image)
+        figures = judge(reference, nominal, image, points, found.limits.judging, explained=False)
         wrong, shown = wrong + figures.numbers.limited, shown + figures.numbers.shown
     return wrong <= MAX_WRONG_IN_RIGHT_READING * shown

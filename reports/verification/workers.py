@@ -19,29 +19,26 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+import pyarrow as pa
 from pydantic import TypeAdapter
 
-from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.records import table_of
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification.sources import ForeignRenderer, LaidOut
 from xfrustum.reports.verification.verdict import (
-    Check,
+    MAX_SHOWN_HOGELS,
     Hogel,
     Limits,
+    Pictured,
     Verification,
+    WorstHogels,
     with_correction_tested,
 )
 from xfrustum.reports.verification.verification import Question, Run, VerifyOptions
-from xfrustum.reports.verification.worst_hogels import MAX_SHOWN_HOGELS, Pictured, WorstHogels
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -56,41 +53,12 @@ MAX_BLOCK_PIXELS, MIN_BLOCKS = 1 << 22, 16
 cut into, so that there is something for several processes to do."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class VerifiedRow:
-    """One hogel as it is kept; the worst are chosen by how bad they are, None where one is missing."""
-
-    column: int
-    row: int
-    verdict: str
-    found: str  #: JSON of problem, figures and checks
-    worst_as_found: float | None
-    worst_corrected: float | None
-    question: str  #: digest of what it was judged by
+_HOGEL, _QUESTION = TypeAdapter(Hogel), TypeAdapter(Question)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """The fields of a `Hogel` beside its aperture."""
-
-    problem: str | None
-    as_found: HogelNumbers | None
-    corrected: HogelNumbers | None
-    checks: tuple[Check, ...]
-
-
-_FOUND, _QUESTION = TypeAdapter(_Found), TypeAdapter(Question)
-
-
-def _json(value: object) -> str:
-    """Return a dictionary as JSON; numbers of NumPy have the same digits as Python's own."""
-
-    def plain(number: Any) -> object:
-        if isinstance(number, np.generic):
-            return number.item()
-        raise TypeError(f"{type(number).__name__} cannot be written")
-
-    return json.dumps(value, default=plain)
+def _json(record: Hogel | Question) -> str:
+    """Return a record as JSON; numbers of NumPy have the same digits as Python's own."""
+    return json.dumps(asdict(record), default=lambda number: number.item())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,21 +111,22 @@ class VerifyJob(Job):
                 asked=self.asked,
                 limits=self.limits,
             )
-            yield VerifySession(self, run)
+            yield VerifySession(job=self, run=run)
 
 
+@dataclass
 class VerifySession(Session):
     """A judge of one renderer's hogels."""
 
-    def __init__(self, job: VerifyJob, run: Run) -> None:
-        self._job, self._run = job, run
+    job: VerifyJob
+    run: Run
 
     @cached_property
     def known(self) -> tuple[str, Question]:
         """What all processes judge by, and its digest; who asks first diagnoses the renderer."""
-        parts = self._job.parts
+        parts = self.job.parts
         if parts.read_beside(QUESTION) is None:
-            parts.write_beside(QUESTION, _json(asdict(self._run.question())).encode())
+            parts.write_beside(QUESTION, _json(self.run.question()).encode())
         content = parts.read_beside(QUESTION)
         assert content is not None
         return hashlib.sha256(content).hexdigest(), _QUESTION.validate_json(content)
@@ -167,29 +136,26 @@ class VerifySession(Session):
         return self.known
 
     def make(self, block: int) -> None:
-        """Judge the hogels of a block, and write their rows."""
+        """Judge the hogels of a block, and write their rows, with what the worst are chosen by."""
         digest, question = self.known
         rows = []
-        for hogel, figures in self._run.hogels(question, self._job.apertures(block)):
-            told = asdict(hogel.told_from(self._job.renderer.named_from))
-            del told["aperture"]
-            bad = (None, None) if figures is None else tuple(one.numbers.judged_fraction for one in figures)
-            rows.append(
-                VerifiedRow(
-                    column=hogel.aperture.column,
-                    row=hogel.aperture.row,
-                    verdict=hogel.verdict,
-                    found=_json(told),
-                    worst_as_found=bad[0],
-                    worst_corrected=bad[1],
-                    question=digest,
-                )
-            )
-        self._job.parts.write(block, table_of(VerifiedRow, rows))
+        for hogel, figures in self.run.hogels(question, self.job.apertures(block)):
+            bad = [None, None] if figures is None else [one.numbers.judged_fraction for one in figures]
+            row = {
+                "column": hogel.aperture.column,
+                "row": hogel.aperture.row,
+                "verdict": hogel.verdict,
+                "found": _json(hogel.told_from(self.job.renderer.named_from)),
+                "worst_as_found": bad[0],
+                "worst_corrected": bad[1],
+                "question": digest,
+            }
+            rows.append(row)
+        self.job.parts.write(block, pa.Table.from_pylist(rows))
 
     def pictured(self, index: tuple[int, int], channels: bool) -> Pictured | None:
         """Return a hogel in pictures, with all its channels or without; None where it is missing."""
-        return self._run.pictured(self.known[1], self._job.scene.plate.aperture(*index), channels=channels)
+        return self.run.pictured(self.known[1], self.job.scene.plate.aperture(*index), channels=channels)
 
 
 def verify_on(
@@ -204,8 +170,7 @@ def verify_on(
 
     Stopped at any moment and called again with the same folder it goes on where it was. A command whose
     hogels are all judged in this folder is judged anew, and so are blocks with hogels that could not be had.
-
-    The parts are kept in `out`, None for a folder of this machine's that is gone afterwards; `told` is called
+    Parts are kept in `out`, None for a folder of this machine's that is gone afterwards; `told` is called
     with notes in words. Returns None where other parts of a job array are not finished yet.
 
     Raises
@@ -239,18 +204,28 @@ def verify_on(
             hogels_per_block=max(1, min(most, math.ceil(len(asked) / MIN_BLOCKS))),
             parts=Parts(out=folder, name=PARTS),
         )
-        indices = () if isinstance(asked, ApertureBlocks) else tuple(one.index for one in asked)
         described = {
             "scene": scene.content_hash,
             "renderer": renderer.description,
             "state of the images": job.state,
             "limits": limits,
-            "hogels": {"hogels": indices, "size": job.hogels_per_block},
+            "hogels": {
+                "hogels": () if isinstance(asked, ApertureBlocks) else tuple(one.index for one in asked),
+                "size": job.hogels_per_block,
+            },
         }
         job.parts.open(json_ready(described))
         blocks = list(engine.part.of(job.blocks))
         if renderer.command is not None:
-            _forget(job, blocks, told)
+            # It may answer otherwise by now.
+            if blocks and all(map(job.finished, job.blocks)):
+                told(f"what is in {job.parts.folder} was finished; the command is judged anew")
+                for block in job.blocks:
+                    job.parts.remove(block)
+                job.parts.remove(QUESTION)
+            for block in filter(job.finished, blocks):
+                if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
+                    job.parts.remove(block)
         job.parts.tell_damaged(blocks, told)
         done = sum(map(job.finished, blocks))
         if done:
@@ -266,39 +241,27 @@ def verify_on(
     return found if renderer.accept else with_correction_tested(found)
 
 
-def _forget(job: VerifyJob, blocks: Sequence[int], told: Callable[[str], object]) -> None:
-    """Remove what a command may answer otherwise by now: what is finished, and what was missing."""
-    if blocks and all(map(job.finished, job.blocks)):
-        told(f"what is in {job.parts.folder} was finished; the command is judged anew")
-        for block in job.blocks:
-            job.parts.remove(block)
-        job.parts.remove(QUESTION)
-    for block in filter(job.finished, blocks):
-        if "missing" in job.parts.read(block, ["verdict"])["verdict"].to_pylist():
-            job.parts.remove(block)
-
-
 def _put_together(
     job: VerifyJob, workers: Workers, name: str, told: Callable[[str], object], *, channels: bool
 ) -> Verification:
     """Return the verification of finished blocks; the worst hogels are judged once more for pictures."""
     digest, question = workers.ask(job, VerifySession.question)
     hogels: list[Hogel] = []
-    badness: list[tuple[Aperture, tuple[float, float]]] = []
+    badness: list[tuple[tuple[float, float], Aperture]] = []
     # One part after the other: a plate of millions has more text than hogels have numbers.
     for block in job.blocks:
-        for aperture, row in zip(job.apertures(block), job.parts.read(block).to_pylist(), strict=True):
+        for row in job.parts.read(block).to_pylist():
             if row["question"] != digest:
                 raise InputError(
                     f"{job.parts.path(block)}: was judged by another diagnosis than the rest; delete "
                     f"{job.parts.folder} and repeat the command"
                 )
-            hogels.append(Hogel(aperture=aperture, **vars(_FOUND.validate_json(row["found"]))))
+            hogels.append(_HOGEL.validate_json(row["found"]))
             if row["worst_as_found"] is not None:
-                badness.append((aperture, (row["worst_as_found"], row["worst_corrected"])))
+                badness.append(((row["worst_as_found"], row["worst_corrected"]), hogels[-1].aperture))
     kept = []
     # As in `WorstHogels.add`, of equals those that come first.
-    for aperture, _ in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=itemgetter(1)):
+    for _, aperture in heapq.nlargest(MAX_SHOWN_HOGELS, badness, key=lambda one: one[0]):
         one = workers.ask(job, VerifySession.pictured, aperture.index, channels)
         if one is None:
             i, j = aperture.index

@@ -144,7 +144,7 @@ def test_a_command_runs_in_the_folder_of_the_caller(
     with renderer.opened(Reference(scene)) as source:
         assert source.image(scene.plate.aperture(0, 0)).covered.any()
     module.with_name("render").write_text("another\n")
-    with pytest.raises(InputError, match="a worker finds another program"):
+    with pytest.raises(InputError, match="the command, or another program"):
         renderer.require_state((), before)
     gone = ForeignRenderer(command=command, folder=tmp_path / "gone")
     with pytest.raises(InputError, match="there is no folder"):
