@@ -6,10 +6,9 @@ Blender's camera is the crossed frustum itself: blender/render.py.
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.errors import InputError
@@ -82,26 +81,19 @@ def write_cameras(
             raise InputError(
                 "Blender's camera is the crossed frustum itself: leave out --near and its options"
             )
-        return CameraFiles(
-            renderer=chosen,
-            files=write_blender(scene, out, apertures),
-            next_step=f"run it: python {out / 'render.py'} --out HOGELS (with bpy), or in Blender: "
-            f"blender -b -P {out / 'render.py'} -- --out HOGELS",
-        )
+        files, script = write_blender(scene, out, apertures), out / "render.py"
+        next_step = f"run it: python {script} --out HOGELS (with bpy), or in Blender: "
+        next_step += f"blender -b -P {script} -- --out HOGELS"
+        return CameraFiles(renderer=chosen, files=files, next_step=next_step)
     if settings is None:
         raise InputError("C and C* need --near, the distance by which they step back from the plate")
     cameras = cameras_of(scene, settings, apertures or scene.default_apertures())
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
     with Staging(out, (name,)) as staging:
-        text = json.dumps(json_ready(written), allow_nan=False, indent=1)
-        (staging.folder / name).write_text(text + "\n", encoding="utf-8")
+        write_json(staging.folder / name, written)
         files = staging.commit()
     return CameraFiles(renderer=chosen, files=files, next_step=f"read CONVENTIONS.md, and {files[0]}")
-
-
-SCRIPTS = ("render.py", "pixel_files.py")
-"""The script that Blender runs, and what it imports: in the folder `blender` beside this module."""
 
 
 def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None) -> tuple[Path, ...]:
@@ -109,7 +101,7 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
 
     The script renders these apertures where nobody names others; the whole plate where None.
     """
-    frustum, screen, objects = scene.frustum, scene.frustum.screen, scene.objects
+    frustum, objects = scene.frustum, scene.objects
     described = {
         "scene": scene.name,
         "scene_hash": scene.content_hash,
@@ -119,7 +111,7 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
         "resolution": frustum.resolution,
         "reach": frustum.reach,
         "fov": frustum.fov,
-        "screen": screen and {"height": screen.height, "center": screen.center, "size": screen.size},
+        "screen": frustum.screen,
         "apertures": None if apertures is None else [aperture.index for aperture in apertures],
         "objects": [one.name for one in objects],
         "colors": [material.diffuse for material in scene.materials],
@@ -127,11 +119,9 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
     }
     first = np.cumsum([0, *(len(one.vertices) for one in objects)])
     faces = [one.faces + start for one, start in zip(objects, first[:-1], strict=True)]
-    with Staging(out, (*SCRIPTS, "plate.json", "scene.npz")) as staging:
-        for name in SCRIPTS:
-            shutil.copyfile(Path(__file__).with_name("blender") / name, staging.folder / name)
-        text = json.dumps(described, allow_nan=False, indent=1)
-        (staging.folder / "plate.json").write_text(text + "\n", encoding="utf-8")
+    with Staging(out, ("render.py", "plate.json", "scene.npz")) as staging:
+        shutil.copyfile(Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py")
+        write_json(staging.folder / "plate.json", described)
         np.savez(
             staging.folder / "scene.npz",
             vertices=np.concatenate([np.zeros((0, 3)), *(one.vertices for one in objects)]),
@@ -173,7 +163,44 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
     are left out, as `raster` leaves them out. Raises InputError where the settings make no sense.
     """
     settings.check_against(scene.frustum)
-    slabs = cameras_in_order(scene, settings)
+    slabs, mapping = cameras_in_order(scene, settings), MAPPINGS[settings.mapping]
+
+    def camera(aperture: Aperture, slab: SlabCamera) -> Record:
+        drawn, window = pass_of(scene, aperture, settings, slab), FilmWindow.of(scene.frustum, aperture)
+        rows = drawn.clip_from_scene[(0, 1, 3), :]
+        # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
+        x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
+        return {
+            "camera": "c" if slab.orthoscopic else "c-star",
+            "clip_from_scene": drawn.clip_from_scene,
+            "position": (float(x), float(y), float(z)),
+            "looks_to": "-z" if slab.orthoscopic else "+z",
+            # Left-right and up-down, against the ordinary picture of a camera that looks that way, y axis up.
+            "film_flipped": not slab.orthoscopic,
+            # k and t of the film, slopes about the center of projection, the factor of the fit included.
+            "shear": (-window.axis[0], -window.axis[1]),
+            "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
+            "near": slab.near,
+            "far": slab.far,
+            "heights": drawn.heights,
+            "wins": "nearest" if slab.orthoscopic else "farthest",
+            "depth": {
+                "format": settings.depth,
+                "mapping": settings.mapping,
+                "function": DEPTH_FUNCTIONS[settings.mapping],
+                "near_value": mapping.stored_near,
+                "far_value": mapping.stored_far,
+                # Depths over w between which the pass clips.
+                "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
+                "written_by_fragment": bool(mapping.fragment_depth),  # no interpolation gives such a depth
+                "test": drawn.test.function,
+                "clear": drawn.test.clear,
+            },
+            # Window winding of faces that are turned to the camera, and of those left out, as in OpenGL.
+            "front_face": drawn.front_face,
+            "culled_face": drawn.culled_face,
+        }
+
     return {
         "scene": scene.name,
         "scene_hash": scene.content_hash,
@@ -186,50 +213,10 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
             {
                 "aperture": aperture.index,
                 "center": (aperture.x, aperture.y, 0.0),
-                "passes": [_camera_pass(scene, settings, aperture, slab) for slab in slabs],
+                "passes": [camera(aperture, slab) for slab in slabs],
             }
             for aperture in apertures
         ],
-    }
-
-
-def _camera_pass(scene: Scene, settings: DoubleFrustum, aperture: Aperture, slab: SlabCamera) -> Record:
-    """Return one camera of one aperture, and what it draws."""
-    drawn = pass_of(scene, aperture, settings, slab)
-    window, mapping = FilmWindow.of(scene.frustum, aperture), MAPPINGS[settings.mapping]
-    rows = drawn.clip_from_scene[(0, 1, 3), :]
-    # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
-    x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
-    return {
-        "camera": "c" if slab.orthoscopic else "c-star",
-        "clip_from_scene": drawn.clip_from_scene,
-        "position": (float(x), float(y), float(z)),
-        "looks_to": "-z" if slab.orthoscopic else "+z",
-        # Left-right and up-down, against the ordinary picture of a camera that looks that way, its y axis up.
-        "film_flipped": not slab.orthoscopic,
-        # k and t of the film, slopes about the center of projection, the factor of the fit included.
-        "shear": (-window.axis[0], -window.axis[1]),
-        "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
-        "near": slab.near,
-        "far": slab.far,
-        "heights": drawn.heights,
-        "wins": "nearest" if slab.orthoscopic else "farthest",
-        "depth": {
-            "format": settings.depth,
-            "mapping": settings.mapping,
-            "function": DEPTH_FUNCTIONS[settings.mapping],
-            "near_value": mapping.stored_near,
-            "far_value": mapping.stored_far,
-            # Depths over w between which the pass clips.
-            "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
-            # No interpolation gives such a depth.
-            "written_by_fragment": bool(mapping.fragment_depth),
-            "test": drawn.test.function,
-            "clear": drawn.test.clear,
-        },
-        # Window winding of faces that are turned to the camera, and of those left out, as OpenGL names them.
-        "front_face": drawn.front_face,
-        "culled_face": drawn.culled_face,
     }
 
 
@@ -251,12 +238,21 @@ GLTF_NOTE = (
 """What a reader of the glTF file must know."""
 
 
-def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
-    """Yield every camera, and what entries of both formats say of it."""
-    for one in cameras["apertures"]:
-        for number, camera in enumerate(one["passes"]):
-            told = {"aperture": one["aperture"], "pass": number, "rows_reversed": camera["film_flipped"]}
-            yield camera, told | {"wins": camera["wins"]}
+def _passes(cameras: Record) -> list[tuple[Record, Record]]:
+    """Return every camera, and what entries of both formats say of it."""
+    return [
+        (
+            camera,
+            {
+                "aperture": one["aperture"],
+                "pass": number,
+                "rows_reversed": camera["film_flipped"],
+                "wins": camera["wins"],
+            },
+        )
+        for one in cameras["apertures"]
+        for number, camera in enumerate(one["passes"])
+    ]
 
 
 def gltf(cameras: Record) -> Record:

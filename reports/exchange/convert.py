@@ -15,7 +15,6 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts import (
     LAYOUTS,
     PICTURE_SUFFIXES,
-    Layout,
     Naming,
     PlateShape,
     layout_for,
@@ -24,6 +23,7 @@ from xfrustum.scenes.files.layouts import (
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.files.plate_files import (
     PARAMETERS_FILE,
+    FileSet,
     PlateRows,
     Target,
     find_files,
@@ -92,42 +92,36 @@ def convert(
             "say with --to in which layout to write; only names that end in .zarr say it themselves"
         )
     array = None if options.array is None else choice(PlateArray, options.array, "array")
-    read = _read(source, read_as, options, array)
+    plate: PlateRows
+    missing: tuple[str, ...] = ()
+    if read_as == ZARR or (read_as is None and is_group(source)):
+        plate = group = open_plate(source, array)
+        if count := missing_hogels(group):
+            missing = (f"{count} hogels are not there and count as empty",)
+        layout, reasons = ZARR, (f"array {group.array}", plate.shape.words, *missing)
+    else:
+        found = _files_at(source, read_as, options)
+        plate, layout, reasons = found.rows(), found.layout.name, found.reasons
     done = Conversion(
         source=source,
         out=out,
-        read_as=read.layout,
-        reasons=read.reasons,
+        read_as=layout,
+        reasons=reasons,
         written_as=target,
-        hogels=read.plate.shape.hogels,
-        resolution=read.plate.shape.resolution,
+        hogels=plate.shape.hogels,
+        resolution=plate.shape.resolution,
         files=0,
         losses=(),
-        notes=read.notes,
+        notes=missing,
     )
     if target == ZARR:
-        return _into_group(done, read.plate, array or PlateArray.COLOR, progress=progress)
+        return _into_group(done, plate, array or PlateArray.COLOR, progress=progress)
     done = replace(done, written_as=layouts_named(target)[0].name)
-    return _into_files(done, read.plate, options, progress=progress)
+    return _into_files(done, plate, options, progress=progress)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Read:
-    """What was read: pixels, the name of their layout, what speaks for it, and what is missing."""
-
-    plate: PlateRows
-    layout: str
-    reasons: tuple[str, ...]
-    notes: tuple[str, ...] = ()
-
-
-def _read(source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None) -> _Read:
-    if read_as == ZARR or (read_as is None and is_group(source)):
-        plate = open_plate(source, array)
-        missing = missing_hogels(plate)
-        told = (f"{missing} hogels are not there and count as empty",) if missing else ()
-        reasons = (f"array {plate.array}", plate.shape.words, *told)
-        return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)
+def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> FileSet:
+    """Return the files of a whole plate; InputError where some are missing or lie beyond it."""
     shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
     found = find_files(source, shape, LAYOUTS if read_as is None else layouts_named(read_as))
     if found.missing:
@@ -141,7 +135,7 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
             f"{source}: {found.beyond} of {len(found.files)} files of the layout {found.layout.name} "
             f"lie beyond a plate of {found.shape.words}; {advice}"
         )
-    return _Read(plate=found.rows(), layout=found.layout.name, reasons=found.reasons)
+    return found
 
 
 def _into_group(done: Conversion, plate: PlateRows, array: PlateArray, *, progress: bool) -> Conversion:
@@ -182,10 +176,15 @@ def _into_files(
         aspect=options.aspect,
         tiles=options.tiles,
     )
+
+    def named(naming: Naming) -> bool:  # `pleno` has no other files than .ppm
+        name = Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
+        return layout.read_name(name) is not None
+
     floating = replace(naming, suffix=".exr")
-    if suffix is None and plate.levels is None and _is_named(layout, shape, floating):
+    if suffix is None and plate.levels is None and named(floating):
         naming = floating
-    if not _is_named(layout, shape, naming):
+    if not named(naming):
         raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
     target = Target(layout=layout, naming=naming)
     files, losses = layout.file_count(shape), target.losses(plate)
@@ -204,12 +203,6 @@ def _into_files(
         written = staging.commit()
     notes = (*done.notes, *target.notes(shape))
     return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
-
-
-def _is_named(layout: Layout, shape: PlateShape, naming: Naming) -> bool:
-    """Return whether files under these names are files of the layout: `pleno` has no other than .ppm."""
-    name = Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
-    return layout.read_name(name) is not None
 
 
 DRAWING_SUFFIX = ".drawing.zarr"
@@ -264,8 +257,7 @@ class LaidOutPlate:
     def write(self, scene: Scene) -> Conversion:
         """Write the files of a plate that is drawn, and remove the group unless it is to be kept."""
         width, height = scene.plate.size
-        options = ConversionOptions(aspect=width / height)
-        done = convert(self.group, self.files, ZARR, self.layout, options)
+        done = convert(self.group, self.files, ZARR, self.layout, ConversionOptions(aspect=width / height))
         if not self.keeps_group:
             shutil.rmtree(self.group)
         return done

@@ -32,8 +32,7 @@ class ObjectCheck:
     """One object, as it is known before it is drawn."""
 
     extent: ObjectExtent
-    #: What it has to be shaded with, and where that comes from: `normals`, `colors` and `textures`, in words.
-    looks: dict[str, str]
+    looks: dict[str, str]  #: what it is shaded with, in words: `normals`, `colors` and `textures`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -75,15 +74,14 @@ class SceneCheck(Shown):
     def summary(self) -> dict[str, Any]:
         """Return everything but the pictures, as `check --json` prints it."""
         scene = self.scene
+        objects = [{**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects]
         content: dict[str, Any] = json_ready(
             {
                 "scene": scene.name,
                 "units": scene.units,
                 "plate": scene.plate,
                 "reach": scene.frustum.reach,
-                "objects": [
-                    {**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects
-                ],
+                "objects": objects,
                 "warnings": self.warnings,
                 "seen": self.seen,
             }
@@ -96,27 +94,20 @@ def check(scene: Scene) -> SceneCheck:
 
     Nothing is drawn or traced: an object behind another one counts as seen.
     """
-    found = extents(scene)
+    objects = tuple(
+        ObjectCheck(extent=extent, looks=_looks(part))
+        for extent, part in zip(extents(scene), scene.objects, strict=True)
+    )
     unseen = unseen_facts(scene, scene.plate.apertures())
-    told = list(scene.warnings)
-    if unseen is not None:
-        told.append(unseen)
-    else:
+    told = [*scene.warnings, *([unseen] if unseen is not None else [])]
+    if unseen is None:
         told += [*warnings(scene), *plate_warnings(scene)]
         told += [
             f"object {one.number} ({Path(one.name).name}) is outside the frusta of all apertures"
-            for one in found
+            for one in (checked.extent for checked in objects)
             if one.sight.apertures == 0
         ]
-    return SceneCheck(
-        scene=scene,
-        objects=tuple(
-            ObjectCheck(extent=extent, looks=_looks(part))
-            for extent, part in zip(found, scene.objects, strict=True)
-        ),
-        warnings=tuple(dict.fromkeys(told)),
-        seen=unseen is None,
-    )
+    return SceneCheck(scene=scene, objects=objects, warnings=tuple(dict.fromkeys(told)), seen=unseen is None)
 
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
@@ -131,10 +122,10 @@ def table(checked: SceneCheck) -> str:
     """Return a check as lines for people."""
     scene = checked.scene
     (toward, back), units = scene.frustum.reach, scene.units
-    plate = f"plate of {length(scene.plate.size[0])} x {length(scene.plate.size[1])} {units}, "
-    plate += f"{scene.plate.hogels[0]} x {scene.plate.hogels[1]} apertures"
+    (width, height), hogels = map(length, scene.plate.size), scene.plate.hogels
     lines = [
-        f"{scene.name}: {plate}; reach {length(toward)} {units} before and {length(back)} {units} behind it"
+        f"{scene.name}: plate of {width} x {height} {units}, {hogels[0]} x {hogels[1]} apertures; "
+        f"reach {length(toward)} {units} before and {length(back)} {units} behind it"
     ]
     if not checked.objects:
         lines.append("no objects: the true image of nothing is nothing")

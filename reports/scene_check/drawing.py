@@ -20,8 +20,8 @@ from xfrustum.scenes.plate.plate import Aperture
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
 
-MARGIN = 0.04
-"""Shown around everything, as a share of it."""
+MARGIN, SMALL_PX = 0.04, 7.0
+"""Shown around everything, as a share of it; and size on the picture below which an object gets a ring."""
 
 FARTHEST = 0.75
 """What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
@@ -31,14 +31,9 @@ C_COLOR, C_STAR_COLOR, INK, SOFT, SCREEN = "#0072b2", "#d55e00", "#1b1f24", "#5b
 OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
 """Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
 
-SMALL_PX = 7.0
-"""An object smaller than this on the picture gets a ring around it."""
-
-FINER = 2
-"""Cells of the mask of an outline per pixel of the picture, in either direction."""
-
-TOLERANCE_CELLS = 0.7
-"""How far an outline may be from the mask's own, which is a staircase of one cell."""
+FINER, TOLERANCE_CELLS = 2, 0.7
+"""Cells of the mask of an outline per pixel of the picture, in either direction; and how far an outline may
+be from the mask's own, which is a staircase of one cell."""
 
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 """Attribute of the views' first element, which a page does not need: it knows what svg is."""
@@ -56,12 +51,6 @@ class View(StrEnum):
     def axis(self) -> int:
         """The coordinate that points upward in the picture: y from the side, x from above."""
         return 1 if self is View.SIDE else 0
-
-
-_TITLES = {
-    View.SIDE: ("Side view", "seen from the viewer's left, y is up"),
-    View.TOP: ("Top view", "seen from above, x is up: the viewer's right"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +169,10 @@ def draw_view(scene: Scene, view: View) -> str:
                 found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
         paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in outline) for outline in shapes)
         objects.append({**found, "path": "".join(f"M{path}Z" for path in paths)})
-    title, subtitle = _TITLES[view]
+    side = ("Side view", "seen from the viewer's left, y is up")
+    title, subtitle = (
+        side if view is View.SIDE else ("Top view", "seen from above, x is up: the viewer's right")
+    )
     values = {
         "scene": scene,
         "title": title,
@@ -194,14 +186,8 @@ def draw_view(scene: Scene, view: View) -> str:
         "objects": objects,
         # The ends of the reach, the projection screen and the plate.
         "uprights": [
-            {
-                "x": frame.x(z),
-                "low": frame.y(low),
-                "high": frame.y(high),
-                "color": color,
-                "width": width,
-                "dashed": color == SOFT,
-            }
+            {"x": frame.x(z), "low": frame.y(low), "high": frame.y(high)}
+            | {"color": color, "width": width, "dashed": color == SOFT}
             for z, low, high, color, width in lines
         ],
         "ticks": [
@@ -218,7 +204,11 @@ def draw_view(scene: Scene, view: View) -> str:
         "more": max(0, len(scene.objects) - len(objects)),
         "height": 540 + 18 * len(objects),
     }
-    return svg_picture("scene-view.svg.j2", {"printable": _printable}, values) + "\n"
+
+    def printable(words: str) -> str:  # XML cannot hold control characters, which file names may have
+        return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
+
+    return svg_picture("scene-view.svg.j2", {"printable": printable}, values) + "\n"
 
 
 def _ticks(low: float, high: float) -> list[float]:
@@ -232,11 +222,6 @@ def _ticks(low: float, high: float) -> list[float]:
 def _signed(value: float) -> str:
     """Write a coordinate with a real minus sign."""
     return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
-
-
-def _printable(words: str) -> str:
-    """Replace what XML cannot hold: file names may contain control characters."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:

@@ -16,17 +16,12 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.files.patches import load_patches
 
-FOV_DEG = 60.0
-"""Full angle of both axes, that of the built-in scenes."""
+FOV_DEG, RESOLUTION = 60.0, 512
+"""Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""
 
-RESOLUTION = 512
-"""Pixels along each side of a hogel image, likewise."""
-
-HOGELS = 61
-"""Apertures along the longer side of the plate: odd, so that the middle one is in the middle."""
-
-ROOM = 1.1
-"""Plate and reach are at least this much larger than what they must hold."""
+HOGELS, ROOM = 61, 1.1
+"""Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and how much
+larger plate and reach are at least than what they must hold."""
 
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is needed."""
@@ -166,20 +161,19 @@ def _round_up(value: float) -> float:
     return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
 
 
-def _quoted(text: str) -> str:
-    """Write a text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def _text(new: NewScene, mesh: Path) -> str:
     """Return the scene file."""
+
+    def quoted(text: str) -> str:  # a string of TOML
+        return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
     relative = Path(os.path.relpath(mesh.absolute(), new.path.absolute().parent)).as_posix()
     shown = " x ".join(length(side) for side in new.mesh)
     vector = ", ".join(repr(value) for value in new.translate)
     return f"""\
 # Written by `xfrustum new`; `xfrustum check` draws where everything lies. All keys: CONVENTIONS.md.
-name = {_quoted(mesh.stem)}
-units = {_quoted(new.units)}  # a name; all lengths here are in this unit
+name = {quoted(mesh.stem)}
+units = {quoted(new.units)}  # a name; all lengths here are in this unit
 
 [plate]  # in z = 0, about the origin; +z points to the viewer
 size = [{new.plate[0]!r}, {new.plate[1]!r}]  # width, height
@@ -191,7 +185,7 @@ fov_deg = [{FOV_DEG!r}, {FOV_DEG!r}]  # full angles
 reach = [{new.reach!r}, {new.reach!r}]  # how far surfaces are shown: toward the viewer, behind the plate
 
 [[object]]
-mesh = {_quoted(relative)}  # relative to this file
+mesh = {quoted(relative)}  # relative to this file
 scale = {new.scale!r}  # the mesh itself is {shown}
 translate = [{vector}]  # then it lies {heights(*new.heights, new.units)}
 # rotate_deg = [0.0, 0.0, 0.0]  # about x, then y, then z; after scale and before translate

@@ -20,27 +20,39 @@ import json
 import math
 import os
 import signal
+import struct
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))  # Blender runs scripts without their folder in the path.
-
-from pixel_files import OBJECT, TRIANGLE, UnreadableError, encoded, exr_planes  # type: ignore[import-not-found]  # noqa: E402
 
 Array = np.ndarray[Any, Any]
 """Numbers of any type and shape."""
+
+TRIANGLE, OBJECT = "xfrustum_triangle", "xfrustum_object"
+"""Names of the passes, and of the attributes of faces, that hold numbers from 1; 0 is nothing."""
 
 PLATE_EMPTY = "xfrustum plate"
 """Name of the empty that stands for the plate: move, turn or scale it, and the hogels follow."""
 
 ENCODINGS = ("triangle-id", "exr", "picture")
+LAYOUTS = {
+    "hogels": "hogel_{i}x{j}",
+    "burnett": "Hogel_{j}x{i}",
+    "hocking": "hogel_{i:04}_{columns:04}_{up:04}_{rows:04}",
+}
+"""Layouts of one file for each hogel, by names of files; `xfrustum convert` makes all others of them."""
+
+FILE_SUFFIXES = (".png", ".exr")
+"""Suffixes by which --out names a single file; all other names are those of folders."""
+
 MIN_VERSION = (4, 5)
 """Oldest version of Blender whose Cycles takes cameras as shaders."""
 
@@ -55,11 +67,9 @@ CENTER_FILTER_PX = 0.01
 """Width of the pixel filter where one sample is taken: the smallest that Cycles has. The camera takes every
 sample to the center of its pixel; so none lies so near to the next pixel that it could be taken there."""
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as of programs that a shell sees end by it."""
-
-TOLD_EVERY_S = 10.0
-"""Time between two lines on how many hogels are done and how long the others take."""
+INTERRUPTED, TOLD_EVERY_S = 130, 10.0
+"""Exit status after Ctrl-C, as of programs that a shell sees end by it; and time between two lines on how
+many hogels are done and how long the others take."""
 
 SHADER = """
 shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
@@ -120,25 +130,134 @@ def shader_of(
     )
 
 
-def hogel_name(layout: str, plate: Mapping[str, Any], column: int, row: int) -> str:
-    """Return the name of a hogel's file without its suffix."""
-    columns, rows = plate["hogels"]
-    names: dict[str, str] = {
-        "hogels": f"hogel_{column}x{row}",
-        "burnett": f"Hogel_{row}x{column}",
-        "hocking": f"hogel_{column:04}_{columns:04}_{rows - 1 - row:04}_{rows:04}",
-    }
-    return names[layout]
-
-
-FILE_SUFFIXES = (".png", ".exr")
-"""Suffixes by which --out names a single file; all other names are those of folders."""
-
-LAYOUTS = ("hogels", "burnett", "hocking")
-"""Layouts of one file for each hogel; `xfrustum convert` makes all others of them."""
-
-
 # ---------------------------------------------------------------- files
+#
+# Blender's own Python has no library that writes OpenEXR channels of whole numbers.
+
+
+def png(pixels: Array) -> bytes:
+    """Return (H, W, 3) uint8 pixels as a PNG file."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        check = struct.pack(">I", zlib.crc32(kind + content))
+        return struct.pack(">I", len(content)) + kind + content + check
+
+    height, width, _ = pixels.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), pixels.reshape(height, -1)], axis=1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)), chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def exr(planes: Mapping[str, Array]) -> bytes:
+    """Return (H, W) planes of float32 or uint32 as an OpenEXR file without compression."""
+    names = sorted(planes)
+    height, width = planes[names[0]].shape
+    kinds = {name: 0 if planes[name].dtype == np.uint32 else 2 for name in names}
+    channels = b"".join(name.encode() + b"\0" + struct.pack("<IIII", kinds[name], 0, 1, 1) for name in names)
+    window = struct.pack("<iiii", 0, 0, width - 1, height - 1)
+    attributes = (
+        ("channels", "chlist", channels + b"\0"),
+        ("compression", "compression", b"\0"),
+        ("dataWindow", "box2i", window),
+        ("displayWindow", "box2i", window),
+        ("lineOrder", "lineOrder", b"\0"),
+        ("pixelAspectRatio", "float", struct.pack("<f", 1)),
+        ("screenWindowCenter", "v2f", struct.pack("<ff", 0, 0)),
+        ("screenWindowWidth", "float", struct.pack("<f", 1)),
+    )
+    header = struct.pack("<II", 20000630, 2)
+    for name, kind, content in attributes:
+        header += f"{name}\0{kind}\0".encode() + struct.pack("<I", len(content)) + content
+    lines = [
+        b"".join(planes[name][row].astype("<u4" if kinds[name] == 0 else "<f4").tobytes() for name in names)
+        for row in range(height)
+    ]
+    start = len(header) + 1 + 8 * height
+    offsets = start + np.cumsum([0, *(8 + len(line) for line in lines[:-1])])
+    body = b"".join(struct.pack("<iI", row, len(line)) + line for row, line in enumerate(lines))
+    table: bytes = offsets.astype("<u8").tobytes()
+    return header + b"\0" + table + body
+
+
+def exr_planes(content: bytes) -> dict[str, Array]:
+    """Return the (H, W) planes of an OpenEXR file as Blender writes it: one part, lines, no compression."""
+    _, flags = struct.unpack_from("<II", content)
+    place, attributes = 8, {}
+    while content[place]:
+        name, kind = (part.decode() for part in content[place:].split(b"\0", 2)[:2])
+        place += len(name) + len(kind) + 2
+        (size,) = struct.unpack_from("<I", content, place)
+        attributes[name] = content[place + 4 : place + 4 + size]
+        place += 4 + size
+    if flags & ~0x4FF or attributes["compression"] != b"\0":
+        raise UnusableError(
+            "Blender wrote an OpenEXR file of several parts or with compression; this script reads neither"
+        )
+    left, top, right, bottom = struct.unpack("<iiii", attributes["dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    types: dict[str, Any] = {}
+    listed = attributes["channels"]
+    while listed[0]:
+        channel, rest = listed.split(b"\0", 1)
+        types[channel.decode()] = {0: "<u4", 1: "<f2", 2: "<f4"}[struct.unpack_from("<I", rest)[0]]
+        listed = rest[16:]
+    line = np.dtype(
+        [("y", "<i4"), ("size", "<u4"), *((name, kind, (width,)) for name, kind in types.items())]
+    )
+    rows = np.frombuffer(content, line, count=height, offset=place + 1 + 8 * height)
+    return {name: rows[name].astype(np.float32) for name in types}
+
+
+def encoded(planes: Mapping[str, Array], plate: Mapping[str, Any], to_plate: Array, encoding: str) -> bytes:
+    """Return a hogel's file from the passes that Cycles wrote, by the names of their channels.
+
+    It is PNG for the encoding `triangle-id`, OpenEXR for `exr`; `to_plate` takes the world to the plate's
+    frame. Surfaces beyond the reach are left out: no other surface can lie before them on the pixel's line.
+    """
+
+    def named(*channels: str) -> Array:  # (channels, H, W), whatever the view layer is called
+        found = (
+            next(plane for name, plane in planes.items() if name.endswith(f".{end}")) for end in channels
+        )
+        return np.stack(list(found)).astype(np.float64)
+
+    position = np.moveaxis(named("Position.X", "Position.Y", "Position.Z"), 0, -1) @ to_plate[:3, :3].T
+    position += to_plate[:3, 3]
+    shown = (named("Combined.A")[0] > 0) & (position[..., 2] >= -plate["reach"][1])
+    numbers = {
+        attribute: np.where(shown, np.rint(plane), 0).astype(np.uint32)
+        for attribute in (TRIANGLE, OBJECT)
+        for name, plane in planes.items()
+        if f".{attribute}." in name
+    }
+    if encoding == "triangle-id":
+        if not numbers:
+            raise UnusableError(
+                "only the mesh of the scene file has numbers of triangles; use --encoding exr"
+            )
+        number = numbers[TRIANGLE]
+        return png(np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8))
+    points = np.where(shown, np.moveaxis(position, -1, 0), np.nan)
+    written: dict[str, Array] = dict(zip(("P.X", "P.Y", "P.Z", "Z"), (*points, points[2]), strict=True))
+    if numbers:  # normals of triangles by their winding, NaN where there is none
+        with np.load(HERE / "scene.npz") as stored:
+            corners = stored["vertices"][stored["faces"]]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        normals = np.moveaxis(np.concatenate([np.full((1, 3), np.nan), normal])[numbers[TRIANGLE]], -1, 0)
+    else:  # the normals and colors that Cycles saw
+        seen = np.moveaxis(named("Normal.X", "Normal.Y", "Normal.Z"), 0, -1)
+        seen = seen @ (to_plate[:3, :3] / np.linalg.norm(to_plate[:3, 0])).T
+        normals = np.where(shown, np.moveaxis(seen, -1, 0), np.nan)
+        colors = np.where(shown, named("Combined.R", "Combined.G", "Combined.B"), 0)
+        written |= dict(zip("RGB", colors, strict=True))
+    written |= dict(zip(("N.X", "N.Y", "N.Z"), normals, strict=True))
+    stored_planes: dict[str, Array] = {name: plane.astype(np.float32) for name, plane in written.items()}
+    if numbers:
+        stored_planes |= {"id.triangle": numbers[TRIANGLE], "id.object": numbers[OBJECT]}
+    return exr(stored_planes)
 
 
 def put(path: Path, content: bytes) -> None:
@@ -187,16 +306,14 @@ def hide_known_complaints() -> None:
 
 def progress(hogels: int, say: Callable[[str], None]) -> Callable[[int], None]:
     """Return a function of the number of hogels that are done, which says at times how long the rest is."""
-    start = time.monotonic()
-    told = start
+    start = told = time.monotonic()
 
     def step(done: int) -> None:
         nonlocal told
         now = time.monotonic()
         if done < hogels and now - told >= TOLD_EVERY_S:
             told = now
-            left = (now - start) / done * (hogels - done)
-            say(f"{done} of {hogels} hogels done, about {left:.0f} s left")
+            say(f"{done} of {hogels} hogels done, about {(now - start) / done * (hogels - done):.0f} s left")
 
     return step
 
@@ -373,8 +490,8 @@ def render_hogels(
     plate: Mapping[str, Any],
     apertures: Sequence[tuple[int, int]],
     say: Callable[[str], None],
-) -> int:
-    """Render the hogels that are not there yet, and return how many there were to render."""
+) -> None:
+    """Render the hogels that are not there yet."""
     bpy, cycles = blender_modules()
     if arguments.blend:
         bpy.ops.wm.open_mainfile(filepath=str(arguments.blend))
@@ -387,11 +504,10 @@ def render_hogels(
         bpy.ops.wm.save_as_mainfile(filepath=str(arguments.save.resolve()), copy=True)
         say(f"{arguments.save}: the scene with the empty {PLATE_EMPTY!r}")
     if arguments.out is None:
-        return 0
+        return
     matrix, scale = placed(empty)
     set_renderer(bpy, plate, encoding, arguments.samples, scale)
-    paths = dict(_paths(arguments, plate, apertures, ".exr" if encoding == "exr" else ".png"))
-    mesh = HERE / "scene.npz"
+    paths = files_of(arguments, plate, apertures, ".exr" if encoding == "exr" else ".png")
     wanted = [index for index in apertures if arguments.again or not paths[index].exists()]
     say(f"{len(wanted)} hogels to render, {len(apertures) - len(wanted)} found")
     if arguments.out.suffix.lower() not in FILE_SUFFIXES:
@@ -417,31 +533,29 @@ def render_hogels(
             bpy.ops.render.render(write_still=True)
             content = rendered.read_bytes()
             if encoding != "picture":
-                content = encoded(exr_planes(content), plate, np.linalg.inv(matrix), encoding, mesh)
+                content = encoded(exr_planes(content), plate, np.linalg.inv(matrix), encoding)
             paths[index].parent.mkdir(parents=True, exist_ok=True)
             put(paths[index], content)
             say(f"hogel {index[0]},{index[1]}: {time.monotonic() - began:.3f} s  {paths[index]}")
             done(number + 1)
-    return len(wanted)
 
 
-def _paths(
+def files_of(
     arguments: argparse.Namespace, plate: Mapping[str, Any], apertures: Sequence[tuple[int, int]], suffix: str
-) -> Iterator[tuple[tuple[int, int], Path]]:
-    """Yield apertures with the files of their hogels; a name with a suffix is that of a single file."""
-    if arguments.out.suffix.lower() in FILE_SUFFIXES:
+) -> dict[tuple[int, int], Path]:
+    """Return the files of apertures' hogels; a name with a suffix is that of a single file."""
+    out = arguments.out
+    if out.suffix.lower() in FILE_SUFFIXES:
         if len(apertures) > 1:
-            raise UnusableError(
-                f"--out {arguments.out} is one file for {len(apertures)} apertures: give a folder"
-            )
-        if arguments.out.suffix.lower() != suffix:
-            raise UnusableError(
-                f"--out {arguments.out}: this encoding is written to files that end in {suffix}"
-            )
-        yield apertures[0], arguments.out
-        return
-    for column, row in apertures:
-        yield (column, row), arguments.out / (hogel_name(arguments.layout, plate, column, row) + suffix)
+            raise UnusableError(f"--out {out} is one file for {len(apertures)} apertures: give a folder")
+        if out.suffix.lower() != suffix:
+            raise UnusableError(f"--out {out}: this encoding is written to files that end in {suffix}")
+        return {apertures[0]: out}
+    (columns, rows), pattern = plate["hogels"], LAYOUTS[arguments.layout] + suffix
+    return {
+        (i, j): out / pattern.format(i=i, j=j, up=rows - 1 - j, columns=columns, rows=rows)
+        for i, j in apertures
+    }
 
 
 def parsed(argv: Sequence[str]) -> argparse.Namespace:
@@ -487,10 +601,9 @@ def main(argv: Sequence[str]) -> int:
     arguments = parsed(argv)
     try:
         plate = json.loads((HERE / "plate.json").read_text(encoding="utf-8"))
-        render_hogels(
-            arguments, plate, chosen(plate, arguments.apertures), lambda line: print(line, flush=True)
-        )
-    except (UnusableError, UnreadableError, OSError) as error:
+        asked = chosen(plate, arguments.apertures)
+        render_hogels(arguments, plate, asked, lambda line: print(line, flush=True))
+    except (UnusableError, OSError) as error:
         print(f"render.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

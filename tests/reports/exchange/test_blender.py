@@ -26,7 +26,7 @@ from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.reports.exchange.blender import pixel_files, render
+from xfrustum.reports.exchange.blender import render
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
@@ -63,7 +63,7 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
 def test_files_of_plain_python_are_read_by_libraries() -> None:
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
-    content = pixel_files.png(pixels)
+    content = render.png(pixels)
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
 
 
@@ -73,12 +73,12 @@ def test_openexr_of_plain_python_is_read_by_the_library_and_by_itself(tmp_path: 
         "P.X": rng.random((5, 7), np.float32),
         "id.triangle": rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32),
     }
-    content = pixel_files.exr(planes)
+    content = render.exr(planes)
     (tmp_path / "hogel.exr").write_bytes(content)
     file = OpenEXR.InputFile(str(tmp_path / "hogel.exr"))
     for name, dtype in (("P.X", np.float32), ("id.triangle", np.uint32)):
         assert np.array_equal(np.frombuffer(file.channel(name), dtype).reshape(5, 7), planes[name])
-        assert np.array_equal(pixel_files.exr_planes(content)[name], planes[name].astype(np.float32))
+        assert np.array_equal(render.exr_planes(content)[name], planes[name].astype(np.float32))
 
 
 @pytest.mark.parametrize(
