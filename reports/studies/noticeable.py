@@ -6,12 +6,11 @@ Lengths are in millimeters, the unit of the scenes.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import groupby, product
+from itertools import groupby, pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -42,19 +41,15 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Doub
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
-
-USUAL_DISTANCE = 600.0
-"""Distance that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye."""
-
-SEEN_ARCSEC = 1.0
-"""Change of disparity from which on replay and closed form are compared: a twentieth of stereo acuity."""
+USUAL_DISTANCE = 600.0  # that the sentence speaks of, mm: of a reader from a page, and of a hand from the eye
+SEEN_ARCSEC = 1.0  # from which on replay and closed form are compared: a twentieth of stereo acuity
 
 PIXELS = 4742
 """Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and Pearson
 at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong, 2,995 would do."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Cell:
     """One question: what does a viewer notice of a plate of some pitch, drawn with some settings?"""
 
@@ -66,20 +61,9 @@ class Cell:
     mapping: DepthMapping
     pivot: Pivot
 
-    @property
-    def viewer(self) -> Viewer:
-        """The viewer."""
-        return Viewer(distance=self.distance)
-
-    @property
-    def seat(self) -> tuple[str, float, float]:
-        """The plate and the place alone."""
-        return self.scene, self.pitch, self.distance
-
-    @property
-    def case(self) -> tuple[object, ...]:
-        """Everything but near: plate and place, pivot, depth buffer."""
-        return *self.seat, self.pivot, self.depth, self.mapping
+    viewer = property(lambda self: Viewer(distance=self.distance))
+    seat = property(lambda self: (self.scene, self.pitch, self.distance))
+    case = property(lambda self: (*self.seat, self.pivot, self.depth, self.mapping))  # everything but near
 
     @property
     def settings(self) -> DoubleFrustum:
@@ -111,31 +95,23 @@ class Row(Replay, Cell):
 
     stereo_arcsec: float  #: largest change of disparity between two things that the viewer sees
     crack_arcmin: float | None  #: of a surface that runs through the plate, if there is one
-    crack_hidden_arcmin: float  #: width of one that is not noticed, and what hides it
+    crack_hidden_arcmin: float  #: width of one that is not noticed
     crack_hidden_by: str
-    ordered_separation: float
-    """Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side."""
-    resolved_separation: float
-    """Smallest separation that the viewer, or the display, tells apart there, and what decides that."""
+    ordered_separation: float  #: smallest that the depth buffer orders at the farthest visible surfaces
+    resolved_separation: float  #: smallest that the viewer, or the display, tells apart there
     resolved_by: str
-    pixels_median: float | None
-    """99th percentile of displacement in pixels of the median and the worst aperture, None where surfaces
-    pass through them; and share of the apertures that are displaced by more than `TOLERANCE_PX`."""
+    pixels_median: float | None  #: p99 of displacement, pixels; None where surfaces pass through the aperture
     pixels_worst: float | None
-    pixels_beyond: float
+    pixels_beyond: float  #: share of the apertures that are displaced by more than `TOLERANCE_PX`
     asked_separation: float  #: what `plan` asks for without a viewer
     nearest_distance: float  #: from the eyes to the nearest surface before the plate, or to the plate
     sheared: bool  #: the frustum is recentered, and the pivot is `aperture`
 
     @property
-    def stereo_seen(self) -> bool:
-        """Whether the viewer sees the change of depth."""
-        return self.stereo_arcsec > STEREO_ACUITY_ARCSEC
-
-    @property
     def offset_seen(self) -> bool:
         """Whether the viewer notices the near offset, whatever the depth buffer does: by depth or a crack."""
-        return self.stereo_seen or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
+        by_depth = self.stereo_arcsec > STEREO_ACUITY_ARCSEC
+        return by_depth or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,27 +134,22 @@ class Study:
         """Yield every cell, those of one scene together."""
         for name, pivots in self.scenes:
             asked = product(pivots, self.pitches, self.distances, self.nears, self.buffers)
-            for pivot, pitch, distance, near, (depth, mapping) in asked:
-                seat: dict[str, Any] = {"scene": name, "pitch": pitch, "distance": distance}
-                yield Cell(**seat, near=near, depth=depth, mapping=mapping, pivot=pivot)
+            for pivot, pitch, distance, near, buffer in asked:
+                yield Cell(name, pitch, distance, near, *buffer, pivot)
 
     def replayed(self, cells: Sequence[Cell], rows: Sequence[Row]) -> list[int]:
-        """Return the indices of the cells that are replayed.
+        """Return the indices of the cells that are replayed: those of `replayed_nears`, and decisive ones.
 
-        Beside those of `replayed_nears` they are those that decide whether one pair of frusta is enough: for
-        each plate, place, pivot and depth buffer the largest near whose offset is not noticed. A larger one
-        is noticed, and a smaller one leaves more to be wrong by depth.
+        A case is decided by the largest near whose offset is not noticed: a larger one is noticed, and a
+        smaller one leaves more to be wrong by depth.
         """
         middle = self.pitches[len(self.pitches) // 2], self.distances[len(self.distances) // 2]
-        decisive: dict[tuple[object, ...], int] = {}
+        decisive, anyway = dict[object, int](), set[int]()
         for index, (cell, row) in enumerate(zip(cells, rows, strict=True)):
             if not row.offset_seen and row.near > rows[decisive.setdefault(cell.case, index)].near:
                 decisive[cell.case] = index
-        anyway = {
-            index
-            for index, cell in enumerate(cells)
-            if (cell.pitch, cell.distance) == middle and cell.near in self.replayed_nears
-        }
+            if (cell.pitch, cell.distance) == middle and cell.near in self.replayed_nears:
+                anyway.add(index)
         return sorted(anyway | set(decisive.values()))
 
 
@@ -212,9 +183,6 @@ QUICK = replace(
 )
 
 
-# Closed forms and replays
-
-
 @cache
 def _scouted(name: str) -> Scout:
     return scout(open_scene(name))
@@ -222,7 +190,6 @@ def _scouted(name: str) -> Scout:
 
 @cache
 def _displacements(name: str, near: float, pivot: Pivot) -> Any:
-    """Return the 99th percentile of displacement of every aperture that was looked through, pixels."""
     return _scouted(name).displacements(DoubleFrustum(near=near, pivot=pivot))
 
 
@@ -259,10 +226,7 @@ def predicted(cell: Cell) -> Row:
 
 
 def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
-    """Yield the replays of some cells of one seat, whose true views are traced once.
-
-    The films of both eyes have together at least so many pixels.
-    """
+    """Yield the replays of some cells of one seat, whose true views are traced once."""
     scene = cells[0].opened()
     workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, pixels))
     for cell in cells:
@@ -277,7 +241,7 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
 
 
 def film_columns(size: tuple[float, float], pixels: int) -> int:
-    """Return the columns of an eye's film before a plate of some size: as few as give two eyes the pixels."""
+    """Return the fewest columns of an eye's film before a plate that give two eyes so many pixels."""
     width, height = size
     columns = max(1, math.isqrt(round(pixels / 2 * width / height)) - 1)
     while 2 * columns * max(1, round(columns * height / width)) < pixels:
@@ -288,11 +252,10 @@ def film_columns(size: tuple[float, float], pixels: int) -> int:
 def make_study(
     out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
 ) -> StudyFiles | None:
-    """Answer a study, and write its document and data.
+    """Answer a study, closed forms in this process, and write its document and data.
 
-    This process evaluates the closed forms; the engine says where cells are replayed. Every block of replays
-    is kept in the folder as soon as it is there; what is there already, from the same libraries and device,
-    is not replayed again. Returns None where other parts of a job array are not replayed yet.
+    A block of replays that is in the folder already, from the same libraries and device, is not made again.
+    Returns None where other parts of a job array are not replayed yet.
     """
     sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
     check_folder(out, "noticeable")
@@ -314,9 +277,6 @@ def make_study(
     for index, shown in zip(chosen, replays, strict=True):
         rows[index] = replace(rows[index], **vars(shown))
     return write_study(out, "noticeable", rows, sweep.origin, document)
-
-
-# What the rows say
 
 
 def record(files: StudyFiles) -> dict[str, Any]:
@@ -355,16 +315,16 @@ def rule_near(distance: float) -> float:
     return acuity * distance**2 / (apart + math.hypot(apart, acuity * distance))
 
 
-def largest_near(rows: Iterable[Row], value: Callable[[Row], float | None], limit: float) -> float | None:
-    """Return the near at which a value that grows with near reaches its limit, between rows on log scales.
+def largest_near(rows: Iterable[Row], name: str, limit: float) -> float | None:
+    """Return the near at which a field that grows with near reaches its limit, between rows on log scales.
 
     None where the smallest near is beyond it already, infinite where the largest is not.
     """
     line = sorted({row.near: row for row in rows}.values(), key=lambda row: row.near)
-    ratios = [math.inf if (found := value(row)) is None else found / limit for row in line]
+    ratios = [math.inf if (found := getattr(row, name)) is None else found / limit for row in line]
     if ratios[0] > 1:
         return None
-    for (low, below), (high, above) in itertools.pairwise(zip(line, ratios, strict=True)):
+    for (low, below), (high, above) in pairwise(zip(line, ratios, strict=True)):
         if above > 1:
             if math.isinf(above) or below == 0:
                 return low.near
@@ -381,19 +341,17 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
         stereo = {}
         for distance in dict.fromkeys(row.distance for row in own):
             some = [row for row in own if row.distance == distance]
-            stereo[f"{distance:g}"] = largest_near(some, lambda row: row.stereo_arcsec, STEREO_ACUITY_ARCSEC)
-        worst = largest_near(own, lambda row: row.pixels_worst, TOLERANCE_PX)
-        median = largest_near(own, lambda row: row.pixels_median, TOLERANCE_PX)
-        entry = {"scene": scene, "pivot": pivot, "stereo": stereo}
-        found.append(entry | {"pixels_worst": worst, "pixels_median": median})
+            stereo[f"{distance:g}"] = largest_near(some, "stereo_arcsec", STEREO_ACUITY_ARCSEC)
+        pixels = {name: largest_near(own, name, TOLERANCE_PX) for name in ("pixels_worst", "pixels_median")}
+        found.append({"scene": scene, "pivot": pivot, "stereo": stereo, **pixels})
     return found
 
 
 def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Return how the rule does that near be at most a quarter of the pitch, at every distance.
 
-    The largest unnoticed near at the plate, the largest pitch whose quarter is not noticed, the number of
-    plates and nears that keep the rule, and of those in which the viewer notices the offset.
+    Largest unnoticed near at the plate, largest pitch whose quarter is not noticed, number of plates and
+    nears that keep the rule, and of those in which the viewer notices the offset.
     """
     found = []
     for distance in sorted({row.distance for row in rows}):

@@ -7,91 +7,213 @@ the depth buffer orders or does not. All lengths are shares of the reach.
 
 from __future__ import annotations
 
-import itertools
+import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import fields
-from functools import cache
-from itertools import groupby
+from dataclasses import asdict, dataclass, fields, replace
+from enum import StrEnum
+from itertools import dropwhile, groupby, product, takewhile
 from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.optimize import brentq
 
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, wrong_surface
 from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS as BY_FRAGMENT
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
-from xfrustum.reports.studies.splitting_cells import (
-    ASKED_SEPARATION,
-    FULL,
-    SIDES,
-    Case,
-    Cell,
-    Family,
-    Row,
-    Study,
-    Suitability,
-    document,
-    maps,
-    outcomes,
-    straight_nears,
-    suitability,
-    svg,
-)
-from xfrustum.reports.studies.sweep import StudyFiles, Sweep, check_folder, write_study
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.templates_environment import plain_text, svg_picture
+from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.library import depth_family
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SeenScene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.tolerances import TOLERANCE_PX
+from xfrustum.scenes.library.depth_family import FARTHEST, REACH
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+
+DepthBuffer = tuple[DepthFormat, DepthMapping]
+Drawing = tuple[Pivot, Fit | None, Offset]
+Kind = TypeVar("Kind", bound="Case")
 
 DEFAULT_FOLDER = Path("study") / "splitting"
+SIDES = (Camera.C, Camera.C_STAR)
+AS_IN_THE_PAPER: Drawing = (Pivot.APERTURE, None, Offset.PLATE)
 
-SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""Distances of two sheets, as shares of the reach."""
+SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # distances of two sheets
+ASKED_SEPARATION = 1e-3  # distance of two surfaces at the far end that a depth buffer must order
 
-SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
-"""Cells along each side of the film on which sheets are drawn, and pixels along each side of a cell."""
+SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4  # along each side of the film of sheets, and of a cell
+SHEET_PHASE = 0.05  # heights of a sheet's cells differ so much, so that not all their depths round alike
+SHEET_HEIGHT = FARTHEST / (
+    1 + SHEET_PHASE
+)  # mean |z|: the cells of the farther one end at the farthest surface
 
-SHEET_PHASE = 0.05
-"""Share by which the heights of a sheet's cells differ from their mean at most, so that not all their depths
-round alike."""
-
-SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
-"""Mean |z| of the sheets: the cells of the farther one end at the farthest surface."""
-
+#: Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth of the
+#: picture, which the 99th percentile of displacement leaves out.
 NEAREST_PERCENTILE = 1
-"""Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth of the
-picture, which the 99th percentile of displacement leaves out."""
 
-MAX_SLABS = 6
-"""Slabs on one side that are tried before a case is given up."""
-
-FIRST_CUT_PER_NEAREST = 0.99
-"""The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
+MAX_SLABS = 6  # slabs on one side that are tried before a case is given up
+FIRST_CUT_PER_NEAREST = 0.99  # close under the nearest surface, so that the first slab is empty
+_LEAST_NEAR, _LARGEST_NEAR = 1e-12, 0.5  # between them lies the smallest near that orders a separation
 
 
-def seen_scene(cell: Cell) -> SeenScene:
+class Family(StrEnum):
+    """Kinds of scenes; each but the first changes one thing of the first."""
+
+    ONE_SIDE = "one side"  # cars on one side of the plate, as the middle aperture of a centered frustum sees
+    BOTH_SIDES = "both sides"  # cars on both sides at once
+    OFF_MIDDLE = "off the middle"  # the first as an aperture off the middle sees it
+    IN_MIDDLE = "in the middle"  # the same scene as the middle aperture sees it
+    RECENTERED = "recentered"  # the picture of the first through a sheared frustum
+    THROUGH = "through the plate"  # a car that runs through the plate
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, an image and a depth buffer: what a person has before choosing near and slabs.
+
+    `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of the scene,
+    farthest to nearest |z| of its surfaces; in the family `THROUGH` the reach over the aperture's distance
+    from where the surface crosses the plate.
+    """
+
+    family: Family
+    side: Camera
+    ratio: float
+    resolution: int
+    depth: DepthFormat
+    mapping: DepthMapping
+    pivot: Pivot
+    fit: Fit | None
+    offset: Offset
+
+    buffer = property(lambda self: (self.depth, self.mapping))
+    picture = property(lambda self: (self.family, self.side, self.ratio, self.resolution))
+    drawing = property(lambda self: (self.pivot, self.fit, self.offset))
+
+
+@dataclass(frozen=True)
+class Cell(Case):
+    """One picture of the study: a case with a near and the heights of slabs."""
+
+    near: float
+    slabs: tuple[float, ...] = ()
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """Settings of the rasterizer, in scene units."""
+        given = {one: getattr(self, one) for one in ("depth", "mapping", "pivot", "fit", "offset")}
+        slabs = tuple(cut * REACH for cut in self.slabs)
+        return DoubleFrustum(near=self.near * REACH, camera=self.side, slabs=slabs, **given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(Cell):
+    """A cell, its picture judged, and the sheets at the far end of its side (docs/answers.md)."""
+
+    judged: int
+    covered: int
+    nearest: float
+    farthest: float
+    surface_wrong: int
+    outside: int
+    depth_wrong: int
+    lost: int
+    displacement_rms: float | None
+    displacement_p99: float | None
+    displacement_max: float | None
+    displaced: int
+    predicted_rms: float | None
+    predicted_p99: float | None
+    misordered: float
+    ordered_separation: float | None
+    predicted_separation: float
+
+
+Rows = Sequence[Row]
+
+
+def part_of(row: Case, kind: type[Kind], **changed: Any) -> Kind:
+    """Return the case or the cell that a row belongs to, with some fields changed."""
+    return kind(**{one.name: getattr(row, one.name) for one in fields(kind)} | changed)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Every combination of these, with each of some nears, is one cell of one family."""
+
+    family: Family
+    sides: tuple[Camera, ...]
+    ratios: tuple[float, ...]
+    buffers: tuple[DepthBuffer, ...]
+    resolutions: tuple[int, ...] = (256,)
+    drawings: tuple[Drawing, ...] = (AS_IN_THE_PAPER,)
+
+    def blocks(self, nears: Sequence[float]) -> Iterator[tuple[Cell, ...]]:
+        """Yield the cells of each picture, those of one drawing and near together: they share a control."""
+        for picture in product((self.family,), self.sides, self.ratios, self.resolutions):
+            drawn = product(self.drawings, nears, self.buffers)
+            yield tuple(Cell(*(*picture, *buffer, *drawing, near)) for drawing, near, buffer in drawn)
+
+
+Study = tuple[tuple[float, ...], tuple[Grid, ...]]  # nears, from the largest down, and grids
+
+_DEPTHS = (1.5, 10.0, 100.0, 1000.0)
+_BUFFERS: tuple[DepthBuffer, ...] = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.REVERSED),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+    (DepthFormat.D24, DepthMapping.LOGARITHMIC),
+)
+"""Depth buffers of the other families: those that devices store without a fragment's help, and one that a
+fragment writes. Depth is that of the first family, for the same |z| and near."""
+
+_FIRST = Grid(Family.ONE_SIDE, SIDES, _DEPTHS, tuple(product(DepthFormat, DepthMapping)), (128, 256, 512))
+_SHEARED = tuple((pivot, fit, Offset.PLATE) for pivot in Pivot for fit in (None, Fit.SCREEN))
+_OFFSETS = tuple((Pivot.APERTURE, None, offset) for offset in Offset)
+_CROSSINGS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
+_OTHERS = (
+    Grid(Family.BOTH_SIDES, (Camera.BOTH,), _DEPTHS, _BUFFERS),
+    Grid(Family.IN_MIDDLE, (Camera.C,), _DEPTHS, _BUFFERS),
+    Grid(Family.OFF_MIDDLE, (Camera.C,), _DEPTHS, _BUFFERS),
+    Grid(Family.RECENTERED, (Camera.C,), _DEPTHS, _BUFFERS, drawings=_SHEARED),
+    Grid(Family.THROUGH, (Camera.BOTH,), _CROSSINGS, _BUFFERS, drawings=_OFFSETS),
+)
+_NEARS = tuple(float(near) for near in np.geomspace(1e-1, 1e-8, 15))
+
+FULL: Study = (_NEARS, (_FIRST, *_OTHERS))
+QUICK: Study = (
+    _NEARS[::2],
+    (
+        replace(_FIRST, ratios=(1.5, 100.0), buffers=(*_BUFFERS[:2], _BUFFERS[3]), resolutions=(128,)),
+        *(replace(grid, ratios=grid.ratios[2:3], buffers=_BUFFERS[::3]) for grid in _OTHERS),
+    ),
+)
+
+
+def seen_scene(cell: Cell) -> depth_family.SeenScene:
     """Return the scene of a picture, and the aperture that it is seen from."""
-    resolution = (cell.resolution, cell.resolution)
+    ratio, resolution = cell.ratio, (cell.resolution, cell.resolution)
     match cell.family:
         case Family.ONE_SIDE:
-            scene = depth_family.cars(cell.ratio, cell.side, resolution)
-            return SeenScene(scene=scene, aperture=scene.plate.middle)
+            scene = depth_family.cars(ratio, cell.side, resolution)
+            return depth_family.SeenScene(scene=scene, aperture=scene.plate.middle)
         case Family.BOTH_SIDES:
-            return depth_family.cars_on_both_sides(cell.ratio, resolution)
-        case Family.OFF_MIDDLE | Family.IN_MIDDLE:
-            in_middle = cell.family is Family.IN_MIDDLE
-            return depth_family.cars_off_the_middle(cell.ratio, resolution, in_middle=in_middle)
+            return depth_family.cars_on_both_sides(ratio, resolution)
         case Family.RECENTERED:
-            return depth_family.recentered_cars(cell.ratio, resolution)
+            return depth_family.recentered_cars(ratio, resolution)
         case Family.THROUGH:
-            return depth_family.car_through_plate(1 / cell.ratio, resolution)
+            return depth_family.car_through_plate(1 / ratio, resolution)
+    in_middle = cell.family is Family.IN_MIDDLE
+    return depth_family.cars_off_the_middle(ratio, resolution, in_middle=in_middle)
 
 
 def measure(cells: Sequence[Cell]) -> Iterator[Row]:
@@ -119,7 +241,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             own = _sheets_of(cell)
             # Of the sheets of several cameras the worst count.
             misordered = [max(shares) for shares in zip(*(sheets[one] for one in own), strict=True)]
-            ordered = itertools.takewhile(
+            ordered = takewhile(
                 lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, zip(SEPARATIONS, misordered, strict=True)
             )
             yield Row(
@@ -144,46 +266,34 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             )
 
 
-# Pairs of sheets at the far end
-
-
-def _sheets_of(cell: Cell) -> tuple[Cell, ...]:
+def _sheets_of(cell: Cell) -> list[Cell]:
     """Return cells that stand for the sheets of each camera, which depend on neither shear nor fit."""
     plain = {"family": Family.ONE_SIDE, "ratio": 1.0, "resolution": 1, "pivot": Pivot.APERTURE, "fit": None}
-    own = {one.name: getattr(cell, one.name) for one in fields(Cell)} | plain
-    return tuple(
-        Cell(**{**own, "side": side}) for side in (SIDES if cell.side is Camera.BOTH else (cell.side,))
-    )
+    sides = SIDES if cell.side is Camera.BOTH else (cell.side,)
+    return [part_of(cell, Cell, **plain, side=side) for side in sides]
 
 
-def _stands_back(sheets: Cell) -> float:
-    """Return how far the camera that draws the far end stands back, as a share of the reach."""
-    return 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
+def _camera(sheets: Cell) -> tuple[Camera, float]:
+    """Return the camera that draws the far end, and how far it stands back."""
+    return sheets.side, 0.0 if sheets.slabs or sheets.offset is Offset.NONE else sheets.near
 
 
-@cache
-def _measured_sheets() -> dict[Cell, tuple[float, ...]]:
-    """Return what this process has measured of sheets: cells of many pictures share them."""
-    return {}
+_MISORDERED: dict[Cell, tuple[float, ...]] = {}
+"""What this process has measured of sheets: cells of many pictures share them."""
 
 
 def _misordered(cells: Iterable[Cell]) -> dict[Cell, tuple[float, ...]]:
     """Return the share of pixels that do not show the right sheet, for each of `SEPARATIONS`."""
-    known = _measured_sheets()
-    missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - set(known)
-
-    def camera(sheets: Cell) -> tuple[Camera, float]:
-        return sheets.side, _stands_back(sheets)
-
-    for _, group in groupby(sorted(missing, key=camera), key=camera):
-        own = list(group)
-        with ExitStack() as stack:
-            films = [_film(own[0], separation * REACH) for separation in SEPARATIONS]
-            drawn = [(film, stack.enter_context(Rasterizer(film.scene))) for film in films]
-            for sheets in own:
-                shares = (film.wrong_shares(rasterizer, sheets.settings) for film, rasterizer in drawn)
-                known[sheets] = tuple(share for (share,) in shares)
-    return known
+    missing = {sheets for cell in cells for sheets in _sheets_of(cell)} - _MISORDERED.keys()
+    for _, group in groupby(sorted(missing, key=_camera), key=_camera):
+        shares: dict[Cell, list[float]] = {sheets: [] for sheets in group}
+        for separation in SEPARATIONS:
+            film = _film(next(iter(shares)), separation * REACH)
+            with Rasterizer(film.scene) as rasterizer:
+                for sheets in shares:
+                    shares[sheets] += film.wrong_shares(rasterizer, sheets.settings)
+        _MISORDERED.update({sheets: tuple(found) for sheets, found in shares.items()})
+    return _MISORDERED
 
 
 def _film(sheets: Cell, separation: float) -> SheetFilm:
@@ -195,9 +305,8 @@ def _film(sheets: Cell, separation: float) -> SheetFilm:
     cameras = model_cameras(scene.frustum, scene.plate.middle, sheets.settings)
     outermost = max(cameras, key=lambda camera: max(map(abs, camera.heights)))
     phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, SHEET_CELLS**2)
-    pair = SheetPair(
-        camera=outermost, heights=SHEET_HEIGHT * (1 + phases), separation=separation, loser_first=True
-    )
+    heights = SHEET_HEIGHT * (1 + phases)
+    pair = SheetPair(camera=outermost, heights=heights, separation=separation, loser_first=True)
     owner = np.zeros((SHEET_CELLS, SHEET_CELLS), dtype=np.int64)
     return SheetFilm.of(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
 
@@ -205,11 +314,10 @@ def _film(sheets: Cell, separation: float) -> SheetFilm:
 def predicted_separation(sheets: Cell) -> float:
     """Return the smallest separation ordered at the farthest surface, by the closed form."""
     near = (sheets.slabs[-1] if sheets.slabs else sheets.near) * REACH
-    offset, buffer = _stands_back(sheets) * REACH, sheets.buffer
-    return float(smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, *buffer)) / REACH
-
-
-# The whole study
+    offset = _camera(sheets)[1] * REACH
+    return (
+        float(smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, *sheets.buffer)) / REACH
+    )
 
 
 def make_study(
@@ -217,9 +325,8 @@ def make_study(
 ) -> StudyFiles | None:
     """Measure where one pair of frusta is enough, and write document, figures and data.
 
-    The engine says where cells are measured. Every block is kept in the folder as soon as it is measured;
-    what is there already, from the same libraries and device, is not measured again. Returns None where other
-    parts of a job array are not measured yet.
+    A block that is in the folder already, from the same libraries and device, is not measured again. Returns
+    None where other parts of a job array are not measured yet.
     """
     check_folder(out, "when-to-split")
     sweep = Sweep.of("splitting", out, Row, measure)
@@ -230,31 +337,30 @@ def make_study(
         if rows is None:
             return None
         rows += _split(rows, sweep, workers, progress=progress)
-    figures = {name: svg(drawn) for name, drawn in maps(rows).items()}
-    return write_study(out, "when-to-split", rows, sweep.origin, document, figures)
+    drawn = {name: svg(*figure) for name, figure in figures(rows).items()}
+    return write_study(out, "when-to-split", rows, sweep.origin, document, drawn)
 
 
-def _split(rows: Sequence[Row], sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
+def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> list[Row]:
     """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
     found: list[Row] = []
     # Slabs have no gap at the plate: they are drawn with the offset.
-    open_cases = [
-        next(row for row in rows if Case.of(row) == case)
-        for case, outcome in outcomes(rows).items()
-        if not outcome.one_pair and case.offset is Offset.PLATE
+    failed = {c for c, one in outcomes(rows).items() if not one.nears and c.offset is Offset.PLATE}
+    cases = list({case: row for row in reversed(rows) if (case := part_of(row, Case)) in failed}.values())[
+        ::-1
     ]
     for count in range(1, MAX_SLABS + 1):
-        cells = [_cut(row, rows, count) for row in open_cases]
+        cells = [_cut(row, rows, count) for row in cases]
         blocks = [tuple(group) for _, group in groupby(cells, key=lambda cell: cell.picture)]
         # What follows from all rows is measured by whoever has seen them all.
         tried = sweep.rows(blocks, workers, Part(), progress=progress and bool(blocks))
         assert tried is not None
         found += tried
-        open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
+        cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
     return found
 
 
-def _cut(row: Row, rows: Sequence[Row], count: int) -> Cell:
+def _cut(row: Row, rows: Rows, count: int) -> Cell:
     """Return a case with so many cuts, in equal ratios, from the first one up to the reach.
 
     The first cut lies just under the nearest surface, so that the slab that touches the plate is empty. Where
@@ -268,5 +374,325 @@ def _cut(row: Row, rows: Sequence[Row], count: int) -> Cell:
     else:
         near = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
         cuts = np.geomspace(near, 1.0, count + 1)[:-1]
-    own = {one.name: getattr(row, one.name) for one in fields(Cell)}
-    return Cell(**{**own, "near": near, "slabs": tuple(map(float, cuts))})
+    return part_of(row, Cell, near=near, slabs=tuple(map(float, cuts)))
+
+
+class Suitability(StrEnum):
+    """Whether one setting is enough, and if it is not, why."""
+
+    ENOUGH = "enough"
+    BENT = "bent"
+    STARVED = "starved"
+    BOTH = "both"
+
+
+def suitability(row: Row, *, predicted: bool = False) -> Suitability:
+    """Judge one cell by what was measured, or by the closed forms alone.
+
+    It is bent where displacement exceeds `TOLERANCE_PX`, measured or in closed form: what is bent out of the
+    film is not drawn. What the near plane clips, without an offset, counts as displaced. It is starved where
+    more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of depth, or where sheets
+    `ASKED_SEPARATION` apart at the far end are not ordered.
+    """
+    bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
+    # The nearest |z| of a row is that of its nearest hundredth.
+    bent = bent or (row.offset is Offset.NONE and row.nearest < row.near)
+    if predicted:
+        starved = row.predicted_separation > ASKED_SEPARATION
+    else:
+        # A picture in which nothing is left to be displaced has lost everything to depth.
+        bent = bent or (row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX)
+        starved = row.depth_wrong / row.judged > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
+    if bent:
+        return Suitability.BOTH if starved else Suitability.BENT
+    return Suitability.STARVED if starved else Suitability.ENOUGH
+
+
+class Outcome(NamedTuple):
+    """What is enough in a case."""
+
+    nears: tuple[float, ...]  # with any of which one pair of frusta is enough, largest first
+    slabs: tuple[float, ...] | None  # heights of the fewest slabs that were enough; None where none were
+
+
+def outcomes(rows: Iterable[Row]) -> dict[Case, Outcome]:
+    """Return what is enough in each case, in the order in which cases first appear."""
+    grouped: dict[Case, list[Row]] = {}
+    for row in rows:
+        good = grouped.setdefault(part_of(row, Case), [])
+        good += [row] if suitability(row) is Suitability.ENOUGH else []
+    return {
+        case: Outcome(
+            nears=tuple(sorted((row.near for row in good if not row.slabs), reverse=True)),
+            slabs=min((row.slabs for row in good if row.slabs), key=len, default=None),
+        )
+        for case, good in grouped.items()
+    }
+
+
+def straight_nears(rows: Iterable[Row]) -> set[float]:
+    """Return the nears of some rows at which no picture is bent; no depth buffer moves the picture."""
+    rows = list(rows)
+    bent = {row.near for row in rows if suitability(row) in {Suitability.BENT, Suitability.BOTH}}
+    return {row.near for row in rows} - bent
+
+
+def record(files: StudyFiles) -> dict[str, Any]:
+    """Return the study as `xfrustum study splitting --json` prints it."""
+    rows = files.rows
+    criteria = {
+        "displacement_p99_px": TOLERANCE_PX,
+        "depth_wrong": MAX_DEPTH_WRONG,
+        "separation": ASKED_SEPARATION,
+    }
+    cases = [
+        {**asdict(case), "one_pair": bool(one.nears), **one._asdict()} for case, one in outcomes(rows).items()
+    ]
+    said = {**files.record, "sentence": sentence(rows), "criteria": criteria}
+    said |= {"agreement": agreement(of_family(rows, Family.ONE_SIDE)), "helps": helps(rows), "cases": cases}
+    return dict(json_ready(said))
+
+
+def document(rows: Rows, origin: Origin) -> str:
+    """Return the study as Markdown."""
+    columns, lines = advice(of_family(rows, Family.ONE_SIDE))
+    values = {
+        "sentence": sentence(rows),
+        "tolerance_px": TOLERANCE_PX,
+        "max_depth_wrong": f"{100 * MAX_DEPTH_WRONG:g} %",
+        "separation": f"{ASKED_SEPARATION:g}",
+        "helps": helps(rows),
+        "columns": columns,
+        "advice": lines,
+        "figures": {name: title for name, (title, _) in figures(rows).items()},
+        "devices": origin.devices,
+    }
+    return plain_text("when-to-split.md.j2", {}, values)
+
+
+def sentence(rows: Rows) -> str:
+    """Say the result of scenes on one side of the plate in one sentence."""
+    first = of_family(rows, Family.ONE_SIDE)
+    found, measured = outcomes(first), {row.near for row in first if not row.slabs}
+    ranked = []
+    for place, buffer in enumerate(dict.fromkeys(row.buffer for row in first)):
+        own = [one for case, one in found.items() if case.buffer == buffer]
+        always = unbroken(set.intersection(*(set(one.nears) for one in own)), measured)
+        enough = sum(bool(one.nears) for one in own)
+        # Among equally good ones the first counts that costs no early depth test.
+        rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
+        ranked.append((rank, buffer, always, len(own)))
+    (enough, *_), buffer, always, cases = max(ranked)
+    nears = ""
+    if always:
+        nears = f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
+    return (
+        f"With content on one side of the plate, one pair of frusta is enough in "
+        f"{sum(bool(one.nears) for one in found.values())} of {len(found)} cases; "
+        f"with {buffer_name(buffer)} depth in {enough} of {cases}{nears}."
+    )
+
+
+def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
+    """Return the rows of one family."""
+    return [row for row in rows if row.family is family]
+
+
+def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, ...]:
+    """Return the largest of some of the measured nears and those below it without a gap, largest first."""
+    chosen = set(nears)
+    from_largest = dropwhile(lambda near: near not in chosen, sorted(measured, reverse=True))
+    return tuple(takewhile(lambda near: near in chosen, from_largest))
+
+
+def least_near(buffer: DepthBuffer) -> float | None:
+    """Return the smallest near, as a share of the reach, that orders `ASKED_SEPARATION` at the reach.
+
+    By the closed form, in units in which the reach is one, where 32-bit numbers are coarsest for their size;
+    None where even a trillionth of the reach does.
+    """
+
+    def excess(logarithm: float) -> float:
+        near = math.exp(logarithm)
+        far = near + 1.0
+        return float(smallest_separation(np.array(far), near, far, *buffer)) - ASKED_SEPARATION
+
+    low, high = math.log(_LEAST_NEAR), math.log(_LARGEST_NEAR)
+    return None if excess(low) <= 0 else math.exp(brentq(excess, low, high, xtol=1e-3))
+
+
+def agreement(rows: Rows) -> dict[str, float]:
+    """Set closed forms beside all rows of one pair of frusta.
+
+    `same` of the settings (`cells`) are measured as closed forms say; of the others some nears are not enough
+    between two that are (`in_gaps`). `lowest` and `highest` are measured over predicted displacement, where a
+    tenth to ten times the tolerance is predicted and depth does no harm. The rule of thumb (`same_by_rule`):
+    displacement is largest in the film's corner, W / 2 sqrt(2) n / (|z| + n), and stays under the tolerance
+    for n up to about sqrt(2) TOLERANCE_PX |z| / W, which must not be less than `least_near`.
+    """
+    single, found = [row for row in rows if not row.slabs], outcomes(rows)
+    measured = {row.near for row in single}
+    gaps = {
+        (near, case.buffer)
+        for case, one in found.items()
+        for near in measured - set(one.nears)
+        if one.nears and one.nears[-1] < near < one.nears[0]
+    }
+    gap_nears, gap_buffers = {near for near, _ in gaps}, {buffer for _, buffer in gaps}
+    # A near of zero, where any is enough, serves every product.
+    least = {buffer: least_near(buffer) or 0.0 for buffer in dict.fromkeys(row.buffer for row in rows)}
+    by_rule = sum(
+        bool(one.nears) == (least[case.buffer] * case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX)
+        for case, one in found.items()
+    )
+    ratios = [
+        row.displacement_p99 / row.predicted_p99
+        for row in single
+        if row.displacement_p99 is not None
+        and row.predicted_p99 is not None
+        and TOLERANCE_PX / 10 <= row.predicted_p99 <= 10 * TOLERANCE_PX
+        and row.depth_wrong / row.judged <= MAX_DEPTH_WRONG
+    ]
+    others = [row for row in single if suitability(row) is not suitability(row, predicted=True)]
+    return {
+        "cells": len(single),
+        "same": len(single) - len(others),
+        "in_gaps": sum(row.near in gap_nears and row.buffer in gap_buffers for row in others),
+        "cases": len(found),
+        "same_by_rule": by_rule,
+        "lowest": min(ratios, default=math.nan),
+        "highest": max(ratios, default=math.nan),
+    }
+
+
+def helps(rows: Rows) -> list[dict[str, Any]]:
+    """Return what helps in each family, in the order of the rows.
+
+    Of the cases drawn as in the paper, each entry says in how many one pair is enough (`one_pair`), and of
+    the others in how many another of the depth buffers is, a fit at the screen, no offset (None where that
+    was not drawn), and slabs, with the largest number of cuts that one needed.
+    """
+    found, entries = outcomes(rows), []
+
+    def served(ways: Iterable[Case]) -> int | None:
+        drawn = [found[way] for way in ways if way in found]
+        return sum(bool(way.nears) for way in drawn) if drawn else None
+
+    for family in dict.fromkeys(row.family for row in rows):
+        paper = [case for case in found if case.family is family and case.drawing == AS_IN_THE_PAPER]
+        failed = [case for case in paper if not found[case].nears]
+        easy = {case.picture for case in paper if found[case].nears}
+        cuts = [len(slabs) for case in failed if (slabs := found[case].slabs)]
+        entries.append(
+            {
+                "family": family,
+                "cases": len(paper),
+                "one_pair": len(paper) - len(failed),
+                "other_buffer": sum(case.picture in easy for case in failed),
+                "fit": served(replace(case, fit=Fit.SCREEN) for case in failed),
+                "no_offset": served(replace(case, offset=Offset.NONE) for case in failed),
+                "slabs": len(cuts),
+                "most_slabs": max(cuts, default=0),
+            }
+        )
+    return entries
+
+
+def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[str, ...]]]]:
+    """Return the study's table: columns of depth buffers that share it; resolutions, depths and advice.
+
+    An outcome serves both sides of the plate: nears that are enough on each, else the cuts of the side that
+    needs more.
+    """
+    found = outcomes(rows)
+    kinds = sorted({(case.resolution, case.ratio) for case in found})
+    measured = {row.near for row in rows if not row.slabs}
+
+    def advised(kind: tuple[int, float], buffer: DepthBuffer) -> str:
+        asked = (*kind, buffer)
+        sides = [one for case, one in found.items() if (case.resolution, case.ratio, case.buffer) == asked]
+        if common := set.intersection(*(set(one.nears) for one in sides)):
+            nears = [near_words(near) for near in unbroken(common, measured)]
+            return " to ".join(dict.fromkeys((nears[0], nears[-1])))
+        cuts = [one.slabs for one in sides if not one.nears]
+        if not cuts or None in cuts:
+            return "**no**"
+        return "**split** at " + ", ".join(f"{cut:.2g}" for cut in max((c for c in cuts if c), key=len))
+
+    columns: dict[tuple[str, ...], list[str]] = {}
+    for buffer in dict.fromkeys(row.buffer for row in rows):
+        columns.setdefault(tuple(advised(kind, buffer) for kind in kinds), []).append(buffer_name(buffer))
+    lines = [(*kind, tuple(cells[line] for cells in columns)) for line, kind in enumerate(kinds)]
+    return list(columns.values()), lines
+
+
+COLORS = {
+    Suitability.ENOUGH: ("#009E73", "one pair is enough"),
+    Suitability.BENT: ("#E69F00", "bent by the near plane"),
+    Suitability.STARVED: ("#56B4E9", "starved of depth"),
+    Suitability.BOTH: ("#5b5b5b", "both"),
+}
+"""Colors of the maps, of Okabe and Ito's palette, which color-blind readers tell apart; and meanings."""
+
+
+def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
+    """Return the title and the rows of each map by its name: one for each side, one for the rest."""
+    found: dict[str, tuple[str, list[Row]]] = {}
+    for row in rows:
+        first = row.family is Family.ONE_SIDE
+        name, title = (row.side, row.side) if first else ("families", "Other scenes")
+        named = found.setdefault(
+            f"when-to-split-{name}", (f"{title}: where one pair of frusta is enough", [])
+        )
+        named[1].extend([] if row.slabs else [row])
+    return found
+
+
+def svg(title: str, rows: Rows) -> str:
+    """Return a map of `figures` as an SVG document."""
+
+    def power(near: float) -> str:
+        exponent = math.log10(near)
+        written = str(round(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        return f"10{written}" if abs(exponent - round(exponent)) < 1e-6 else ""
+
+    drawn = {
+        "title": title,
+        "panels": panels(rows),
+        "names": [buffer_name(buffer) for buffer in dict.fromkeys(row.buffer for row in rows)],
+        "nears": sorted({row.near for row in rows}, reverse=True),
+        "legend": list(COLORS.values()),
+    }
+    return svg_picture("study-map.svg.j2", {"power": power}, {"map": drawn})
+
+
+def panels(rows: Rows) -> list[list[dict[str, Any]]]:
+    """Return the panels of a map, row by row: one for each picture and way of drawing it.
+
+    The lines of a panel are depth buffers, each with the colors of its squares, from the largest near down.
+    """
+    found: dict[tuple[object, ...], list[dict[str, Any]]] = {}
+    pictures: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        pictures.setdefault((row.family, row.drawing, row.ratio, row.resolution), []).append(row)
+    for (family, drawing, ratio, resolution), own in pictures.items():
+        own.sort(key=lambda row: -row.near)
+        lines = [
+            tuple(COLORS[suitability(row)][0] for row in own if row.buffer == buffer)
+            for buffer in dict.fromkeys(row.buffer for row in rows)
+        ]
+        words = [str(one) for one in (family, *drawing) if one not in (*AS_IN_THE_PAPER, Family.ONE_SIDE)]
+        title = ", ".join((*words, f"depth {ratio:g}, {resolution} px"))
+        line = (family, drawing, ratio if family is Family.ONE_SIDE else None)
+        found.setdefault(line, []).append({"title": title, "lines": lines})
+    return list(found.values())
+
+
+def buffer_name(buffer: DepthBuffer) -> str:
+    """Write format and mapping as people do, such as `D24 standard`."""
+    return f"{buffer[0].upper()} {buffer[1]}"
+
+
+def near_words(near: float) -> str:
+    """Write a share of the reach in half decades in one digit, such as `3e-4` for 3.16e-4."""
+    return re.sub(r"e-0", "e-", f"{near:.0e}")

@@ -31,12 +31,8 @@ from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
 from xfrustum.scenes.plate.double_frustum import Camera
 
 Row = TypeVar("Row")
-
-BLOCKS, IMAGES = "blocks", "images"
-"""Folders of what is measured, and of figures, in the folder of a study."""
-
+BLOCKS, IMAGES = "blocks", "images"  # folders of what is measured, and of figures
 VERSION_COLUMN, DEVICE_COLUMN = "version_{}", "device_{}"
-"""Names of the columns of a version and of a fact about the device."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,11 +84,7 @@ def read_rows(kind: type[Row], path: Path) -> tuple[tuple[Row, ...], Origin]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Job):
-    """Blocks of cells of one study: tuples of dataclasses that `measure` takes, for one row each.
-
-    The rows of a block are a file in `folder`. A process that would measure with something else than `origin`
-    refuses.
-    """
+    """Blocks of cells of one study: tuples of dataclasses that `measure` takes, for one `row` each."""
 
     unit: ClassVar[str] = "cell"
 
@@ -133,7 +125,7 @@ class Sweep(Job):
 
     @contextmanager
     def open(self) -> Iterator[Sweep]:
-        """Provide the job itself, which measures; InputError where its libraries or device are others."""
+        """Provide the job itself; InputError where this process would measure with something else."""
         here = measured_by()
         if here.decisive != self.origin.decisive:
             raise InputError(
@@ -175,7 +167,7 @@ class StudyFiles:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What every study says of its files and its origin as JSON."""
+        """The files and their origin as JSON says them of every study."""
         return {
             "files": {"document": self.document, "data": self.data, "figures": self.figures},
             "cells": len(self.rows),
@@ -200,12 +192,12 @@ def write_study(
     figures: Mapping[str, str] = MappingProxyType({}),
 ) -> StudyFiles:
     """Write figures, data and document; the document last, so that what it refers to is there."""
-    drawn_files: tuple[Path, ...] = ()
+    pictures: tuple[Path, ...] = ()
     if figures:
         with Staging(out / IMAGES) as staging:
             for figure, drawn in figures.items():
                 (staging.folder / f"{figure}.svg").write_text(drawn, encoding="utf-8")
-            drawn_files = staging.commit()
+            pictures = staging.commit()
     text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
     with Staging(out, (text, data)) as staging:
         write_rows(kind, rows, origin, staging.folder / data)
@@ -213,4 +205,4 @@ def write_study(
         filed, origin = read_rows(kind, staging.folder / data)
         (staging.folder / text).write_text(document(filed, origin), encoding="utf-8")
         staging.commit()
-    return StudyFiles(document=out / text, data=out / data, figures=drawn_files, rows=filed, origin=origin)
+    return StudyFiles(document=out / text, data=out / data, figures=pictures, rows=filed, origin=origin)

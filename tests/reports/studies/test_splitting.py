@@ -20,13 +20,14 @@ from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.passes import drawing_order
-from xfrustum.reports.studies import splitting, splitting_cells
-from xfrustum.reports.studies.splitting import SEPARATIONS, make_study, measure
-from xfrustum.reports.studies.splitting_cells import (
+from xfrustum.reports.studies import splitting
+from xfrustum.reports.studies.splitting import (
     AS_IN_THE_PAPER,
     ASKED_SEPARATION,
+    COLORS,
     FULL,
     QUICK,
+    SEPARATIONS,
     Case,
     Cell,
     DepthBuffer,
@@ -36,11 +37,15 @@ from xfrustum.reports.studies.splitting_cells import (
     Suitability,
     agreement,
     document,
+    figures,
     helps,
     least_near,
-    maps,
+    make_study,
+    measure,
     of_family,
     outcomes,
+    panels,
+    part_of,
     sentence,
     straight_nears,
     suitability,
@@ -93,7 +98,9 @@ def single(rows: tuple[Row, ...]) -> list[Row]:
 def cell(family: Family, ratio: float, near: float, **drawn: Any) -> Cell:
     side = Camera.BOTH if family in {Family.BOTH_SIDES, Family.THROUGH} else Camera.C
     depth, mapping = EXACT
+    pivot, fit, offset = AS_IN_THE_PAPER
     own = {"family": family, "side": side, "ratio": ratio, "resolution": 48, "near": near}
+    own |= {"pivot": pivot, "fit": fit, "offset": offset}
     return Cell(**{**own, "depth": depth, "mapping": mapping, **drawn})
 
 
@@ -141,7 +148,7 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
         assert row.displacement_p99 is not None
         assert row.displacement_p99 < 1e-3
         assert row.predicted_p99 == 0
-    assert all(outcome.one_pair or outcome.slabs for outcome in outcomes(tiny.rows).values())
+    assert all(outcome.nears or outcome.slabs for outcome in outcomes(tiny.rows).values())
 
 
 def test_the_study_asks_what_the_planner_asks() -> None:
@@ -157,9 +164,7 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(buffer: DepthBuffer,
     planned = plan(scene, [scene.plate.middle], choices=[buffer])
     assert planned.within and planned.settings is not None
     depth, mapping = buffer
-    case = Case.of(
-        cell(Family.ONE_SIDE, 10.0, 1.0, resolution=64, depth=depth, mapping=mapping, side=Camera.C)
-    )
+    case = part_of(cell(Family.ONE_SIDE, 10.0, 1.0, resolution=64, depth=depth, mapping=mapping), Case)
     found = outcomes(tiny.rows)[case].slabs or ()
     assert len(planned.slabs) == len(found)
     # The first cut may lie a little above the nearest surface; then the first slab is drawn too.
@@ -236,7 +241,7 @@ def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Su
 def test_the_fewest_slabs_that_are_enough_are_the_outcome() -> None:
     rows = [row_of(misordered=1.0), row_of(slabs=(0.1,), misordered=1.0), row_of(slabs=(0.1, 0.2, 0.5))]
     (outcome,) = outcomes([*rows, row_of(slabs=(0.1, 0.3))]).values()
-    assert not outcome.one_pair
+    assert not outcome.nears
     assert outcome.slabs == (0.1, 0.3)
 
 
@@ -321,24 +326,24 @@ def test_a_block_is_known_by_what_was_asked_and_what_measured_it(tmp_path: Path)
 def test_the_command_prints_one_object_that_names_every_case(
     tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(splitting_cells, "QUICK", TINY)
+    monkeypatch.setattr(splitting, "QUICK", TINY)
     out = str(tiny.data.parent)
     assert main(["study", "splitting", "--quick", "--quiet", "--json", "--out", out]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["cells"] == len(tiny.rows) and said["sentence"] == sentence(tiny.rows)
     assert len(said["cases"]) == len(outcomes(tiny.rows))
     assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
-    assert {Path(file).stem for file in said["files"]["figures"]} == maps(tiny.rows).keys()
+    assert {Path(file).stem for file in said["files"]["figures"]} == figures(tiny.rows).keys()
 
 
 def test_the_map_shows_the_verdicts_of_its_cells(tiny: StudyFiles) -> None:
-    drawn = maps(tiny.rows)["when-to-split-c"]
-    colors = dict(zip(Suitability, (color for color, _ in drawn["legend"]), strict=True))
-    rows = [row for row in single(tiny.rows) if row.side is Camera.C]
+    _, rows = figures(tiny.rows)["when-to-split-c"]
+    assert rows == [row for row in single(tiny.rows) if row.side is Camera.C]
     expected = [
-        [colors[suitability(row)] for row in rows if row.buffer == buffer] for buffer in TINY[1][0].buffers
+        tuple(COLORS[suitability(row)][0] for row in rows if row.buffer == buffer)
+        for buffer in (D16, D24, EXACT)
     ]
-    assert [list(line) for line in drawn["panels"][0][0]["lines"]] == expected
+    assert panels(rows)[0][0]["lines"] == expected
 
 
 # What is published.
@@ -379,7 +384,7 @@ def test_the_rule_of_thumb_is_never_too_hopeful_about_hyperbolic_depth(published
     for case, outcome in outcomes(first).items():
         near = least_near(case.buffer)
         if near is not None and case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX / near:
-            assert outcome.one_pair
+            assert outcome.nears
 
 
 def test_a_shear_in_the_aperture_plane_moves_nothing(published: tuple[Row, ...]) -> None:

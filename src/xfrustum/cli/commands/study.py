@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import click
@@ -21,16 +20,16 @@ class _Study(options.Measured):
     out: Any = None
     quick = False
 
-    def made(self, own: Any, asked: Any, record: Callable[..., Any], sentence: Callable[..., str]) -> None:
-        """Make a study, and print what it found."""
+    def made(self, own: Any) -> None:
+        """Make the study of a module, and print what it found."""
         from xfrustum.reports.blocks import HERE
 
         out, engine = self.out or own.DEFAULT_FOLDER, self.engine or HERE
-        files = own.make_study(out, asked, engine, progress=self.progress)
+        files = own.make_study(out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress)
         if files is None:  # other parts of a job array are not measured yet
             options.note("this part is measured; the last one to be finished writes the study")
         else:
-            self.tell(lambda: record(files), lambda: f"{sentence(files.rows)}\n{files.document}")
+            self.tell(lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}")
 
 
 class _Splitting(_Study):
@@ -45,9 +44,8 @@ def splitting(asked: _Splitting) -> None:
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
     from xfrustum.reports.studies import splitting as own
-    from xfrustum.reports.studies.splitting_cells import FULL, QUICK, record, sentence
 
-    asked.made(own, QUICK if asked.quick else FULL, record, sentence)
+    asked.made(own)
 
 
 class _Noticeable(_Study):
@@ -64,4 +62,4 @@ def noticeable(asked: _Noticeable) -> None:
     """
     from xfrustum.reports.studies import noticeable as own
 
-    asked.made(own, own.QUICK if asked.quick else own.FULL, own.record, own.sentence)
+    asked.made(own)
