@@ -20,6 +20,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
+#: Public names by the module that has them; type checkers read `__init__.pyi`. They are imported when first
+#: used: the command line, which must not load meshes to answer `--help`, imports this package.
 _NAMES = {
     "errors": "InputError",
     "model.hogel_image": "NOTHING Certainty HogelCamera HogelImage",
@@ -29,11 +31,8 @@ _NAMES = {
     "plate.frustum": "Frustum Screen",
     "plate.plate": "Aperture Plate",
 }
-"""Public names by the module that has them; type checkers read `__init__.pyi`. They are imported when first
-used: the command line, which must not load meshes to answer `--help`, imports this package."""
 
 _MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
-
 __all__ = sorted(_MODULES)  # noqa: PLE0605 - a list, of what is above
 
 

@@ -15,7 +15,6 @@ from typing import TypeVar
 from xfrustum.scenes.errors import InputError
 
 Choice = TypeVar("Choice", bound=StrEnum)
-
 NO_COUNT = -1  # takes the place of a value that is no whole number; it is below every allowed count
 
 

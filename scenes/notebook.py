@@ -63,16 +63,13 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 
 # Images as pictures
 
-SHADES = (0.35, 0.9)
-"""Darkest and lightest gray of surfaces in pictures without color, by height."""
-
+SHADES = (0.35, 0.9)  #: darkest and lightest gray of surfaces in pictures without color, by height
+#: Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under marks, and
+#: opacity of the mark of a displaced pixel.
 WRONG, MOVED, DIMMED, MARKED = (224, 49, 49), (49, 130, 224), 0.5, 0.8
-"""Colors of pixels that show a wrong surface or a displaced point; brightness of a picture under marks, and
-opacity of the mark of a displaced pixel."""
-
+#: Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole ones, and the
+#: longest that larger ones are reduced to, so that notebooks stay small.
 MIN_SIDE_PX, MAX_SIDE_PX = 280, 512
-"""Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole ones, and the
-longest that larger ones are reduced to, so that notebooks stay small."""
 
 
 def as_shown(color: Singles | None, covered: Mask, height: NDArray[np.floating]) -> Bytes:
@@ -132,8 +129,8 @@ def png(picture: Bytes) -> bytes:
 
 # Images as labelled arrays
 
+#: Unit of lengths where nobody says what a scene's own unit is, and of what has none, as in stored plates.
 SCENE_UNITS, NO_UNIT = "scene units", "1"
-"""Unit of lengths where nobody says what a scene's own unit is, and of what has none, as in stored plates."""
 
 
 @dataclass(frozen=True)
@@ -190,11 +187,10 @@ def dataset(
 
 # Objects that a notebook shows
 
+#: Line of tables and about pictures, in CSS; seen on light and on dark pages.
 LINE = "1px solid rgba(128, 128, 128, 0.4)"
-"""Line of tables and about pictures, in CSS; seen on light and on dark pages."""
-
+#: Largest number of rows of a table; of a longer one the first are shown, and the rest is counted.
 MAX_TABLE_ROWS = 24
-"""Largest number of rows of a table; of a longer one the first are shown, and the rest is counted."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,16 +18,13 @@ from xfrustum.scenes.errors import InputError
 if TYPE_CHECKING:
     from xfrustum.scenes.arrays import Singles
 
-Color = tuple[float, float, float]
-"""Linear RGB."""
-
+Color = tuple[float, float, float]  #: linear RGB
+#: Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay within
+#: float32's range, 3e38.
 LARGEST_COEFFICIENT = 1e15
-"""Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay within
-float32's range, 3e38."""
-
+#: Largest radiance of an environment: sums and products with coefficients stay within float32's range in
+#: pictures, 3e38.
 MAX_RADIANCE = 1e30
-"""Largest radiance of an environment: sums and products with coefficients stay within float32's range in
-pictures, 3e38."""
 
 
 def _color(name: str, given: object) -> Color:
@@ -66,8 +63,8 @@ class Material:
         settle(self, exponent=exponent)
 
 
+#: Material of every object that names none: gray, with a soft highlight.
 DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
-"""Material of every object that names none: gray, with a soft highlight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +87,8 @@ class DirectionalLight:
         settle(self, direction=unit, color=_color("color", self.color))
 
 
+#: Light of scenes that name no light and no environment: from above, left, and the viewer's side.
 DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
-"""Light of scenes that name no light and no environment: from above, left, and the viewer's side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats
 
-LEVELS = 255
-"""Largest value of an 8-bit channel."""
-
+LEVELS = 255  #: largest value of an 8-bit channel
 Kind = TypeVar("Kind", bound=np.floating)
 
 

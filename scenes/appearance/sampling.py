@@ -12,8 +12,7 @@ from xfrustum.scenes.plate.plate import Aperture, Plate
 if TYPE_CHECKING:
     from xfrustum.scenes.arrays import Floats
 
-MAX_SAMPLES = 1 << 16
-"""Largest count of samples of any kind."""
+MAX_SAMPLES = 1 << 16  #: largest count of samples of any kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +63,8 @@ class Transport:
         return self.shadows or self.interreflection
 
 
+#: The real root of x^3 = x + 1: its powers give the most even additive recurrence in two dimensions.
 PLASTIC = 1.32471795724474602596
-"""The real root of x^3 = x + 1: its powers give the most even additive recurrence in two dimensions."""
 
 
 def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Aperture, ...]:

@@ -38,15 +38,12 @@ COLOR = ("R", "G", "B")
 VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
-
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 #: Attributes as JSON, whose numbers are the shortest digits that give the same double again.
 EYE_JSON = TypeAdapter(Eye)
-
 MAGIC = bytes.fromhex("762f3101")  # first four bytes of every OpenEXR file
 #: Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits.
 MAX_PIXELS = (2**31 - 1) // 4
-
 _PIXEL_TYPES = (np.uint32, np.float16, np.float32)  # types of pixels, in the order of their codes
 #: Lock for redirecting what OpenEXR prints: two threads at once would restore each other's file.
 _SILENT = threading.Lock()

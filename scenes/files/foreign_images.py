@@ -20,14 +20,11 @@ from xfrustum.scenes.notebook import Brief
 class Encoding(StrEnum):
     """The meaning of a picture's RGB values; an OpenEXR file names its own channels."""
 
-    RGB = "rgb"
-    """Linear radiance."""
-    SRGB = "srgb"
-    """Radiance encoded as sRGB."""
+    RGB = "rgb"  #: linear radiance
+    SRGB = "srgb"  #: radiance encoded as sRGB
+    #: Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing.
     TRIANGLE_ID = "triangle-id"
-    """Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing."""
-    OBJECT_ID = "object-id"
-    """The same with the object's number."""
+    OBJECT_ID = "object-id"  #: the same with the object's number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -50,12 +47,10 @@ class Reading:
     """A way to read stored pixels."""
 
     encoding: Encoding
+    #: The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a number.
     channels: tuple[int, int, int] = (0, 1, 2)
-    """The stored channel (0 red, 1 green, 2 blue) of the high, the middle and the low byte of a number."""
-    offset: int = 1
-    """Number that was added to triangle or object numbers before they were stored."""
-    background: int = 0
-    """Integer that is stored where there is no surface."""
+    offset: int = 1  #: number that was added to triangle or object numbers before they were stored
+    background: int = 0  #: integer that is stored where there is no surface
 
     @property
     def first_is_lost(self) -> bool:

@@ -24,13 +24,11 @@ Pixels = NDArray[Any]  # samples of pictures in the type of their files: uint8, 
 Index = tuple[int, ...]  # the numbers that count the files of a layout, as their names state them
 #: Suffixes of files that are taken for pictures, in lower case.
 PICTURE_SUFFIXES = (".png", ".ppm", ".exr", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-
 VIDEO_SUFFIX = ".avi"  # suffix of videos, in lower case
 #: Columns and rows of tiles that displays are sold with, by the number of views.
 KNOWN_QUILTS = {48: (8, 6), 66: (11, 6), 49: (7, 7), 45: (5, 9), 40: (8, 5)}
 #: Columns and rows of tiles of a CubeVi picture, and the size of each in pixels.
 CUBEVI_TILES, CUBEVI_TILE_PX = (8, 5), (540, 960)
-
 MAX_DIGITS = 18  # largest number of digits of a number in a file's name: longer ones count nothing
 
 
@@ -54,8 +52,7 @@ class PlateShape:
     @property
     def array(self) -> tuple[int, int, int, int, int]:
         """Shape (rows, columns, height, width, 3) of the array of its pixels."""
-        (columns, rows), (width, height) = self.hogels, self.resolution
-        return rows, columns, height, width, 3
+        return *self.hogels[::-1], *self.resolution[::-1], 3
 
     @property
     def words(self) -> str:
@@ -74,9 +71,14 @@ class Naming:
     tiles: tuple[int, int] | None = None  #: of a quilt; None for those of a display, or nearly a square
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Layout:
-    """One way to store the pictures of a plate."""
+    """One way to store the pictures of a plate.
+
+    `view` returns, of a plate's pixels, a file's numbers and what all names state, the view (.., 3) of the
+    file's pixels: (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video. `states`
+    returns what names state of a plate; InputError where the layout has no place for it.
+    """
 
     name: str  #: on the command line
     words: str  #: meaning of its files, one clause
@@ -84,11 +86,8 @@ class Layout:
     stem_format: str  #: the same name as it is written, as a format of the numbers
     numbers: str  #: letters of the groups that count the files: hogels i, j, pixels r, c, cameras k
     view: Callable[[Pixels, Index, Index], Pixels] = field(repr=False)
-    """Function of a plate's pixels, a file's numbers, and what all names state: the view (.., 3) of the
-    pixels of a file, (H, W) of a picture, (tile row, H, tile column, W), or (frame, H, W) of a video."""
     stated: tuple[str, ...] = ()  # names of the groups that all names state alike
     states: Callable[[PlateShape, Naming], Index] = field(default=lambda shape, naming: (), repr=False)
-    """Function that returns what these state of a plate; InputError where the layout has no place for it."""
     suffixes: tuple[str, ...] = PICTURE_SUFFIXES  #: first that of files for which nobody asks for another
     horizontal: bool = False  #: whether it keeps horizontal parallax alone: one row of pixels of each hogel
     upward: bool = False  #: whether the number j is counted from the bottom
@@ -142,10 +141,6 @@ class Layout:
         """Return the number of files of a plate."""
         return math.prod(self.counts(shape))
 
-    def has(self, index: Index, shape: PlateShape) -> bool:
-        """Return whether a plate has a file of these numbers."""
-        return all(number < count for number, count in zip(index, self.counts(shape), strict=True))
-
     def indices(self, shape: PlateShape, row: int | None = None) -> Iterator[Index]:
         """Yield the numbers of all files of a plate; row by row, or of one row, where files have one each."""
         if not self.by_row:
@@ -162,65 +157,76 @@ class Layout:
         """Return the shape of the plate that some files form.
 
         They have names that count and state these numbers, and pictures or frames of a width and a height;
-        somebody, be it the scene or a file beside the pictures, may have told a shape.
-
-        Raises InputError where they form none.
+        the scene or a file beside the pictures may have told a shape. Raises InputError where they form none.
         """
-
-        def count(axis: int) -> int:
+        counts = []
+        for axis in range(len(self.numbers)):
             numbers = {index[axis] for index in counted}
-            if 0 not in numbers:
+            if 0 not in numbers and not stated and (told is None or self.numbers != "ij"):
                 raise InputError(
                     f"names of files count from {min(numbers)}, not from 0; rename them, or add the rest"
                 )
-            return max(numbers) + 1
-
+            counts.append(max(numbers) + 1)
         (width, height), hogels, resolution = size, size, size
         match self.numbers:
             case "ij" if stated:
                 hogels = stated[0], stated[1]
             case "ij":
-                hogels = (count(0), count(1)) if told is None else told.hogels
+                hogels = (counts[0], counts[1]) if told is None else told.hogels
             case "j" if told is not None:  # a video's frames
-                hogels = told.hogels[0], count(0)
+                hogels = told.hogels[0], counts[0]
             case "i":
-                hogels, resolution = (count(0), height), (width, 1)
+                hogels, resolution = (counts[0], height), (width, 1)
             case "rc":
-                resolution = count(1), count(0)
+                resolution = counts[1], counts[0]
+            case "k" if told is not None and math.prod(told.resolution) == counts[0]:
+                resolution = told.resolution
             case "k":
-                resolution = _cameras(count(0), told)
+                side = math.isqrt(counts[0])
+                if side * side != counts[0]:
+                    raise InputError(
+                        f"{counts[0]} cameras form no square, and no parameters.cfg says num_cams_x and "
+                        "num_cams_y"
+                    )
+                resolution = side, side
             case _ if self.horizontal:  # a tile has a pixel for each hogel, rounded down as the format says
                 columns, rows = stated or CUBEVI_TILES
                 if min(columns, rows) < 1:
                     raise InputError(f"{columns} x {rows} tiles are none")
                 hogels, resolution = (width // columns, height // rows), (columns * rows, 1)
+            case _ if told is None:
+                raise InputError(
+                    "a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS"
+                )
             case _:
-                hogels, resolution = _mosaic(size, told)
+                columns, rows = hogels = told.hogels
+                resolution = width // columns, height // rows
+                if width % columns or height % rows:
+                    raise InputError(
+                        f"a mosaic of {width} x {height} pixels cannot be divided into {columns} x {rows} "
+                        "hogels"
+                    )
         return PlateShape(hogels=hogels, resolution=resolution)
 
 
-def _cameras(number: int, told: PlateShape | None) -> tuple[int, int]:
-    """Return columns and rows of cameras."""
-    if told is not None and math.prod(told.resolution) == number:
-        return told.resolution
-    side = math.isqrt(number)
-    if side * side != number:
-        raise InputError(
-            f"{number} cameras form no square, and no parameters.cfg says num_cams_x and num_cams_y"
-        )
-    return side, side
+def _hogel(pixels: Pixels, index: Index, _: Index) -> Pixels:
+    return pixels[index[1], index[0]]
 
 
-def _mosaic(size: tuple[int, int], told: PlateShape | None) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return numbers of hogels and of pixels of each."""
-    if told is None:
-        raise InputError("a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS")
-    (width, height), (columns, rows) = size, told.hogels
-    if width % columns or height % rows:
-        raise InputError(
-            f"a mosaic of {width} x {height} pixels cannot be divided into {columns} x {rows} hogels"
-        )
-    return told.hogels, (width // columns, height // rows)
+def _turned_hogel(pixels: Pixels, index: Index, _: Index) -> Pixels:
+    return pixels[index[1], index[0], ::-1, ::-1]
+
+
+def _pixel_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
+    return pixels[:, :, index[0], index[1]]
+
+
+def _camera_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
+    # Lines of a film's right and lower pixels leave the plate to the viewer's left and upward. So the camera
+    # at the top left takes the last column and the last row of pixels.
+    height, width = pixels.shape[2:4]
+    row, column = divmod(index[0], width)
+    return pixels[:, :, height - 1 - row, width - 1 - column]
 
 
 def middle_row(pixels: Pixels) -> Pixels:
@@ -236,21 +242,9 @@ def tiled_views(pixels: Pixels, tiles: Index, *, downward: bool) -> Pixels:
 
     View k = 0, 1, .. is that of the eye k from the left: the pixel k from the right of each hogel.
     """
-    columns, rows = tiles
     eyes = middle_row(pixels)[:, :, ::-1]
-    views = eyes.reshape(*eyes.shape[:2], rows, columns, -1)
+    views = eyes.reshape(*eyes.shape[:2], tiles[1], tiles[0], -1)
     return (views if downward else views[:, :, ::-1]).transpose(2, 0, 3, 1, 4)
-
-
-def _camera_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
-    """Return the view of a camera, counted row by row from the top left as they stand.
-
-    Lines of a film's right and lower pixels leave the plate to the viewer's left and upward. So the camera at
-    the top left takes the last column and the last row of pixels.
-    """
-    height, width = pixels.shape[2:4]
-    row, column = divmod(index[0], width)
-    return pixels[:, :, height - 1 - row, width - 1 - column]
 
 
 def _quilt_tiles(shape: PlateShape, naming: Naming) -> Index:
@@ -275,130 +269,47 @@ def _cubevi_states(shape: PlateShape, _: Naming) -> Index:
 
 #: All layouts. Where names of files fit several and nobody says which is meant, the first one is taken.
 LAYOUTS = (
-    Layout(
-        name="hocking",
-        words="one picture for each hogel, rows counted upward, names state how many there are",
-        pattern=r"hogel_(?P<i>\d{4})_(?P<columns>\d{4})_(?P<j>\d{4})_(?P<rows>\d{4})",
-        stem_format="hogel_{i:04}_{columns:04}_{j:04}_{rows:04}",
-        numbers="ij",
-        view=lambda pixels, index, _: pixels[pixels.shape[0] - 1 - index[1], index[0]],
-        stated=("columns", "rows"),
-        states=lambda shape, naming: shape.hogels,
-        upward=True,
-    ),
-    Layout(
-        name="burnett",
-        words="one picture for each hogel, row before column, turned by 180 degrees",
-        pattern=r"Hogel_(?P<j>\d+)x(?P<i>\d+)",
-        stem_format="Hogel_{j}x{i}",
-        numbers="ij",
-        view=lambda pixels, index, _: pixels[index[1], index[0], ::-1, ::-1],
-        turned=True,
-    ),
-    Layout(
-        name="burnett",
-        words="one video for each row of hogels, frames turned by 180 degrees",
-        pattern=r"HogelRow_(?P<j>\d+)",
-        stem_format="HogelRow_{j}",
-        numbers="j",
-        view=lambda pixels, index, _: pixels[index[0], :, ::-1, ::-1],
-        suffixes=(VIDEO_SUFFIX,),
-    ),
-    Layout(
-        name="hocking-columns",
-        words="one picture for each column of hogels, a line for each hogel, mirrored",
-        pattern=r"Hogel_Column_(?P<i>\d+)",
-        stem_format="Hogel_Column_{i}",
-        numbers="i",
-        view=lambda pixels, index, _: middle_row(pixels)[:, index[0], ::-1],
-        horizontal=True,
-    ),
-    Layout(
-        name="stanford",
-        words="one view for each pixel of a hogel, row before column, with the camera's place",
-        pattern=r"out_(?P<r>\d+)_(?P<c>\d+)_-?\d+(?:\.\d*)?_-?\d+(?:\.\d*)?_?",
-        stem_format="out_{r:02}_{c:02}_{v:.6f}_{u:.6f}",
-        numbers="rc",
-        view=lambda pixels, index, _: pixels[:, :, index[0], index[1]],
-    ),
-    Layout(
-        name="hci",
-        words="one view for each camera, numbered row by row from the top left",
-        pattern=r"input_Cam(?P<k>\d{3,})",
-        stem_format="input_Cam{k:03}",
-        numbers="k",
-        view=_camera_view,
-    ),
-    Layout(
-        name="pleno",
-        words="one view for each pixel of a hogel, t (row) before s (column), 10 bits",
-        pattern=r"(?P<r>\d{3})_(?P<c>\d{3})",
-        stem_format="{r:03}_{c:03}",
-        numbers="rc",
-        view=lambda pixels, index, _: pixels[:, :, index[0], index[1]],
-        suffixes=(".ppm",),
-    ),
-    Layout(
-        name="views",
-        words="one view for each pixel of a hogel, row before column",
-        pattern=r"(?P<r>\d+)_(?P<c>\d+)",
-        stem_format="{r}_{c}",
-        numbers="rc",
-        view=lambda pixels, index, _: pixels[:, :, index[0], index[1]],
-    ),
-    Layout(
-        name="quilt",
-        words="one picture of views, view 0 of the leftmost eye at the bottom left, "
-        "the name says columns x rows",
-        pattern=r".*_qs(?P<columns>\d+)x(?P<rows>\d+)a\d+(?:\.\d+)?",
-        stem_format="{stem}_qs{columns}x{rows}a{aspect:.4g}",
-        numbers="",
-        view=lambda pixels, _, tiles: tiled_views(pixels, tiles, downward=False),
-        stated=("columns", "rows"),
-        states=_quilt_tiles,
-        horizontal=True,
-    ),
-    Layout(
-        name="burnett",
-        words="one aperture view for each hogel, y before x, turned by 180 degrees",
-        pattern=r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?",
-        stem_format="name_{j}_{i}",
-        numbers="ij",
-        view=lambda pixels, index, _: pixels[index[1], index[0], ::-1, ::-1],
-        turned=True,
-    ),
-    Layout(
-        name="hogels",
-        words="one picture for each hogel, column before row, row 0 at the top",
-        pattern=r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)",
-        stem_format="hogel_{i}x{j}",
-        numbers="ij",
-        view=lambda pixels, index, _: pixels[index[1], index[0]],
-    ),
-    Layout(
-        name="mosaic",
-        words="one picture, hogel (i, j) is the tile at column i, row j",
-        pattern=r".+",
-        stem_format="{stem}",
-        numbers="",
-        view=lambda pixels, _, __: pixels.transpose(0, 2, 1, 3, 4),
-    ),
-    Layout(
-        name="cubevi",
-        words="one picture of 8 x 5 views, view 0 of the leftmost eye at the top left",
-        pattern=r".+",
-        stem_format="{stem}",
-        numbers="",
-        view=lambda pixels, _, __: tiled_views(pixels, CUBEVI_TILES, downward=True),
-        states=_cubevi_states,
-        horizontal=True,
-    ),
-)
+    Layout("hocking", "one picture for each hogel, rows counted upward, names state how many there are",
+           r"hogel_(?P<i>\d{4})_(?P<columns>\d{4})_(?P<j>\d{4})_(?P<rows>\d{4})",
+           "hogel_{i:04}_{columns:04}_{j:04}_{rows:04}", "ij",
+           lambda pixels, index, _: pixels[pixels.shape[0] - 1 - index[1], index[0]],
+           stated=("columns", "rows"), states=lambda shape, naming: shape.hogels, upward=True),
+    Layout("burnett", "one picture for each hogel, row before column, turned by 180 degrees",
+           r"Hogel_(?P<j>\d+)x(?P<i>\d+)", "Hogel_{j}x{i}", "ij", _turned_hogel, turned=True),
+    Layout("burnett", "one video for each row of hogels, frames turned by 180 degrees",
+           r"HogelRow_(?P<j>\d+)", "HogelRow_{j}", "j",
+           lambda pixels, index, _: pixels[index[0], :, ::-1, ::-1], suffixes=(VIDEO_SUFFIX,)),
+    Layout("hocking-columns", "one picture for each column of hogels, a line for each hogel, mirrored",
+           r"Hogel_Column_(?P<i>\d+)", "Hogel_Column_{i}", "i",
+           lambda pixels, index, _: middle_row(pixels)[:, index[0], ::-1], horizontal=True),
+    Layout("stanford", "one view for each pixel of a hogel, row before column, with the camera's place",
+           r"out_(?P<r>\d+)_(?P<c>\d+)_-?\d+(?:\.\d*)?_-?\d+(?:\.\d*)?_?",
+           "out_{r:02}_{c:02}_{v:.6f}_{u:.6f}", "rc", _pixel_view),
+    Layout("hci", "one view for each camera, numbered row by row from the top left",
+           r"input_Cam(?P<k>\d{3,})", "input_Cam{k:03}", "k", _camera_view),
+    Layout("pleno", "one view for each pixel of a hogel, t (row) before s (column), 10 bits",
+           r"(?P<r>\d{3})_(?P<c>\d{3})", "{r:03}_{c:03}", "rc", _pixel_view, suffixes=(".ppm",)),
+    Layout("views", "one view for each pixel of a hogel, row before column",
+           r"(?P<r>\d+)_(?P<c>\d+)", "{r}_{c}", "rc", _pixel_view),
+    Layout("quilt", "one picture of views, view 0 of the leftmost eye at the bottom left, "
+           "the name says columns x rows",
+           r".*_qs(?P<columns>\d+)x(?P<rows>\d+)a\d+(?:\.\d+)?",
+           "{stem}_qs{columns}x{rows}a{aspect:.4g}", "",
+           lambda pixels, _, tiles: tiled_views(pixels, tiles, downward=False),
+           stated=("columns", "rows"), states=_quilt_tiles, horizontal=True),
+    Layout("burnett", "one aperture view for each hogel, y before x, turned by 180 degrees",
+           r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?", "name_{j}_{i}", "ij",
+           _turned_hogel, turned=True),
+    Layout("hogels", "one picture for each hogel, column before row, row 0 at the top",
+           r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)", "hogel_{i}x{j}", "ij", _hogel),
+    Layout("mosaic", "one picture, hogel (i, j) is the tile at column i, row j", r".+", "{stem}", "",
+           lambda pixels, _, __: pixels.transpose(0, 2, 1, 3, 4)),
+    Layout("cubevi", "one picture of 8 x 5 views, view 0 of the leftmost eye at the top left",
+           r".+", "{stem}", "", lambda pixels, _, __: tiled_views(pixels, CUBEVI_TILES, downward=True),
+           states=_cubevi_states, horizontal=True),
+)  # fmt: skip
 #: Names of layouts, as the command line takes them.
-NAMES = (
-    *("hogels", "burnett", "hocking", "hocking-columns", "mosaic", "views", "stanford", "pleno", "hci"),
-    *("quilt", "cubevi"),
-)
+NAMES = tuple("hogels burnett hocking hocking-columns mosaic views stanford pleno hci quilt cubevi".split())
 
 
 def layouts_named(name: str) -> tuple[Layout, ...]:

@@ -177,7 +177,6 @@ LOSSLESS_CODECS = ("ffv1", "huffyuv", "ffvhuff", "rawvideo", "png", "utvideo", "
 RGB_FORMATS = ("rgb24", "bgr24", "bgr0", "rgb0", "bgra", "rgba", "gbrp", "pal8")
 #: Bytes of memory that a decoder takes for each pixel of a frame: it keeps some frames of 4 bytes a pixel.
 DECODER_BYTES_PER_PIXEL = 64
-
 PADDING_PX = 512  # pixels by which decoders may enlarge a frame's sides for themselves
 
 

@@ -40,10 +40,8 @@ from xfrustum.scenes.files.pictures import (
     write_video,
 )
 
-#: Name of the file in which the 4D light-field benchmark describes its cameras.
-PARAMETERS_FILE = "parameters.cfg"
-#: Name of the file in which the script for Blender states the plate whose hogels it renders into a folder.
-PLATE_FILE = "plate.json"
+PARAMETERS_FILE = "parameters.cfg"  # in which the 4D light-field benchmark describes its cameras
+PLATE_FILE = "plate.json"  # in which the script for Blender states the plate whose hogels it renders
 #: Largest size of such a file that is read: room for a hundred thousand objects with their colors.
 MAX_FACTS_BYTES = 1 << 24
 #: Bytes of a plate's pixels that are held in memory; larger plates are held in a scratch file.
@@ -62,10 +60,7 @@ class PlateRows:
 
 
 class Plates(PlateRows):
-    """All pixels (rows, columns, H, W, 3) of a plate, in memory or in a scratch file.
-
-    It is lossy where the format of some file changes pixels.
-    """
+    """All pixels (rows, columns, H, W, 3) of a plate; lossy where the format of some file changes pixels."""
 
     def __init__(self, pixels: Pixels, levels: int | None, *, lossy: bool = False) -> None:
         rows, columns, height, width, _ = pixels.shape
@@ -75,7 +70,7 @@ class Plates(PlateRows):
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
-        """Return a plate of zeros."""
+        """Return a plate of zeros, in memory or, above `MAX_BYTES_IN_MEMORY`, in a scratch file."""
         size = math.prod(shape.array) * dtype.itemsize
         if size <= MAX_BYTES_IN_MEMORY:
             return cls(pixels=np.zeros(shape.array, dtype), levels=levels)
@@ -91,7 +86,7 @@ class Plates(PlateRows):
 
 
 def empty_row(rows: PlateRows) -> Pixels:
-    """Return zeros (columns, H, W, 3) for a row of hogels; above `MAX_BYTES_IN_MEMORY` in a scratch file."""
+    """Return zeros (columns, H, W, 3) for a row of hogels, as `Plates.empty` holds them."""
     alone = PlateShape(hogels=(rows.shape.hogels[0], 1), resolution=rows.shape.resolution)
     return Plates.empty(alone, rows.dtype, rows.levels).row(0)
 
@@ -118,10 +113,10 @@ def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels
     """
     if before == after:
         return pixels
+    floats = pixels.astype(np.float64)
+    shares = np.clip(np.nan_to_num(floats), 0, 1) if before is None else floats / before
     if after is None:
-        assert before is not None
-        return (pixels / np.float64(before)).astype(np.float32)
-    shares = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1) if before is None else pixels / before
+        return shares.astype(np.float32)
     return np.rint(shares * after).astype(np.uint8 if after <= BYTE_LEVELS else np.uint16)
 
 
@@ -149,7 +144,8 @@ class FileSet:
     @property
     def beyond(self) -> int:
         """Number of files that are there and that the layout does not have for such a plate."""
-        return sum(not self.layout.has(index, self.shape) for index in self.files)
+        counts = self.layout.counts(self.shape)
+        return sum(any(n >= count for n, count in zip(i, counts, strict=True)) for i in self.files)
 
     @property
     def missing(self) -> int:
@@ -188,15 +184,11 @@ class FileSet:
     def rows(self) -> PlateRows:
         """Return the plate, in the memory of one row of hogels where each file has pixels of one row alone.
 
-        Raises
-        ------
-        InputError
-            As from `plate`, be it here or where rows are read.
+        Raises InputError as from `plate`, be it here or where rows are read.
         """
         if not self.layout.by_row:
             return self.plate
-        for index in self.layout.indices(self.shape):
-            self._path(index)
+        self._check_complete()
         first = self._read(next(self.layout.indices(self.shape)))
 
         def row(number: int) -> Pixels:
@@ -211,8 +203,7 @@ class FileSet:
     @cached_property
     def plate(self) -> Plates:
         """The whole plate; InputError where a file is missing, damaged or of another size than the others."""
-        for index in self.layout.indices(self.shape):
-            self._path(index)
+        self._check_complete()
         plate: Plates | None = None
         for index in self.layout.indices(self.shape):
             picture = self._read(index)
@@ -221,6 +212,10 @@ class FileSet:
             plate.lossy |= picture.lossy
         assert plate is not None
         return plate
+
+    def _check_complete(self) -> None:
+        for index in self.layout.indices(self.shape):
+            self._path(index)
 
     def _path(self, index: Index) -> Path:
         path = self.files.get(index)
@@ -238,7 +233,6 @@ class FileSet:
         view[...] = picture.pixels.reshape(view.shape)
 
     def _read(self, index: Index) -> Picture:
-        """Return what a file holds."""
         path = self._path(index)
         *frames, height, width = _stored_shape(self.layout, self.shape, index, self.stated)
         if frames:
@@ -316,32 +310,29 @@ def pictures_at(place: Path) -> list[Path]:
     return pictures
 
 
+Named = tuple[tuple[Index, Index], Path]  # a file, and the numbers that its name counts and states
+
+
 def _file_set(
-    place: Path,
-    layout: Layout,
-    named: Sequence[tuple[tuple[Index, Index], Path]],
-    told: PlateShape | None,
-    pictures: int,
+    place: Path, layout: Layout, named: Sequence[Named], told: PlateShape | None, pictures: int
 ) -> FileSet:
     """Return the files of a layout; InputError where what they say does not fit together."""
     files: dict[Index, Path] = {}
     for (index, _), path in named:
-        if index in files:
+        if files.setdefault(index, path) is not path:
             raise InputError(
                 f"{files[index].name} and {path.name} state the same numbers; keep one of them in the folder"
             )
-        files[index] = path
     stated = {states for (_, states), _ in named}
     if len(stated) > 1:
         raise InputError(f"names of files state plates of different sizes: {sorted(stated)[:3]}")
-    first = files[min(files)]
+    first, (said,) = files[min(files)], stated
     if first.suffix.lower() == VIDEO_SUFFIX:
         frames, size = video_size(first)
         told = PlateShape(hogels=(frames, 1), resolution=size)
     else:
         size = picture_size(first)
         told = _told_beside(layout, first) or told
-    said = next(iter(stated))
     shape, strangers = layout.shape(files.keys(), said, size, told), pictures - len(files)
     return FileSet(place=place, layout=layout, files=files, stated=said, shape=shape, strangers=strangers)
 
@@ -361,13 +352,12 @@ def _told_beside(layout: Layout, first: Path) -> PlateShape | None:
             stated = {"hogels": (1, 1), "resolution": counts}
         else:
             return None
-        (columns, rows), (width, height) = stated["hogels"], stated["resolution"]
-        numbers = [int(number) for number in (columns, rows, width, height)]
+        (columns, rows), (width, height) = (map(int, stated[key]) for key in ("hogels", "resolution"))
     except (configparser.Error, KeyError, TypeError, ValueError, OverflowError, RecursionError):
         return None
-    if min(numbers) < 1:
+    if min(columns, rows, width, height) < 1:
         return None
-    return PlateShape(hogels=(numbers[0], numbers[1]), resolution=(numbers[2], numbers[3]))
+    return PlateShape(hogels=(columns, rows), resolution=(width, height))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,11 +387,14 @@ class Target:
         found = []
         height, after = plate.shape.resolution[1], self.levels(plate.levels)
         if self.layout.horizontal and height > 1:
-            kept = f"row {height // 2} (from 0 at the top) is kept"
-            found.append(f"vertical parallax: of {height} rows of pixels of each hogel, {kept}")
+            found.append(
+                f"vertical parallax: of {height} rows of pixels of each hogel, row {height // 2} "
+                "(from 0 at the top) is kept"
+            )
         if plate.levels is None and after is not None:
-            rounded = f"radiance is clipped to 0 and 1 and rounded to {after} levels"
-            found.append(f"floating-point numbers: {rounded}")
+            found.append(
+                f"floating-point numbers: radiance is clipped to 0 and 1 and rounded to {after} levels"
+            )
         elif plate.levels is not None and after is not None and after < plate.levels:
             found.append(f"levels: {plate.levels} are rounded to {after}")
         return tuple(found)
@@ -423,14 +416,8 @@ def write_files(
 ) -> None:
     """Write a plate into a folder; `done` is called after each file.
 
-    Where each file has pixels of one row of hogels alone, no more than a row is held in memory.
-
-    Raises
-    ------
-    InputError
-        The layout has no place for such a plate, or the files cannot hold its pixels.
-    OSError
-        A file cannot be written.
+    Where each file has pixels of one row of hogels alone, no more than a row is held in memory. Raises
+    InputError where the layout or the files cannot hold such a plate, OSError where a file cannot be written.
     """
     shape, layout = plate.shape, target.layout
     levels, stated = target.levels(plate.levels), layout.states(shape, target.naming)

@@ -5,5 +5,5 @@ shapes        Built-in shapes of size one about the origin, which `shape = "..."
 tessellation  Bezier patches, and sets of them as triangles: within a chord tolerance, and without cracks
 """
 
+#: Names in the order in which messages list them; scene files are checked by them before NumPy is loaded.
 SHAPE_NAMES = ("box", "square", "sphere", "cylinder", "cone", "torus")
-"""Names in the order in which messages list them; scene files are checked by them before NumPy is loaded."""

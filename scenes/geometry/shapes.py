@@ -15,8 +15,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.model.scene import SceneObject
 
-Mesh = tuple[Floats, Indices]
-"""Vertices (V, 3) and faces (F, 3)."""
+Mesh = tuple[Floats, Indices]  #: vertices (V, 3) and faces (F, 3)
 
 
 def box() -> Mesh:
@@ -95,6 +94,8 @@ def join(*meshes: Mesh) -> Mesh:
 
 _TURN = np.linspace(0, 2 * np.pi, 25)
 
+#: Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on top; the
+#: tube of the torus has a diameter of 0.3.
 SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
     "box": box,
     "square": square,
@@ -103,8 +104,6 @@ SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType({
     "cone": lambda: lathe(np.array([0, 0.5, 0]), np.array([-0.5, -0.5, 0.5])),
     "torus": lambda: lathe(0.35 + 0.15 * np.cos(_TURN), 0.15 * np.sin(_TURN)),
 })  # fmt: skip
-"""Meshes by name. Bodies about the y axis are closed, of diameter and height 1, the cone's tip on top; the
-tube of the torus has a diameter of 0.3."""
 assert tuple(SHAPES) == SHAPE_NAMES
 
 

@@ -18,17 +18,13 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
 from xfrustum.scenes.model.scene import SceneObject
 
+#: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding.
 EPSILON = float(np.finfo(np.float64).eps)
-"""Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding."""
-
+#: Largest number of steps that is counted along a patch: the quotient that gives it may be infinite.
 MAX_STEPS = 1e18
-"""Largest number of steps that is counted along a patch: the quotient that gives it may be infinite."""
-
+#: Largest number of triangles: a tolerance that asks for more is a mistake in its unit.
 MAX_TRIANGLES = 20_000_000
-"""Largest number of triangles: a tolerance that asks for more is a mistake in its unit."""
-
-Steps = Sequence[tuple[int, int]]
-"""Numbers of steps along u and v into which each patch is cut."""
+Steps = Sequence[tuple[int, int]]  #: numbers of steps along u and v into which each patch is cut
 
 
 def evenly(count: int) -> Floats:

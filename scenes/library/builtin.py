@@ -130,8 +130,8 @@ _ENTRIES = (
     BuiltinScene("empty", 0, "nothing at all: the true image of nothing is nothing", lambda: ()),
 )  # fmt: skip
 
+#: The built-in scenes by name, in the order of the catalogue.
 SCENES = MappingProxyType({entry.name: entry for entry in _ENTRIES})
-"""The built-in scenes by name, in the order of the catalogue."""
 
 
 def names() -> list[str]:

@@ -16,16 +16,14 @@ from xfrustum.scenes.geometry.shapes import Mesh, as_object, join, lathe, wrappe
 from xfrustum.scenes.model.scene import SceneObject
 
 Knots = Sequence[tuple[float, float]]
-
 _WHEEL_RADIUS = 7.2
 _ARCH_RADIUS = 8.6
 _AXLES = (-29.5, 31.0)
 _TRACK = 17.6
 _WHEEL_SECTORS = 60
+#: |z| at which the body turns into a rounded cap at either end, and the length of each cap.
 _END, _CAP = 45.0, 5.0
-"""|z| at which the body turns into a rounded cap at either end, and the length of each cap."""
-_SECTION = 3.4
-"""Exponent of the lower body's cross section."""
+_SECTION = 3.4  #: exponent of the lower body's cross section
 
 # Lines of the lower body along z.
 _SHOULDER: Knots = (

@@ -23,30 +23,23 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 REACH = 1000.0
+#: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.
 FARTHEST = 0.999 * REACH
-"""Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing."""
-
-CAR_RATIO = 1.5
-"""Ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower."""
-
+CAR_RATIO = 1.5  #: ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower
+#: Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that come nearer
+#: than about this lie beside the film of the middle aperture.
 SHIFT_PER_REACH = 0.05
-"""Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that come nearer
-than about this lie beside the film of the middle aperture."""
-
+#: Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an aperture over a
+#: corner of the screen.
 SHEAR_PER_SLOPE = 1.0
-"""Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an aperture over a
-corner of the screen."""
-
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
-
+#: Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that none hides
+#: another at any depth; and those before the plate where there are cars on both sides.
 _QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
-"""Places of the cars, in halves of the film's half-extent: the middles of its quarters, so that none hides
-another at any depth; and those before the plate where there are cars on both sides."""
-
+#: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the
+#: plate in which its body crosses the plate.
 _CAR_REACH, _CAR_FOV, _CAR_ROW = 150.0, math.radians(60), -10.0
-"""Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the
-plate in which its body crosses the plate."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

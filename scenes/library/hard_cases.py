@@ -26,22 +26,17 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
 Objects = tuple[SceneObject, ...]
-
-REACH = 128.0
-"""Reach on both sides, in millimeters."""
-
+REACH = 128.0  #: reach on both sides, in millimeters
+#: Plate whose apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one lies at the origin.
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
-"""Plate whose apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one lies at the origin."""
 
+#: Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128 to 63/128.
+#: It has a screen and not an angle, because no angle in radians has the tangent 1/2 exactly.
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),
     screen=Screen(height=-64.0, center=(0.0, 0.0), size=(64.0, 64.0)),
 )
-"""Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128 to 63/128.
-
-It has a screen and not an angle, because no angle in radians has the tangent 1/2 exactly.
-"""
 
 
 @dataclass(frozen=True)
@@ -56,10 +51,7 @@ class HardCase(BuiltinScene):
 
 
 _CASES: dict[str, HardCase] = {}
-
-CASES = MappingProxyType(_CASES)
-"""The cases by name, `hard/...`, in the order of the suite."""
-
+CASES = MappingProxyType(_CASES)  #: the cases by name, `hard/...`, in the order of the suite
 Maker = Callable[[], Objects]
 
 
@@ -124,8 +116,7 @@ def wall(z: float = -100.0) -> SceneObject:
 
 # Lines meet vertices and edges exactly, or surfaces the aperture itself
 
-GRID_STEP = 4
-"""Pixels between neighboring vertices of the bumpy sheets."""
+GRID_STEP = 4  #: pixels between neighboring vertices of the bumpy sheets
 
 
 def _bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], side: int) -> SceneObject:
@@ -156,8 +147,8 @@ def _closed_edges() -> Objects:
     return loose("behind", [behind]), loose("in front", [in_front])
 
 
+#: Column and row of the pixels whose lines lie in a surface through the aperture.
 THROUGH_COLUMN, THROUGH_ROW = 40, 20
-"""Column and row of the pixels whose lines lie in a surface through the aperture."""
 
 
 @_case("surface-through-aperture", 2,
@@ -202,15 +193,11 @@ def _triangle_in_plate() -> Objects:
 
 # Depth order: coincident and nearly coincident sheets, and the ends of the reach
 
+#: Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`. In one
+#: more column each corner is a single step of a double apart.
 SEPARATIONS = (1e-3, 1e-6, 1e-9, 1e-12)
-"""Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`.
-
-In one more column each corner is a single step of a double apart.
-"""
-SHEET_DISTANCE = 64.0
-"""Distance of the sheets from the plate, at their top left corners."""
-SHEET_ROWS = ((3.5, 29.5), (33.5, 59.5))
-"""Edges of the sheets behind and before the plate, between pixels."""
+SHEET_DISTANCE = 64.0  #: distance of the sheets from the plate, at their top left corners
+SHEET_ROWS = ((3.5, 29.5), (33.5, 59.5))  #: edges of the sheets behind and before the plate, between pixels
 
 
 def sheet_columns(index: int) -> tuple[float, float]:
@@ -265,9 +252,9 @@ def _nearly_coincident() -> Objects:
     return loose("lower sheets", np.concatenate(lower)), loose("upper sheets", np.concatenate(upper))
 
 
+#: First and last column of the sheets exactly at the reach, and of those one step of a double beyond it. The
+#: rows of the sheets behind and before the plate are the same numbers.
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
-"""First and last column of the sheets exactly at the reach, and of those one step of a double beyond it. The
-rows of the sheets behind and before the plate are the same numbers."""
 
 
 @_case("at-the-reach", 8,
@@ -297,12 +284,12 @@ _case("only-out-of-reach", 4_416,
 
 # Triangles that are hardly there: edge-on, needles, without area, twice, tiny
 
+#: Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either end.
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44
-"""Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either end."""
+#: Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end lies.
 TURN = 2.0**-49
-"""Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end lies."""
+#: Half the turned triangle's height where it crosses its column's lines, and the depth there.
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
-"""Half the turned triangle's height where it crosses its column's lines, and the depth there."""
 
 
 @_case("edge-on", 3,
@@ -320,8 +307,8 @@ def _edge_on() -> Objects:
     return loose("edge-on", [still]), loose("turned", [turned]), wall()
 
 
+#: Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their width.
 NEEDLE = 28e-6
-"""Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their width."""
 
 
 @_case("needles", 4,
@@ -359,8 +346,8 @@ def _duplicates() -> Objects:
     return as_object("faces twice", (box.vertices, faces)), loose("vertices twice", box.vertices[box.faces])
 
 
+#: Depth of the nearer of two sheets, whose smallest coordinates, 1/128 of it, are about 4e-75.
 SMALLEST = 2.0**-240
-"""Depth of the nearer of two sheets, whose smallest coordinates, 1/128 of it, are about 4e-75."""
 
 
 @_case("smallest", 5,
@@ -374,13 +361,10 @@ def _smallest() -> Objects:
 
 # Size, place and view: far, tiny, huge, steep, sheared, one pixel, giants
 
-FAR_AWAY = 1e6
-"""Distance of the far scene's meshes from the origin of their files, along each axis."""
+FAR_AWAY = 1e6  #: distance of the far scene's meshes from the origin of their files, along each axis
+#: Factors of the tiny and the huge scene: powers of two that make a reach of 150 about 1e-6 and 1e6.
 SCALES = {"tiny": 2.0**-27, "huge": 2.0**13}
-"""Factors of the tiny and the huge scene: powers of two that make a reach of 150 about 1e-6 and 1e6."""
-_GRAIN = 2.0**-20
-"""Grid to which coordinates are rounded."""
-
+_GRAIN = 2.0**-20  #: grid to which coordinates are rounded
 ASYMMETRIC_PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
 ASYMMETRIC_FRUSTUM = Frustum(resolution=(64, 64), reach=(150.0, 150.0), fov=(radians(60), radians(60)))
 _ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
@@ -420,9 +404,7 @@ def _scaled(kind: str) -> None:
 _scaled("tiny")
 _scaled("huge")
 
-ROOM = (24.0, 24.0, 20.0)
-"""Half sizes of the box about the middle aperture along x, y and z."""
-
+ROOM = (24.0, 24.0, 20.0)  #: half sizes of the box about the middle aperture along x, y and z
 SHEARED_SCREEN = Screen(height=-40.0, center=(0.0, 0.0), size=(20.0, 20.0))
 
 

@@ -79,10 +79,10 @@ def _bar(start: Vector, end: Vector, *, width: float) -> SceneObject:
     return as_object("bar", (middle + corners * (width, width, 0.0), faces))
 
 
+#: Height of each row of pairs above or below the plate, as a fraction of the reach.
 SHEET_HEIGHTS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""Height of each row of pairs above or below the plate, as a fraction of the reach."""
+#: Separation of each column of pairs, as a fraction of the reach.
 SHEET_SEPARATIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""Separation of each column of pairs, as a fraction of the reach."""
 
 
 def sheets(*, reach: float) -> tuple[SceneObject, ...]:
@@ -105,8 +105,8 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
     return as_object("upper sheets", join(*upper)), as_object("lower sheets", join(*lower))
 
 
+#: Slopes of the outermost lines to the sheets: just inside a full angle of 60 degrees.
 _SHEET_SLOPES = (-0.55, 0.55)
-"""Slopes of the outermost lines to the sheets: just inside a full angle of 60 degrees."""
 _LEAN = (0.2, 0.1)
 _CELL_FILLED = 0.9
 
@@ -177,9 +177,8 @@ def large_triangles() -> tuple[SceneObject, ...]:
     )
 
 
+#: Center and radius of each sphere: one behind the plate, one before it, neither hiding the other.
 MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (((-11.0, 7.0, -72.0), 24.0), ((-20.0, 17.0, 60.0), 10.0))
-"""Center and radius of each sphere: one behind the plate, one before it, neither hiding the other."""
-
 _BLACK = (0.0, 0.0, 0.0)
 
 
@@ -203,14 +202,14 @@ def mirror() -> Appearance:
     return Appearance(materials=MappingProxyType({"mirror": pure}), lights=(), environment=surroundings())
 
 
+#: Slope of the bars against the rows and columns of pixels: no column lies on an edge all along.
 GRATING_LEAN = 0.07
-"""Slope of the bars against the rows and columns of pixels: no column lies on an edge all along."""
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
+#: Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every height.
+#: The mean of a grating whose period divides the pitch is constant; one with four times the pitch keeps 0.9
+#: of its contrast (the sinc function of 1/4).
 FINE, COARSE = 0.5, 4.0
-"""Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every height.
-The mean of a grating whose period divides the pitch is constant; one with four times the pitch keeps 0.9 of
-its contrast (the sinc function of 1/4)."""
 
 
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
@@ -251,9 +250,9 @@ def plain() -> Appearance:
     return Appearance(materials=MappingProxyType({"plain": own_color}), lights=())
 
 
-GLOBE_REACH = 100.0
-"""Reach on both sides, scene units; every globe lies within it."""
+GLOBE_REACH = 100.0  #: reach on both sides, scene units; every globe lies within it
 
+#: Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind.
 GLOBES = (
     ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
     ((12.0, -12.0, 60.0), (11.0, 11.0, 11.0)),
@@ -261,10 +260,8 @@ GLOBES = (
     ((-16.0, -8.0, -50.0), (13.0, 13.0, 13.0)),
     ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
 )
-"""Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind."""
 
-MAX_FACTOR_RATIO = 2.5
-"""Largest ratio of sectors to rings: a number whose factors differ more is refused."""
+MAX_FACTOR_RATIO = 2.5  #: largest ratio of sectors to rings: a number whose factors differ more is refused
 
 
 def globes(triangles: int, resolution: tuple[int, int]) -> Scene:

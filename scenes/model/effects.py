@@ -40,6 +40,7 @@ class Effect(StrEnum):
 
 ALL_EFFECTS = frozenset(Effect)
 
+#: What an object has that calls for an effect; the effects without are cameras.
 _HAVE = {
     Effect.SMOOTH_NORMALS: "normals at {} vertices",
     Effect.VERTEX_COLORS: "colors at {} vertices",
@@ -49,7 +50,6 @@ _HAVE = {
     Effect.SPECULAR: "a material with a specular coefficient",
     Effect.REFLECTION: "a reflective material",
 }
-"""What an object has that calls for an effect; the effects without are cameras."""
 
 
 @dataclass(frozen=True, kw_only=True)

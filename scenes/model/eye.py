@@ -18,11 +18,10 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Labels, SurfaceImage
 from xfrustum.scenes.notebook import Brief, Labelled, digits
 
+#: Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each.
 RESOLUTION, MAX_EYE_PIXELS = (400, 300), 1 << 24
-"""Pixels of an eye's film where nobody says otherwise, and the largest number, some 100 bytes each."""
-
+#: Points of the pupil over which color is averaged: blur of a few pixels looks smooth with so many.
 PUPIL_POINTS = 16
-"""Points of the pupil over which color is averaged: blur of a few pixels looks smooth with so many."""
 
 
 class Beam(StrEnum):

@@ -37,24 +37,18 @@ from xfrustum.scenes.plate.plate import Aperture
 if TYPE_CHECKING:
     import xarray
 
+#: Further arrays of an image, coordinates that belong to all of it, and facts, by their names.
 Labels = tuple[dict[str, Labelled], dict[str, Labelled], dict[str, Any]]
-"""Further arrays of an image, coordinates that belong to all of it, and facts, by their names."""
-
-NOTHING = -1
-"""Triangle and object number of a pixel that shows no surface."""
+NOTHING = -1  #: triangle and object number of a pixel that shows no surface
 
 
 class Certainty(IntEnum):
     """The way in which the truth of a pixel was decided."""
 
-    PROVEN = 0
-    """Decided in floating point, with an error bound that separates it from every other outcome."""
-    EXACT = 1
-    """Decided in rational arithmetic."""
-    TIE = 2
-    """Equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge."""
-    UNEXAMINED = 3
-    """Not decided: a tracer's proposal."""
+    PROVEN = 0  #: decided in floating point, with an error bound that separates it from every other outcome
+    EXACT = 1  #: decided in rational arithmetic
+    TIE = 2  #: equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge
+    UNEXAMINED = 3  #: not decided: a tracer's proposal
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,8 +43,8 @@ class Channel(StrEnum):
     COLOR = "color"
 
 
+#: Images that a renderer has; certainty is the truth's alone.
 DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
-"""Images that a renderer has; certainty is the truth's alone."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,24 +18,20 @@ from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+#: Smallest near, as a share of the longest reach, for which images are known to end at `FAR_MARGIN`.
 SMALLEST_NEAR_SHARE = 2.0**-16
-"""Smallest near, as a share of the longest reach, for which images are known to end at `FAR_MARGIN`."""
-
+#: Roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in w, one in
+#: the difference, and four times as many for vertices and matrices that are rounded to float32 before.
 FAR_ROUNDINGS = 16
-"""Roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in w, one in
-the difference, and four times as many for vertices and matrices that are rounded to float32 before."""
-
+#: Factor by which a drawn image may reach farther than asked for. With `standard` and `gl` depth w - z = n (f
+#: - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane by a share
+#: 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed.
 FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
-"""Factor by which a drawn image may reach farther than asked for. With `standard` and `gl` depth
-w - z = n (f - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane
-by a share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed."""
-
+#: Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
+#: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much.
 ROUNDING_MARGIN = 2.0**-16
-"""Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
-eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much."""
-
+#: Triangles that are tried together. This bounds the memory, some 500 bytes for each.
 TRIANGLES_AT_ONCE = 1 << 15
-"""Triangles that are tried together. This bounds the memory, some 500 bytes for each."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,23 +24,18 @@ from xfrustum.scenes.notebook import Brief, Shown, Table, counted, digits, sides
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
+#: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
+#: within float32's range in pictures, and products of three far within that of doubles, where bounds on
+#: rounding hold.
 SHORTEST, LONGEST = 1e-30, 1e30
-"""Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
-within float32's range in pictures, and products of three far within that of doubles, where bounds on rounding
-hold."""
-
+#: Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least 2^-53
+#: of it, and products of three differences stay within the range of doubles even where all but the last digit
+#: of a sum cancels: the bounds on rounding, which are relative, hold (docs/truth.md).
 SMALLEST_COORDINATE = 1e-75
-"""Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least
-2^-53 of it, and products of three differences stay within the range of doubles even where all but the last
-digit of a sum cancels: the bounds on rounding, which are relative, hold (docs/truth.md)."""
-
-STEEPEST = 1e12
-"""Largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart."""
-
+STEEPEST = 1e12  #: largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart
+#: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a triangle,
+#: in scenes of many millions.
 TRIANGLES_AT_ONCE = 1 << 19
-"""Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a triangle,
-in scenes of many millions."""
-
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -130,8 +125,7 @@ class SceneObject(Shown):
         return digits(low[2]), " x ".join(map(digits, (high - low).tolist())), digits(high[2])
 
 
-UNTEXTURED = -1
-"""Number in `texture_of_triangle` of a triangle without a texture."""
+UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a texture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

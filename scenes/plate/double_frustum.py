@@ -15,9 +15,9 @@ from xfrustum.scenes.arguments import choice, real, reals, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.frustum import Frustum
 
+#: Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller one to
+#: zero.
 SMALLEST_NEAR = 2.0**-126
-"""Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller one to
-zero."""
 
 
 class DepthFormat(StrEnum):

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from xfrustum.scenes.arguments import one_of, real, reals, settle, wholes
 from xfrustum.scenes.errors import InputError
 
+#: Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ by 2e-4 of
+#: it: at 1e-12 that is the rounding of a shear of order one in double precision.
 SMALLEST_SLOPE = 1e-12
-"""Smallest half-extent of a film, as a slope. Neighboring lines of an image 1e4 pixels wide differ by 2e-4 of
-it: at 1e-12 that is the rounding of a shear of order one in double precision."""
 
 
 @dataclass(frozen=True, kw_only=True)

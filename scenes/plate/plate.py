@@ -84,8 +84,7 @@ class Plate:
         return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)
 
 
-Block = tuple[range, range]
-"""Columns and rows of a block."""
+Block = tuple[range, range]  #: columns and rows of a block
 
 
 @dataclass(frozen=True, eq=False)
