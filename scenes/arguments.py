@@ -1,7 +1,7 @@
-"""Arguments of the public dataclasses, taken as numbers and names, or not at all.
+"""Arguments of the public dataclasses, taken as numbers and names.
 
-Every class states its own needs. A value that is no number becomes NaN here, and one that is no count becomes
-a number below all counts, so that the class's own test refuses both and its message shows what was given.
+What is no number becomes NaN, and what is no count becomes a number below all counts, so that the class's own
+test refuses both, with a message that shows what was given.
 """
 
 from __future__ import annotations

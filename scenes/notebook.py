@@ -1,8 +1,4 @@
-"""What objects say of themselves, and how a notebook shows them: numbers, pictures, labelled arrays, tables.
-
-Jupyter and others look for `_repr_html_` and `_repr_png_`. The HTML has no scripts and no colors of its own
-but those of pictures, so that it reads on light and on dark pages.
-"""
+"""What objects say of themselves, and how a notebook shows them, on light and on dark pages."""
 
 from __future__ import annotations
 
@@ -95,8 +91,8 @@ def _levels(values: Singles | Floats) -> Bytes:
 def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
     """Return a picture (H, W, 3) in dimmed gray, with wrong surfaces red and displaced points blue.
 
-    `moved` is the displacement as a share of the one that is shown in full color, NaN where there is none;
-    `wrong` is None where it is not known.
+    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None if not
+    known.
     """
     found = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
     share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
@@ -155,14 +151,9 @@ def dataset(
 ) -> xarray.Dataset:
     """Return arrays of an image as a dataset, with names, units and signs of stored plates.
 
-    Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md, "Plates"): so an
-    image and a hogel of a stored plate are subtracted from each other as they are. The first of `images` is
-    (H, W); `places` are further coordinates of the whole image, `attributes` its facts. None is left out.
-
-    Raises
-    ------
-    InputError
-        xarray is not installed.
+    Pixels have the dimensions v and u, as in the groups that `plate` writes (CONVENTIONS.md, "Plates"). The
+    first of `images` is (H, W); `places` are coordinates of the whole image, `attributes` its facts. None is
+    left out. Raises InputError where xarray is not installed.
     """
     try:
         import xarray  # noqa: PLC0415 - it takes a second to load
@@ -244,11 +235,7 @@ class Figure:
 
 
 class Shown:
-    """An object that says in a line what it is, and that a notebook shows.
-
-    A class says `_said`, and if it likes `_tables` and `_figures`. Dataclasses are declared with
-    `repr=False`, because theirs would write out every array.
-    """
+    """An object that says in a line what it is (`_said`), and that notebooks show: `_tables`, `_figures`."""
 
     def _said(self) -> str:
         """Return what the object is, in a line or two with sizes and units; cheap to find."""

@@ -20,19 +20,10 @@ HARD = "hard/"  # beginning of the names of hard cases: other names are looked u
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
-    """Open a scene file or a built-in scene.
+    """Open a scene file, or a built-in scene out of `builtin.names()` or `hard_cases.names()`.
 
-    Parameters
-    ----------
-    text
-        Path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A text
-        that ends in .toml is a path even if the file is missing, and so is a `Path`; a built-in name comes
-        before a file of the same name.
-
-    Raises
-    ------
-    InputError
-        The text is neither, or the file is not a valid scene.
+    A text that ends in .toml, and a `Path`, is a path; a built-in name comes before a file of the same name.
+    Raises InputError where it is neither, or the file is not a valid scene.
     """
     if not isinstance(text, os.PathLike):
         one_of(text, str, "a scene's name or path")

@@ -1,8 +1,4 @@
-"""The appearance of a scene: Phong materials, lights, an environment, and the defaults where it names none.
-
-This module has parameters only; the two answers shade with formulas of their own, which CONVENTIONS.md states
-under "Light" (docs/method.md, "Light"; paper, sections 3 and 6).
-"""
+"""Phong materials, lights and an environment; both answers have formulas of their own (CONVENTIONS.md)."""
 
 from __future__ import annotations
 
@@ -41,9 +37,8 @@ def _color(name: str, given: object) -> Color:
 class Material:
     """A Phong material with a mirror over it (paper, section 3, figure 3); coefficients are linear RGB.
 
-    Ambient and diffuse are multiplied by the mesh's vertex color and texture, where it has them; specular is
-    not. Reflectivity, each part 0 to 1, is the share of the environment's radiance that is added. The larger
-    the exponent, above 0, the smaller is the highlight. Raises InputError outside these ranges.
+    Ambient and diffuse are multiplied by vertex color and texture. Reflectivity, each part 0 to 1, is the
+    share of the environment's radiance that is added. Raises InputError outside the ranges.
     """
 
     ambient: Color = (0.1, 0.1, 0.1)
@@ -71,8 +66,8 @@ DEFAULT_MATERIAL = Material(specular=(0.2, 0.2, 0.2))
 class DirectionalLight:
     """A light at infinity, hence its own conjugate (paper, section 3).
 
-    The direction, toward the light, is made a unit vector. The color is the light's irradiance over pi, which
-    a white diffuse surface that faces it shows. Raises InputError where the direction has no length.
+    The direction points to it and is made a unit vector. The color is its irradiance over pi, which a white
+    diffuse surface facing it shows. Raises InputError where the direction has no length.
     """
 
     direction: tuple[float, float, float]
@@ -133,10 +128,7 @@ class Environment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Appearance:
-    """Materials by the name that objects refer to, lights, and an environment to be reflected, if any.
-
-    Raises InputError where an attribute is no material, light or environment.
-    """
+    """Materials by the name that objects refer to, lights, and an environment to be reflected, if any."""
 
     materials: Mapping[str, Material] = field(default_factory=lambda: MappingProxyType({}))
     lights: tuple[DirectionalLight, ...] = (DEFAULT_LIGHT,)

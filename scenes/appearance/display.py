@@ -1,8 +1,4 @@
-"""How pictures are shown on every page and in notebooks: clipped to what a screen has, sRGB, 8 bits.
-
-There is no further tone mapping: radiance above one is shown as one, and the same radiance looks the same
-in every picture.
-"""
+"""How pictures are shown on all pages and in notebooks: clipped to 0..1, sRGB, 8 bits, nothing else."""
 
 from __future__ import annotations
 

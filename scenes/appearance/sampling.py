@@ -17,10 +17,7 @@ MAX_SAMPLES = 1 << 16  #: largest count of samples of any kind
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """Samples per pixel and per aperture. Only color is averaged: the surface is that at the pixel's center.
-
-    Raises InputError where a count is below one or beyond `MAX_SAMPLES`.
-    """
+    """Samples per pixel and per aperture, 1 to `MAX_SAMPLES`; only color is averaged. Else InputError."""
 
     supersample: int = 1  #: points along each side of a pixel, on a regular grid (box filter)
     multisample: int = 1  #: coverage samples of the rasterizer; the reference averages over the same box
@@ -38,10 +35,7 @@ class Sampling:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """Light transport that a rasterizer leaves out, and that Mitsuba simulates.
-
-    Raises InputError where a switch is not True or False, or the count is below two or beyond `MAX_SAMPLES`.
-    """
+    """Light transport that a rasterizer leaves out, and that Mitsuba simulates; else InputError."""
 
     shadows: bool = False  #: whether surfaces hide lights from each other
     interreflection: bool = False  #: whether they light each other
@@ -68,11 +62,10 @@ PLASTIC = 1.32471795724474602596
 
 
 def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Aperture, ...]:
-    """Return points spread evenly over one hogel pitch about an aperture (paper, section 6).
+    """Return points spread evenly over one hogel pitch about an aperture (paper, section 6); one is itself.
 
-    One point is the aperture itself. More follow the additive recurrence of Roberts, "The unreasonable
-    effectiveness of quasirandom sequences" (2018): any number of them is evenly spread, and the error
-    of a smooth integrand falls as 1 / count.
+    They follow the additive recurrence of Roberts, "The unreasonable effectiveness of quasirandom sequences"
+    (2018): the error of a smooth integrand falls as 1 / count.
     """
     if count == 1:
         return (aperture,)

@@ -1,8 +1,7 @@
-"""Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files").
+"""Hogel images and other pictures as OpenEXR files (CONVENTIONS.md, "Image files"; docs/adr/0012).
 
-All of OpenEXR goes through this module (docs/adr/0012-openexr-by-its-own-library.md). Headers are read alone
-before pixels are, for the library allocates whatever a header declares. Files are read by the library's newer
-interface, which raises where the older one ends the process, and written by the older, band by band.
+Headers are read alone before pixels are, for the library allocates whatever one declares. Its newer interface
+reads, for it raises where the older one ends the process; the older one writes, band by band.
 """
 
 from __future__ import annotations
@@ -75,8 +74,8 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
     """Return the header of an image file, and its W, H.
 
-    Raises InputError where the file is missing or damaged, no OpenEXR image of flat pixels, or declares far
-    more than it holds.
+    Raises InputError where the file is missing, damaged, no OpenEXR image of flat pixels, or declares too
+    much.
     """
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
@@ -94,10 +93,7 @@ def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
 def read_channels(path: Path, names: Sequence[str]) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Return those of some channels that a file has, (H, W) each with its own type, and its header.
 
-    Raises
-    ------
-    InputError
-        As from `read_header`, or a channel does not have every pixel.
+    Raises InputError as `read_header`, or where a channel does not have every pixel.
     """
     header, _ = read_header(path)
     with _file(path, header_only=False) as file:
@@ -123,24 +119,11 @@ def image_size(path: str | Path) -> tuple[int, int]:
 
 
 def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: bool = False) -> HogelImage:
-    """Read an image by this or any other renderer.
+    """Read an image by any renderer; channels that the file lacks are absent, NaN, or `NOTHING`.
 
-    Channels that the file lacks are absent, NaN, or `NOTHING` in the image; it must have
-    `id.triangle`, or `P.X P.Y P.Z`, or both.
-
-    Parameters
-    ----------
-    path
-        Path of the file.
-    camera
-        Camera of an image whose file names none, such as the truth's camera.
-    partial
-        Whether to take any of the channels of `CHANNELS`, and the camera given whatever the file says.
-
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, without a camera, or of another size than its camera's.
+    The camera given is that of files that name none; with `partial` it is that of all, and any of `CHANNELS`
+    will do. Otherwise there must be `id.triangle`, or `P.X P.Y P.Z`. Raises InputError where the file is
+    missing, damaged, without a camera, or of another size than its camera's.
     """
     path = Path(path)
     planes, header = read_channels(path, CHANNELS)
@@ -236,10 +219,7 @@ def stored_planes(image: HogelImage | EyeImage) -> dict[str, NDArray[Any]]:
 def _rows(
     path: Path, size: tuple[int, int], types: Mapping[str, np.dtype[Any]], attributes: Mapping[str, bytes]
 ) -> Iterator[Callable[[Planes], None]]:
-    """Write a lossless file from the top down: yield the function that writes the next rows of all channels.
-
-    The file is closed at the end of the block.
-    """
+    """Write a lossless file from the top down: yield the function that writes the next rows of channels."""
     header: dict[str, Any] = OpenEXR.Header(*size)
     header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
     header["channels"] = {
@@ -271,23 +251,11 @@ def _rows(
 def image_writer(
     path: str | Path, camera: HogelCamera, arrays: Sequence[str] = (), rendering: Rendering | None = None
 ) -> Iterator[Callable[[HogelImage], None]]:
-    """Write an image band by band, from the top down, in the memory of one band.
+    """Write an image from the top down, band by band: yield the function that takes the next band.
 
-    Yields the function that writes the next band: an image of full width and any number of rows. The file
-    appears under its name when the block ends without an exception, complete, and not at all otherwise.
-
-    Parameters
-    ----------
-    path
-        Path of the file; a file that exists is replaced at the end.
-    camera
-        Frustum of the whole image; its resolution is the size of the image.
-    arrays
-        Names of the bands' optional arrays: `normal`, `color`, `variance`, `certainty`.
-    rendering
-        Effects and samples of the whole image's color; None where they are not known.
-
-    Raises InputError where the file cannot be written, or the image has more than `MAX_PIXELS`.
+    A band is an image of full width and any number of rows; `arrays` names the optional arrays that all have.
+    The file appears, in place of an older one, when the block ends without an exception. Raises InputError
+    where it cannot be written, or the image has more than `MAX_PIXELS`.
     """
     path, (width, height), written = Path(path), camera.resolution, 0
     if width * height > MAX_PIXELS:
@@ -335,23 +303,14 @@ def image_writer(
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:
-    """Write an image: floats in 32 bits, numbers plus one, lossless.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written; nothing is left behind.
-    """
+    """Write an image: floats in 32 bits, numbers plus one, lossless; InputError where that fails."""
     arrays = [n for n in ("normal", "color", "variance", "certainty") if getattr(image, n) is not None]
     with image_writer(path, image.camera, arrays, image.rendering) as write:
         write(image)
 
 
 def write_planes(path: Path, planes: Planes, attributes: Mapping[str, bytes] | None = None) -> None:
-    """Write channels (H, W) with their own types under a file's own name; the caller puts it in place.
-
-    Raises InputError where the file cannot be written.
-    """
+    """Write channels (H, W) with their own types, not set aside first; InputError where that fails."""
     height, width = next(iter(planes.values())).shape
     types = {name: plane.dtype for name, plane in planes.items()}
     try:

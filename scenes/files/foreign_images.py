@@ -76,9 +76,7 @@ class Reading:
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
     """Read a hogel image by any renderer: OpenEXR with any channels of CONVENTIONS.md, or a picture.
 
-    A camera that the file names is not used.
-
-    Raises InputError where the file is missing, unreadable, or of another size.
+    Raises InputError where the file is missing, unreadable, or of another size than the camera's.
     """
     if head_of(path, "file", len(MAGIC)) == MAGIC:
         return read_image(path, camera, partial=True)
@@ -98,8 +96,7 @@ def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> 
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """Return an image as it is when its stored pixels are read in another way.
 
-    Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read
-    anew, and whether they count triangles or objects.
+    Of images without stored pixels only the offset is read anew, and whether they count triangles or objects.
     """
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):

@@ -1,8 +1,7 @@
 """Layouts: the ways in which people store the pictures of a plate, as a table of names and a function each.
 
-The pixels of a plate are one array with the axes (row j, column i, pixel row r, pixel column c, channel). A
-layout names, for each file, a view of this array; reading assigns the file's pixels to that view, and writing
-stores it. So one description serves both ways, and no pixel is computed.
+A layout names, for each file, a view of the plate's pixels (row j, column i, pixel row r, pixel column c,
+channel): reading assigns the file's pixels to it, writing stores it, and no pixel is computed.
 """
 
 from __future__ import annotations
@@ -179,38 +178,38 @@ class Layout:
                 hogels, resolution = (counts[0], height), (width, 1)
             case "rc":
                 resolution = counts[1], counts[0]
-            case "k" if told is not None and math.prod(told.resolution) == counts[0]:
-                resolution = told.resolution
             case "k":
-                side = math.isqrt(counts[0])
-                if side * side != counts[0]:
-                    raise InputError(
-                        f"{counts[0]} cameras form no square, and no parameters.cfg says num_cams_x and "
-                        "num_cams_y"
-                    )
-                resolution = side, side
+                resolution = _cameras(counts[0], told)
             case _ if self.horizontal:  # a tile has a pixel for each hogel, rounded down as the format says
                 columns, rows = stated or CUBEVI_TILES
                 if min(columns, rows) < 1:
                     raise InputError(f"{columns} x {rows} tiles are none")
                 hogels, resolution = (width // columns, height // rows), (columns * rows, 1)
-            case _ if told is None:
-                raise InputError(
-                    "a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS"
-                )
             case _:
-                columns, rows = hogels = told.hogels
-                resolution = width // columns, height // rows
-                if width % columns or height % rows:
-                    raise InputError(
-                        f"a mosaic of {width} x {height} pixels cannot be divided into {columns} x {rows} "
-                        "hogels"
-                    )
+                hogels, resolution = _mosaic(size, told)
         return PlateShape(hogels=hogels, resolution=resolution)
 
 
-def _hogel(pixels: Pixels, index: Index, _: Index) -> Pixels:
-    return pixels[index[1], index[0]]
+def _cameras(number: int, told: PlateShape | None) -> tuple[int, int]:
+    if told is not None and math.prod(told.resolution) == number:
+        return told.resolution
+    side = math.isqrt(number)
+    if side * side != number:
+        raise InputError(
+            f"{number} cameras form no square, and no parameters.cfg says num_cams_x and num_cams_y"
+        )
+    return side, side
+
+
+def _mosaic(size: tuple[int, int], told: PlateShape | None) -> tuple[tuple[int, int], tuple[int, int]]:
+    if told is None:
+        raise InputError("a mosaic does not say how many hogels it has; say it with --hogels COLUMNS,ROWS")
+    (width, height), (columns, rows) = size, told.hogels
+    if width % columns or height % rows:
+        raise InputError(
+            f"a mosaic of {width} x {height} pixels cannot be divided into {columns} x {rows} hogels"
+        )
+    return told.hogels, (width // columns, height // rows)
 
 
 def _turned_hogel(pixels: Pixels, index: Index, _: Index) -> Pixels:
@@ -230,10 +229,7 @@ def _camera_view(pixels: Pixels, index: Index, _: Index) -> Pixels:
 
 
 def middle_row(pixels: Pixels) -> Pixels:
-    """Return the view (rows, columns, width, 3) of the pixel row just below the middle of each hogel.
-
-    Horizontal parallax alone shows this row; where hogels have one row of pixels, it is this one.
-    """
+    """Return the view (rows, columns, width, 3) of the pixel row just below the middle of each hogel."""
     return pixels[:, :, pixels.shape[2] // 2]
 
 
@@ -301,7 +297,8 @@ LAYOUTS = (
            r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?", "name_{j}_{i}", "ij",
            _turned_hogel, turned=True),
     Layout("hogels", "one picture for each hogel, column before row, row 0 at the top",
-           r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)", "hogel_{i}x{j}", "ij", _hogel),
+           r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)", "hogel_{i}x{j}", "ij",
+           lambda pixels, index, _: pixels[index[1], index[0]]),
     Layout("mosaic", "one picture, hogel (i, j) is the tile at column i, row j", r".+", "{stem}", "",
            lambda pixels, _, __: pixels.transpose(0, 2, 1, 3, 4)),
     Layout("cubevi", "one picture of 8 x 5 views, view 0 of the leftmost eye at the top left",
@@ -309,14 +306,14 @@ LAYOUTS = (
            states=_cubevi_states, horizontal=True),
 )  # fmt: skip
 #: Names of layouts, as the command line takes them.
-NAMES = tuple("hogels burnett hocking hocking-columns mosaic views stanford pleno hci quilt cubevi".split())
+NAMES = (
+    *("hogels", "burnett", "hocking", "hocking-columns", "mosaic", "views", "stanford", "pleno", "hci"),
+    *("quilt", "cubevi"),
+)
 
 
 def layouts_named(name: str) -> tuple[Layout, ...]:
-    """Return the layouts of a name: files of T. Burnett's program are pictures or videos.
-
-    Raises InputError where no layout has this name.
-    """
+    """Return the layouts of a name, pictures before videos; InputError where no layout has this name."""
     if name not in NAMES:
         raise InputError(f"layout {name!r} is not one of {', '.join(NAMES)}")
     return tuple(layout for layout in LAYOUTS if layout.name == name)

@@ -1,7 +1,7 @@
-"""Mesh files through trimesh, numbered as the contract says (CONVENTIONS.md, "Triangles and objects").
+"""Mesh files through trimesh, numbered as CONVENTIONS.md says, without what trimesh makes up (docs/adr/0007).
 
-Nothing that trimesh makes up is taken (docs/adr/0007): colors are those that its loaders read, before its
-meshes round them to 8 bits; glTF's base colors and names of textures come from the file's JSON.
+Colors are those that its loaders read, before its meshes round them to 8 bits; glTF's base colors and names
+of textures come from the file's JSON.
 """
 
 from __future__ import annotations
@@ -44,13 +44,11 @@ _RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
 MEMORY_PER_UNPACKED_BYTE = 16
 #: glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk.
 _GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
-#: glTF 2.0, table 5.1.1.3: bytes of a component by its type's code.
+#: glTF 2.0, table 5.1.1.3: bytes of a component by its type's code, and components of an element.
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-#: glTF 2.0, the same table: components of an element.
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_TRIANGLES = 4
 #: Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips.
-_PRIMITIVES_READ = (0, 1, _TRIANGLES, 5)
+_PRIMITIVES_READ = (0, 1, _TRIANGLES := 4, 5)
 
 # trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -81,16 +79,11 @@ class _Part:
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     """Read a mesh file as one object, in the mesh's own coordinates.
 
-    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`: glTF nodes placed
-    and joined, a part used twice counted twice. The parts are joined here and not by trimesh, which
-    would pack their textures into one atlas and so lose the repetition of texture coordinates. The object
-    has the normals and colors of vertices that the file has, and no others (CONVENTIONS.md, "Light").
-
-    Raises InputError where the file is missing, of a type that trimesh does not read, damaged, without
-    triangles, or has vertices that are not finite or faces that point past them.
+    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice counted
+    twice. Parts are joined here, for trimesh would pack their textures into an atlas that cannot repeat.
+    Raises InputError where the file is missing, of another type, damaged, or without triangles.
     """
-    tree = _checked_source(path)
-    resolver = _Resolver(str(path))
+    tree, resolver = _checked_source(path), _Resolver(str(path))
     with bounded_memory(path):
         with _readable(path):
             named, missing = _named_textures(path)
@@ -102,9 +95,7 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         _check_geometry(path, [part.mesh for part in parts])
         offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts[:-1])])
         pictures, texture_of_triangle, faults = _textures(path, parts)
-        left_out = [
-            f"not read: {what} (see CONVENTIONS.md, Light)" for part in parts for what in part.not_read
-        ]
+        left_out = [f"not read: {what} (see CONVENTIONS.md, Light)" for p in parts for what in p.not_read]
         return SceneObject(
             name=str(path),
             vertices=np.concatenate([part.mesh.vertices for part in parts]),
@@ -123,12 +114,12 @@ def _joined(
     parts: Sequence[_Part], values: Iterable[Floats | None], otherwise: tuple[float, ...]
 ) -> Floats | None:
     """Return (V, n) values at the vertices of all parts; None where no part has any."""
-    found = list(values)
-    if all(value is None for value in found):
+    given = list(values)
+    if all(value is None for value in given):
         return None
+    found = [np.array(otherwise) if value is None else value for value in given]
     shapes = [(len(part.mesh.vertices), len(otherwise)) for part in parts]
-    filled = [np.array(otherwise) if value is None else value for value in found]
-    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(filled, shapes, strict=True)])
+    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)])
 
 
 def _check_geometry(path: Path, meshes: Sequence[trimesh.Trimesh]) -> None:
@@ -156,8 +147,7 @@ def _check_geometry(path: Path, meshes: Sequence[trimesh.Trimesh]) -> None:
 class _Resolver(FilePathResolver):
     """The files that a mesh refers to: trimesh's own rules, regular files only, pictures of bounded size.
 
-    trimesh goes on without a file that cannot be read. Files that exist and are refused must not be passed
-    over, so that `refused` keeps the reasons, one line each.
+    trimesh goes on without a file that cannot be read; why files were refused that exist, `refused` keeps.
     """
 
     def __init__(self, source: str, refused: list[str] | None = None) -> None:
@@ -258,31 +248,28 @@ def _readable(path: Path) -> Iterator[None]:
 
 def _parts(path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping[str, str]) -> list[_Part]:
     """Return the meshes of a file that have faces."""
-    scene, materials = _trimesh_scene(path, resolver), _gltf_materials(tree)
+    suffix = path.suffix.lower()
+    if suffix in _RAW_COLOR_SUFFIXES:
+        load: Any = mesh_loaders[suffix[1:]]
+        with path.open("rb") as file:
+            loaded = load(file_obj=file, file_type=suffix[1:], resolver=resolver, process=False)
+        loaded.setdefault("process", False)
+        for arguments in (loaded, *loaded.get("geometry", {}).values()):
+            if "faces" in arguments and arguments.get("vertex_colors") is not None:
+                colors = arguments.pop("vertex_colors")
+                arguments["vertex_attributes"] = {**arguments.get("vertex_attributes", {}), "color": colors}
+        scene: Any = trimesh.load_scene(loaded)
+    else:
+        scene = trimesh.load_scene(str(path), process=False, resolver=resolver)
+    materials = _gltf_materials(tree)
     known = len(materials) == len(scene.geometry)
     gltf = dict(zip(scene.geometry, materials, strict=True)) if known else {}
-    otherwise = _Material() if path.suffix.lower() in GLTF_SUFFIXES else None
+    otherwise = _Material() if suffix in GLTF_SUFFIXES else None
     return [
         _part(name, scene.geometry[name], placed, gltf.get(name, otherwise), named)
         for placed, name in (scene.graph[node] for node in scene.graph.nodes_geometry)
         if isinstance(scene.geometry[name], trimesh.Trimesh) and len(scene.geometry[name].faces)
     ]
-
-
-def _trimesh_scene(path: Path, resolver: _Resolver) -> Any:
-    """Return trimesh's scene, with the file's own numbers for colors if it is of `_RAW_COLOR_SUFFIXES`."""
-    suffix = path.suffix.lower()
-    if suffix not in _RAW_COLOR_SUFFIXES:
-        return trimesh.load_scene(str(path), process=False, resolver=resolver)
-    load: Any = mesh_loaders[suffix[1:]]
-    with path.open("rb") as file:
-        loaded = load(file_obj=file, file_type=suffix[1:], resolver=resolver, process=False)
-    loaded.setdefault("process", False)
-    for arguments in (loaded, *loaded.get("geometry", {}).values()):
-        if "faces" in arguments and arguments.get("vertex_colors") is not None:
-            colors = arguments.pop("vertex_colors")
-            arguments["vertex_attributes"] = {**arguments.get("vertex_attributes", {}), "color": colors}
-    return trimesh.load_scene(loaded)
 
 
 def _part(
@@ -292,19 +279,19 @@ def _part(
     mesh = geometry.copy(include_cache=True, include_visual=False)
     mesh.apply_transform(placed)
     visual: Any = geometry.visual
+    kind, not_read = getattr(visual, "kind", None), [] if gltf is None else list(gltf.not_read)
     stored = geometry.vertex_attributes.get("color")
     if stored is None:  # textured glTF keeps them here
         stored = getattr(visual, "vertex_attributes", {}).get("color")
-    if stored is None and getattr(visual, "kind", None) == "vertex":
+    if stored is None and kind == "vertex":
         stored = visual.vertex_colors
     colors = None if stored is None else np.asarray(stored)
     if colors is not None and colors.dtype == np.object_:
         raise ValueError("vertices have different numbers of color channels")
-    not_read = [] if gltf is None else list(gltf.not_read)
     if colors is not None and len(colors) != len(mesh.vertices):
         not_read.append("colors at vertices, which texture coordinates split")
         colors = None
-    if "color" in geometry.face_attributes or getattr(visual, "kind", None) == "face":
+    if "color" in geometry.face_attributes or kind == "face":
         not_read.append("colors of faces")
     uv, material = getattr(visual, "uv", None), getattr(visual, "material", None)
     picture = getattr(material, "baseColorTexture", None)
@@ -342,10 +329,9 @@ def _normals(part: trimesh.Trimesh) -> Floats | None:
 def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats | None:
     """Return (V, 3) or (3,) linear RGB, alpha ignored; None where there is no color.
 
-    Whole numbers of 8 and 16 bits are shares of the largest. Other numbers are such shares already, as
-    glTF says; in other files they are shares of 255 if one of them is above 1, as some exporters of
-    OBJ and PLY do. NaN and negative numbers become 0; numbers above full scale become 1. glTF holds linear
-    light, which its base color multiplies; other files hold sRGB.
+    Numbers of 8 and 16 bits are shares of the largest. Others are shares of one, as glTF says; outside glTF
+    shares of 255 if any is above 1, as some exporters of OBJ and PLY write. They are clipped, NaN to 0. glTF
+    holds linear light, which its base color multiplies; other files hold sRGB.
     """
     color: Floats | None = None
     if stored is not None:
@@ -363,10 +349,7 @@ def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats
 
 
 def _gltf_materials(tree: dict[str, Any]) -> list[_Material]:
-    """Return the material of each primitive from which trimesh makes a geometry, in its order.
-
-    The list is empty where the JSON cannot be understood, which trimesh reports.
-    """
+    """Return the material of each primitive that trimesh reads, in its order; none if the JSON is no glTF."""
     try:
         materials = [_gltf_material(tree, entry) for entry in tree.get("materials", [])]
         return [
@@ -380,12 +363,11 @@ def _gltf_materials(tree: dict[str, Any]) -> list[_Material]:
 
 
 def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
-    rough = entry.get("pbrMetallicRoughness", {})
+    rough, not_read, texture = entry.get("pbrMetallicRoughness", {}), [], None
     red, green, blue = (float(part) for part in rough.get("baseColorFactor", (1.0, 1.0, 1.0))[:3])
-    reference, texture, not_read = rough.get("baseColorTexture"), None, []
     if "KHR_materials_pbrSpecularGlossiness" in entry.get("extensions", {}):
         not_read.append("colors of KHR_materials_pbrSpecularGlossiness")
-    if reference is not None:
+    if (reference := rough.get("baseColorTexture")) is not None:
         if reference.get("texCoord", 0) != 0:
             not_read.append("the texture's own set of coordinates: it is placed by the first set")
         if "KHR_texture_transform" in reference.get("extensions", {}):
@@ -404,28 +386,23 @@ _ANY_MATERIAL = ""  # key of a texture that belongs to all parts of a file
 
 
 def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
-    """Return the texture that an OBJ file's library names for each material, or a PLY file for all.
-
-    The other value is a line for each library that is named and not read.
-    """
-    suffix = path.suffix.lower()
-    if suffix == ".ply":
+    """Return an OBJ file's textures by material or a PLY file's for all, and lines for libraries not read."""
+    if path.suffix.lower() == ".ply":
         with path.open("rb") as file:
             header = file.read(1 << 16).partition(b"end_header")[0]
         found = re.search(rb"(?i)^comment\s+texturefile\s+(.+?)\s*$", header, re.MULTILINE)
         return {} if found is None else {_ANY_MATERIAL: found[1].decode("utf-8", "replace")}, []
-    if suffix != ".obj":
+    if path.suffix.lower() != ".obj":
         return {}, []
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
-    libraries = [name.decode("utf-8", "replace") for name in dict.fromkeys(lines)]
-    told = [f"the material library {name} is not read: only the first one is" for name in libraries[1:]]
-    if not libraries:
-        return {}, []
-    if not (path.parent / libraries[0]).is_file():
-        lost = f"the material library {libraries[0]} is missing; textures that it may name are not shown"
-        return {}, [lost, *told]
+    first, *others = [name.decode("utf-8", "replace") for name in dict.fromkeys(lines)] or [""]
+    told = [f"the material library {name} is not read: only the first one is" for name in others]
+    if first and not (path.parent / first).is_file():
+        told.insert(0, f"the material library {first} is missing; textures that it may name are not shown")
+    if not first or not (path.parent / first).is_file():
+        return {}, told
     named, current = {}, _ANY_MATERIAL
-    for line in (path.parent / libraries[0]).read_bytes().decode("utf-8", "replace").splitlines():
+    for line in (path.parent / first).read_bytes().decode("utf-8", "replace").splitlines():
         key, _, value = line.strip().partition(" ")
         if key.lower() == "newmtl":
             current = " ".join(value.split())
@@ -435,16 +412,11 @@ def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
 
 
 def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Numbers | None, list[str]]:
-    """Decode the textures of a mesh file's parts; a damaged picture is a warning and no error.
+    """Return the textures of a mesh file's parts, decoded, each triangle's number of one, and warnings.
 
-    Returns
-    -------
-    pictures
-        (H, W, 4) uint8 sRGB pictures, row 0 at the top, each different one once.
-    of_triangle
-        (F,) index into `pictures`, -1 where a triangle has none; None where there are no pictures.
-    warnings
-        One line for each texture that is named and not shown.
+    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are -1 where a
+    triangle has none, and None where there are no pictures. There is a warning for each texture that is named
+    and not shown, such as a damaged one.
     """
     pictures: list[Bytes] = []
     warnings: list[str] = []

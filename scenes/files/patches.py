@@ -26,18 +26,9 @@ def load_patches(
 ) -> SceneObject:
     """Read a patch file as one object, in its own coordinates.
 
-    Parameters
-    ----------
-    path
-        Path of a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points
-        x y z, those along m one after the other.
-    chord_tolerance
-        Largest distance between surface and triangles, in the file's unit; None for `RELATIVE_CHORD` of
-        the patches' size.
-    material
-        Name of the object's material.
-
-    Raises InputError where the file is missing or damaged, or the tolerance asks for too many triangles.
+    The file is a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points x y z,
+    those along m one after the other. The tolerance is the largest distance between surface and triangles, in
+    the file's unit. Raises InputError where the file is missing or damaged, or there are too many triangles.
     """
     nets = read_patches(path)
     if chord_tolerance is None:

@@ -1,7 +1,4 @@
-"""Pictures, videos and environment maps as arrays, read and written without a change of any bit.
-
-Videos go through PyAV, an optional part of the installation (`xfrustum[video]`), which is imported only here.
-"""
+"""Pictures, videos (by PyAV, the optional `xfrustum[video]`) and environment maps, to the last bit."""
 
 from __future__ import annotations
 
@@ -81,10 +78,7 @@ def picture_text(path: Path) -> dict[str, object]:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a picture file: PNG and the like with 8 bits, PPM with up to 16, OpenEXR.
-
-    Raises InputError where the file is missing, damaged or of another kind.
-    """
+    """Read PNG and the like with 8 bits, PPM with up to 16, or OpenEXR; InputError where it is none."""
     head = head_of(path, "file")
     if head.startswith(MAGIC):
         pixels, _ = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
@@ -97,17 +91,10 @@ def read_picture(path: Path) -> Picture:
 
 
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
-    """Write a picture into a folder that is being made, in the format that the suffix names.
+    """Write a picture in the format of the suffix: .png (8 bits), .ppm (8 to 16) or .exr (floating point).
 
-    That is .png (8 bits), .ppm (8 to 16 bits) or .exr (floating point). PNG files state the text, the
-    division of the picture, beside their pixels.
-
-    Raises
-    ------
-    InputError
-        The format cannot hold the picture.
-    OSError
-        The file cannot be written.
+    PNG files state the text, the division of the picture. Raises InputError where the format cannot hold it,
+    OSError where the file cannot be written.
     """
     suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
@@ -149,10 +136,7 @@ def _read_ppm(path: Path) -> Picture:
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, bool]:
     """Return the pixels (H, W, 3) of a picture, and whether its format changes pixels when it stores them.
 
-    Where the scene says a resolution, pictures of other sizes are refused before their pixels are read.
-
-    Raises InputError where the file is damaged, no picture, of another size, or has other pixels than those
-    of `RGB_MODES`.
+    Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's resolution.
     """
     try:
         with bounded_memory(path), Image.open(path) as picture:
@@ -223,8 +207,7 @@ def video_size(path: Path) -> tuple[int, tuple[int, int]]:
 def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
     """Read the frames of a video as (frames, H, W, 3) uint8; decoding stops at the first that is too many.
 
-    Raises InputError where the file is missing or damaged, has another number of frames (the columns of the
-    plate) or another width and height, or PyAV is not installed.
+    Raises InputError where the file is missing, damaged or of another shape, or PyAV is not installed.
     """
     width, height = size
     check_declared(path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels")
@@ -267,10 +250,10 @@ _RUN_WIDTHS = range(8, 1 << 15)
 
 
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
-    """Read a latitude-longitude map as it is stored, in linear RGB, its radiance multiplied by the strength.
+    """Read a latitude-longitude map as it is stored, in linear RGB; OpenEXR or Radiance HDR.
 
-    Raises InputError where the file is missing, damaged, of another format than OpenEXR and Radiance HDR, not
-    RGB, or has radiance that is negative or not finite.
+    Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative or not
+    finite.
     """
     openexr = head_of(path, "environment map", len(MAGIC)) == MAGIC
     with bounded_memory(path):
@@ -286,10 +269,7 @@ def _of_openexr(path: Path) -> Singles:
 
 
 def _of_radiance(path: Path) -> Singles:
-    """Return the pixels of a Radiance picture: three mantissas and an exponent, 8 bits each.
-
-    Greg Ward, "Real Pixels", Graphics Gems II (1991); rows are run-length encoded component by component.
-    """
+    """Return the pixels of a Radiance picture: Greg Ward, "Real Pixels", Graphics Gems II (1991)."""
     content = path.read_bytes()
     found = _HDR_HEADER.match(content)
     if found is None:

@@ -107,10 +107,7 @@ def _as_plate(hogels: Pixels, shape: PlateShape) -> Pixels:
 
 
 def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels:
-    """Return samples with another largest level, rounded; floating-point numbers have none.
-
-    Levels that are read with more of them than they had before turn back into the same bits.
-    """
+    """Return samples with another largest level, rounded; more levels turn back into the same bits."""
     if before == after:
         return pixels
     floats = pixels.astype(np.float64)
@@ -256,11 +253,9 @@ def _stored_shape(layout: Layout, shape: PlateShape, index: Index, stated: Index
 def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[Layout] = LAYOUTS) -> FileSet:
     """Return the files of a place in the layout, out of some, that their names fit.
 
-    Of several layouts the one is taken that most names fit, then the one that forms the plate that somebody
-    tells, as the scene does, then the first. Whether pictures are what a layout claims, no name says:
-    `xfrustum verify` finds it.
-
-    Raises InputError where there are no such files, or they do not fit the layout; the message says why.
+    It is the one that most names fit, then the one that forms the plate that somebody tells, then the first.
+    Whether pictures are what a layout claims, no name says: `xfrustum verify` finds it. Raises InputError,
+    with the reason, where there are no such files.
     """
     paths = pictures_at(place)
     found: list[FileSet] = []
@@ -291,10 +286,7 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
 
 
 def pictures_at(place: Path) -> list[Path]:
-    """Return the files that layouts are made of; ground truths and hidden files are none.
-
-    Raises InputError where there is no such folder or file, or the folder has no pictures.
-    """
+    """Return the files that layouts are made of, neither ground truths nor hidden ones; else InputError."""
     if not place.is_dir():
         if not place.exists():
             raise InputError(f"{place}: no such file or folder; name a folder of pictures, or one picture")

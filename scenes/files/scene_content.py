@@ -27,8 +27,7 @@ from xfrustum.scenes.plate.plate import Plate
 def scene_of(path: Path, file: SceneTables, plate: Plate, frustum: Frustum) -> Scene:
     """Return the scene of a file's checked tables, with its meshes and its environment map.
 
-    Raises InputError where a mesh, a transform, a light or a map is not valid; the message names the file and
-    the key.
+    Raises InputError where one of them is not valid; the message names the file and the key.
     """
     return Scene(
         name=file.name or path.stem,

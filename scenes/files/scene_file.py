@@ -1,7 +1,6 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-Everything that can be checked without arrays is checked here, before what reads meshes is loaded;
-`scene_content` makes a scene of it.
+What can be checked without arrays is checked here, before what reads meshes is loaded (`scene_content`).
 """
 
 from __future__ import annotations
@@ -181,11 +180,7 @@ class SceneTables(Table):
 
 
 def read_scene(path: Path) -> Scene:
-    """Read a scene file, its meshes and its environment map.
-
-    Raises InputError where the file is no valid scene; the message names the file, the key, and what is wrong
-    with its value.
-    """
+    """Read a scene file, its meshes and its map; InputError names the file, the key, and the fault."""
     file, plate, frustum = checked(path)
     from xfrustum.scenes.files.scene_content import scene_of  # noqa: PLC0415 - loads NumPy
 
@@ -193,10 +188,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
-    """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh.
-
-    Raises InputError where a table is not valid, or names a material or a file that there is not.
-    """
+    """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
     try:
         tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
     except ValueError as error:  # the file is no UTF-8 or no TOML
@@ -247,10 +239,7 @@ def named(path: Path, key: str) -> Iterator[None]:
 
 
 def described(error: ValidationError, tables: type[BaseModel]) -> str:
-    """Return the wrong key, and what pydantic says of its value, in one line.
-
-    An unknown key comes first: it is often the misspelling of a key that is reported missing.
-    """
+    """Return the wrong key, and what pydantic says of its value, in one line; unknown keys come first."""
     problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     problem, location = problems[0], problems[0]["loc"]
     key = dotted(location)

@@ -40,8 +40,7 @@ def magnification(scene_from_mesh: Floats) -> float:
 def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
-    Faces keep their order and their winding, also where the matrix mirrors: the side that the winding
-    faces then is the other one, and vertex normals change over with it.
+    Where the matrix mirrors, the winding keeps its order, so that normals change to the other side with it.
     """
     x, y, z = part.vertices.T
     # Written out instead of a matrix product, because BLAS sums in other orders on other machines, and
@@ -61,12 +60,10 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 
 
 def refine(scene: Scene, levels: int) -> Scene:
-    """Return the scene with every triangle split in four, `levels` times over.
+    """Return the scene with every triangle split in four at the middles of its edges, `levels` times over.
 
-    Each triangle is split at the middles of its edges, in its own plane, so the surface is the
-    same up to the rounding of the middles. Triangle t becomes 4 t to 4 t + 3. A middle has the mean of
-    its ends' normals, colors and texture coordinates, and the normal is not made a unit vector: linear
-    interpolation over a triangle is then the same over its parts.
+    Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and texture
+    coordinates, not made a unit vector: interpolation over a triangle is then the same over its parts.
     """
     objects = scene.objects
     for _ in range(levels):
@@ -101,10 +98,9 @@ def _in_four(part: SceneObject) -> SceneObject:
 def smoothed(part: SceneObject) -> SceneObject:
     """Return the object with normals at the vertices that have none of their own.
 
-    Faces that meet in a point count by their angles there, so that how a flat surface is cut into
-    triangles does not matter (Thürmer and Wüthrich, "Computing vertex normals from polygonal facets",
-    1998). Vertices in the same place count as one point: a seam of the texture is not an edge. Where
-    the mean is zero, and at vertices without faces, there still is none.
+    Faces count by their angles at a point, so that how a flat surface is cut does not matter (Thürmer and
+    Wüthrich, "Computing vertex normals from polygonal facets", 1998). Vertices in the same place count as
+    one. Where the mean is zero there still is none.
     """
     mean, own = _mean_normals(part.vertices, part.faces), part.vertex_normals
     if own is None or not np.isfinite(own).any():

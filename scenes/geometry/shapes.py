@@ -49,9 +49,8 @@ def ball(radius: float, bands: int, sectors: int) -> Mesh:
 def wrapped_grid(rings: Floats) -> Mesh:
     """Join rings of points (N, M, 3) into a tube; rings that shrink to a point close it.
 
-    Triangles without area, which such a point leaves, are dropped. Coordinates are rounded to
-    1e-6 of the shape's unit, so that sine tables that differ from machine to machine in the last
-    bit give the same mesh and the same content hash.
+    Coordinates are rounded to 1e-6, so that sine tables that differ from machine to machine in the last bit
+    give the same content hash.
     """
     count, around = rings.shape[:2]
     vertices = np.round(rings.reshape(-1, 3), 6) + 0.0

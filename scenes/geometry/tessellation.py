@@ -33,10 +33,9 @@ def evenly(count: int) -> Floats:
 
 
 def casteljau(controls: Floats, at: Floats) -> Floats:
-    """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,).
+    """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,): the ends exactly.
 
-    De Casteljau's repeated interpolation, element by element, gives the same doubles on every machine, and
-    exactly the first and the last control point at 0 and 1.
+    De Casteljau's interpolation, element by element, gives the same doubles on every machine.
     """
     at = at.reshape(-1, *(1 for _ in controls.shape))
     points = np.broadcast_to(controls, (len(at), *controls.shape))
@@ -121,16 +120,10 @@ def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches as triangles that lie within a tolerance of the surface, in the control points' unit.
+    """Return patches as triangles; no point of either is farther from the other than the tolerance.
 
-    No point of the triangles is farther from the surface than the tolerance, and no point of the surface
-    farther from the triangles. Where patches share an edge, by the same control points, both cut it in the
-    same points, to the last bit.
-
-    Raises
-    ------
-    InputError
-        The tolerance asks for more than `MAX_TRIANGLES`, or all patches are without area.
+    Patches that share an edge, by the same control points, cut it in the same points, to the last bit. Raises
+    InputError where that takes more than `MAX_TRIANGLES`, or all patches are without area.
     """
 
     def triangles(steps: Steps) -> int:
@@ -150,11 +143,7 @@ def tessellate(
 
 
 def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:
-    """Return patches cut into given steps, with the exact normals of the surface at the vertices.
-
-    The winding faces where f_u x f_v points. Triangles without area, at edges that are collapsed to a
-    point, are left out.
-    """
+    """Return patches cut into given steps, with the surface's exact normals; the winding faces f_u x f_v."""
     vertices, directions, faces = [], [], []
     start = 0
     for net, (along_u, along_v) in zip(nets, steps, strict=True):
@@ -172,10 +161,7 @@ def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None
 
 
 def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
-    """Return the least steps with which patches that share an edge agree on it.
-
-    Opposite edges of a patch have the same steps, so agreement spreads over strips of patches.
-    """
+    """Return the least steps with which patches that share an edge agree on it, strip by strip."""
     # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node 2 p + 1
     # along v. The first patch with an edge owns it.
     owners: dict[bytes, int] = {}

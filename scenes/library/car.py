@@ -1,7 +1,7 @@
 """A car: a smooth lofted body with cabin, windows, wheel arches and wheels, about 42,000 triangles.
 
-In the car's own frame x is to the side, y up and z forward; lengths are millimeters, the wheels
-stand on y = 0, the car is 100 long, 42 wide and 32 high. Drawn for this project.
+In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0, and it is
+100 long, 42 wide and 32 high. Drawn for this project.
 """
 
 from __future__ import annotations
@@ -51,8 +51,7 @@ _RIM = _WHEEL.index((5.2, 2.4))
 def car() -> tuple[SceneObject, ...]:
     """Return body, glass, wheels and trim in the scene: turned by 35 degrees, straddling the plate.
 
-    The middle aperture lies just over the hood, at the foot of the windshield: part of the car is
-    before it and part behind.
+    The middle aperture lies just over the hood, at the foot of the windshield.
     """
     frame, glass = _cabin()
     parts = {

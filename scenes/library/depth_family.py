@@ -1,8 +1,7 @@
 """Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
 
-The objects of `cars` lie on one side of the plate. For C* they are reflected through the middle aperture,
-which moves no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the
-farthest. The other functions change one thing each.
+For C* objects are reflected through the aperture: no point moves on the film, but C keeps the nearest surface
+of a line and C* the farthest.
 """
 
 from __future__ import annotations
@@ -53,23 +52,14 @@ class SeenScene:
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     """Return cars at geometric distances, of a given depth, before (`C_STAR`) or behind the plate (`C`).
 
-    Each car fills a quarter of the film, W, H pixels, and is scaled about the aperture, which changes its
-    distance and not its picture: scenes of any two ratios show C the same triangles. The farthest surface
-    lies at `FARTHEST`, the nearest at the ratio's part of that.
-
-    Raises
-    ------
-    InputError
-        The ratio is smaller than that of one car, `CAR_RATIO`.
+    Each fills a quarter of the film and is scaled about the aperture, which keeps its picture. The farthest
+    surface lies at `FARTHEST`, the nearest at the ratio's part of that. Raises InputError below `CAR_RATIO`.
     """
     return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
 
 
 def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return the cars of `cars` behind the plate, and before it two cars that hide parts of them.
-
-    Both sides reach from the same nearest to the same farthest |z|.
-    """
+    """Return the cars of `cars` behind the plate, and two before it, at the same |z|, that hide parts."""
     objects = _cars(ratio, Camera.C, _QUARTERS) + _cars(ratio, Camera.C_STAR, _BETWEEN_QUARTERS)
     scene = _scene(f"cars of depth {ratio:g} on both sides", resolution, objects)
     return SeenScene(scene=scene, aperture=scene.plate.middle)
@@ -78,8 +68,7 @@ def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle: bool) -> SeenScene:
     """Return the cars of `cars`, behind the plate, as an aperture off the middle or the middle one sees them.
 
-    The aperture off the middle sees the picture of `cars`; from the middle, the nearest cars lie beside the
-    film.
+    From the middle, the nearest cars lie beside the film.
     """
     shift = SHIFT_PER_REACH * REACH
     # The aperture at the top right is one cell, the whole shift, from the middle one.
@@ -92,8 +81,7 @@ def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle:
 def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
     """Return the cars of `cars`, behind the plate, sheared so that a recentered frustum shows their picture.
 
-    The screen lies behind the plate among the cars, as in a master-transfer hologram, at `balanced_height`.
-    The aperture lies over the screen's corner (`SHEAR_PER_SLOPE`).
+    The screen lies among the cars at `balanced_height`, the aperture over its corner (`SHEAR_PER_SLOPE`).
     """
     height, slope = balanced_height(ratio), math.tan(_FOV / 2)
     half_size = slope * height
@@ -118,16 +106,16 @@ def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
 def balanced_height(ratio: float) -> float:
     """Return the height |z| at which a fit displaces the nearest and the farthest cars alike, scene units.
 
-    With a fit to zf a point is displaced by u W/2 n |1/|z| - 1/zf|, to first order in n: alike at both ends
-    where 1/zf is the mean of both 1/|z|.
+    A fit to zf displaces by u W/2 n |1/|z| - 1/zf|, to first order in n: alike where 1/zf is the mean of both
+    1/|z|.
     """
     return 2 * FARTHEST / (ratio + 1)
 
 
 def car_through_plate(distance: float, resolution: tuple[int, int]) -> SeenScene:
-    """Return the built-in car, which runs through the plate, seen from an aperture beside its body.
+    """Return the built-in car, seen from an aperture beside where its body crosses the plate.
 
-    `distance` is that along x of the aperture from where the body crosses the plate, as a share of the reach.
+    `distance` is that along x, as a share of the reach.
     """
     size = REACH / _CAR_REACH
     parts, y = _moved(car(), lambda points: size * points), _CAR_ROW * size

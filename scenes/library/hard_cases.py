@@ -1,8 +1,4 @@
-"""The suite of hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md).
-
-Each case says why it is hard and what its true image is, beside the code that makes its triangles. Most of
-them share a frustum whose lines doubles hold exactly.
-"""
+"""The suite of hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md)."""
 
 from __future__ import annotations
 
@@ -83,8 +79,8 @@ def build(name: str) -> Scene:
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
     """Return the points (..., 3) at s on lines of `FRUSTUM` through the middle aperture.
 
-    They are exact for whole and half pixels and every s of at most 45 bits. Fractions of columns and rows
-    mean lines between those of pixels.
+    They are exact for whole and half pixels and every s of at most 45 bits; fractions mean lines between
+    pixels.
     """
     columns, rows, along = np.broadcast_arrays(
         np.asarray(column, dtype=np.float64), np.asarray(row, dtype=np.float64), np.asarray(s, np.float64)
@@ -99,10 +95,7 @@ def loose(name: str, triangles: Sequence[ArrayLike] | Floats) -> SceneObject:
 
 
 def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: ArrayLike) -> Floats:
-    """Return two triangles (2, 3, 3) over a rectangle of the film, from first to last column and row.
-
-    s is the place along the line of all corners, or of top left, top right, bottom right and bottom left.
-    """
+    """Return two triangles (2, 3, 3) over a rectangle of the film; one s, or four clockwise from top left."""
     left, right = columns
     top, bottom = rows
     corners = on_line([left, right, right, left], [top, top, bottom, bottom], s)
@@ -120,10 +113,7 @@ GRID_STEP = 4  #: pixels between neighboring vertices of the bumpy sheets
 
 
 def _bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], side: int) -> SceneObject:
-    """Return a sheet whose every vertex lies exactly on a pixel's line, at depths of 32 to 60.
-
-    The image of the sheet is a plain grid: about every second pixel lies on an edge or a vertex.
-    """
+    """Return a sheet whose every vertex lies exactly on a pixel's line, at depths of 32 to 60."""
     column, row = np.meshgrid(
         np.arange(columns[0], columns[1] + 1, GRID_STEP), np.arange(rows[0], rows[1] + 1, GRID_STEP)
     )

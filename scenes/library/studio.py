@@ -1,8 +1,4 @@
-"""A car in a studio: paint, glass, tires and metal, lights, and an environment that is reflected.
-
-Designers look at reflections of sky, ground and area lights that run over the body (paper, section 6).
-Nothing in the surroundings is symmetric, so that every flip of the eye vector or the map shows.
-"""
+"""A car in a studio: paint, glass, tires and metal, lights, and surroundings without symmetry."""
 
 from __future__ import annotations
 
@@ -59,8 +55,7 @@ def studio() -> Appearance:
 def surroundings(height: int = 256) -> Environment:
     """Return sky, ground and three softboxes as a latitude-longitude map of 2 height x height pixels.
 
-    Edges of softboxes and the horizon are soft, several pixels wide, so that a misplaced reflection changes
-    brightness and not only the place of a border.
+    Edges are soft, so that a misplaced reflection changes brightness and not only the place of a border.
     """
     rows = (np.arange(height) + 0.5) / height
     columns = (np.arange(2 * height) + 0.5) / (2 * height)
@@ -98,15 +93,10 @@ class TessellatedCar:
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
-    """Return the car in a number of triangles, a share of which is reflective: the paper's table 1 needs two.
+    """Return the car in a number of triangles, or one fewer, a share of them reflective: the paper's table 1.
 
-    The surface is the built-in car's: triangles are split in four while that leaves too few, and then the
-    largest in three at their centroids, which adds two each: the car may have one triangle fewer.
-
-    Raises
-    ------
-    InputError
-        There are fewer polygons than the built-in car has, or the share does not lie between 0 and 1.
+    Triangles are split in four while that leaves too few, then the largest in three at their centroids.
+    Raises InputError below the built-in car's number, or at a share outside 0 to 1.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:

@@ -1,8 +1,4 @@
-"""Objects made to show one thing each: orientation, depth order, the cut at the plate, clipping, reflection.
-
-Globes about a plate show the same picture in any number of triangles.
-
-The shading of mirror spheres, and of gratings near the aperture's limit, is known in closed form.
+"""Objects that show one thing each: orientation, depth order, the cut at the plate, reflection, bars.
 
 Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
 """
@@ -40,8 +36,7 @@ Vector = tuple[float, float, float]
 def asymmetric() -> tuple[SceneObject, ...]:
     """Return unlike parts on both sides of the plate, none symmetric with another.
 
-    The torus in front hides the box behind: their directions from the middle aperture agree. The bar
-    crosses the plate beside the aperture.
+    The torus in front hides the box behind from the middle aperture; the bar crosses the plate beside it.
     """
     return (
         _shape("torus", 19.0, (70.0, 15.0, 0.0), (14.0, 10.0, 60.0)),
@@ -114,8 +109,8 @@ _CELL_FILLED = 0.9
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
-    It leans about the point in which the line through the cell's middle has height z: a sheet of one depth
-    would be all right or all wrong. A pair is parallel, and its heights' difference apart along that line.
+    It leans about the cell's middle, for a sheet of one depth would be all right or all wrong; pairs are
+    parallel.
     """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
@@ -132,12 +127,9 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
 def crossing() -> tuple[SceneObject, ...]:
     """Return a steep wavy surface that contains the origin exactly, a ball before it and a box behind.
 
-    The cell about the origin is a piece of the plane z = 2 x with the origin inside one of its two
-    triangles, off every edge: all lines of the middle aperture meet the surface in the plate itself,
-    unless something in front hides it there. The box shows from other apertures only.
-
-    Cells shrink toward the origin, by powers of two: the near planes meet the plate in a window
-    as small as n, and float32 places a corner only relative to its distance from the origin.
+    About the origin it is the plane z = 2 x, the origin off every edge: all lines of the middle aperture meet
+    it in the plate itself. Cells shrink toward it by powers of two: near planes meet the plate in a window as
+    small as n, and float32 places a corner relative to its distance from the origin.
     """
     shrinking = 2.0 ** -np.arange(1, 6)
     x = np.concatenate([np.linspace(-31, -1, 31), -shrinking, 2 * shrinking[::-1], np.linspace(2, 32, 31)])
@@ -160,8 +152,8 @@ def crossing() -> tuple[SceneObject, ...]:
 def large_triangles() -> tuple[SceneObject, ...]:
     """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its length or
-    less: the rest is for clipping to remove.
+    Each crosses the plate beside the middle aperture, which sees a hundredth of it or less: the rest is to be
+    clipped.
     """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
@@ -185,8 +177,7 @@ _BLACK = (0.0, 0.0, 0.0)
 def mirror_spheres() -> tuple[SceneObject, ...]:
     """Return the mirror spheres, in facets of about two degrees.
 
-    The normals at the vertices are those of the spheres, as long as the radius: interpolated over a
-    facet they point from the center to the facet's point exactly.
+    Normals are as long as the radius: interpolated, they point from the center to the facet's point exactly.
     """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
@@ -215,9 +206,9 @@ FINE, COARSE = 0.5, 4.0
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     """Return a sheet of almost upright bars before the plate, and one of almost level bars behind it.
 
-    Brightness rises and falls linearly from 0 to 1, one period after the other: to the left of the middle
-    (above it, behind the plate) `FINE`, to the right (below) `COARSE`. At the middle both are black. `pitch`
-    are the distances of neighboring hogels along x and y.
+    Brightness rises and falls linearly from 0 to 1: to the left of the middle (above it, behind the plate)
+    with period `FINE`, to the right (below) `COARSE`, black at the middle. `pitch` is that of hogels along x
+    and y.
     """
     return (
         _bars("upright bars", -_periods(pitch[0], 21.0)[::-1], GRATING_HEIGHT, (-12.0, 7.0), upright=True),
@@ -267,14 +258,8 @@ MAX_FACTOR_RATIO = 2.5  #: largest ratio of sectors to rings: a number whose fac
 def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
     """Return closed globes before, across and behind the plate, seen through an aperture at the origin.
 
-    All together have exactly that number of triangles: each globe has 2 sectors (bands - 1). Vertices lie on
-    the same ellipsoids whatever their number: with m sectors or bands a silhouette is off by at most
-    1 - cos(pi / m) of a semi-axis.
-
-    Raises
-    ------
-    InputError
-        No globe has that many triangles.
+    They have exactly that number of triangles; with m sectors or bands a silhouette is off by at most 1 -
+    cos(pi / m) of a semi-axis. Raises InputError where no globe has that many.
     """
     # A product of sectors, and of rings of vertices between the poles, as even as it can be.
     product, rest = divmod(triangles, 2 * len(GLOBES))

@@ -1,9 +1,7 @@
 """The effects that a scene calls for, and why: decided from the scene alone.
 
-These are local effects: a scene that does not call for one has the same picture without it. An effect that
-only surfaces out of sight have, beyond the reach or beside the frusta, is not called for (`region`). Light
-transport and band limiting change every picture: they are settings of the scene (`Sampling`, `Transport`).
-Light paths have all effects, because surfaces out of sight cast shadows, send light and stand in mirrors.
+A scene that does not call for an effect has the same picture without it; surfaces that no image can show
+(`region`) call for none. Light paths have all effects, for surfaces out of sight cast shadows and light.
 """
 
 from __future__ import annotations

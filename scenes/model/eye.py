@@ -1,7 +1,4 @@
-"""An eye before the plate, and the pixels of hogels that it is shown.
-
-The formulas that find these pixels are in `xfrustum.reference.eye`: this module has parameters only.
-"""
+"""An eye before the plate, and the pixels of hogels that it is shown, found by `reference.eye`."""
 
 from __future__ import annotations
 
@@ -25,11 +22,7 @@ PUPIL_POINTS = 16
 
 
 class Beam(StrEnum):
-    """The profile of the beam that a hogel replays for each of its pixels.
-
-    `BOX` is uniform: an eye sees the nearest pixel. `TENT` falls linearly to the centers of the neighbors: it
-    sees a mean of four.
-    """
+    """The profile of a hogel's beam: uniform (an eye sees the nearest pixel) or linear (a mean of four)."""
 
     BOX = "box"
     TENT = "tent"
@@ -37,10 +30,10 @@ class Beam(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Eye:
-    """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top.
+    """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top, in equal cells.
 
-    Its rays run through the centers of equal cells of the plate. Raises InputError where the eye lies in or
-    behind the plate, a number is not finite, or there are too many pixels.
+    Raises InputError where it lies in or behind the plate, a number is not finite, or there are too many
+    pixels.
     """
 
     position: tuple[float, float, float]  #: center of the pupil, scene units; z > 0, before the plate
@@ -84,10 +77,9 @@ class Eye:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HogelPixels(Brief):
-    """The hogel, and the pixel of it, that each pixel of an eye's film takes, and with which weight.
+    """The hogel and its pixel that each pixel of an eye's film takes, and two factors of the weight.
 
-    A pixel's column depends on the eye's column alone, (W,), and its row on the eye's row, (H,). Numbers are
-    -1 where the ray meets no hogel; the weight is the product of both factors.
+    Columns depend on the eye's column alone, (W,), rows on its row, (H,). -1 where the ray meets no hogel.
     """
 
     hogel_column: Indices

@@ -72,11 +72,7 @@ class HogelCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
-    """The simulation that made the color of an image, as it was asked for.
-
-    Effects are in the order of `Effect`, so that equal sets are written alike; transport is None where no
-    light paths were traced.
-    """
+    """The simulation that made the color of an image; transport is None where no light paths were traced."""
 
     effects: tuple[Effect, ...]
     sampling: Sampling
@@ -113,15 +109,9 @@ class SurfaceImage(Shown):
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
         """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
 
-        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
-        -1 to 1), and rgb or xyz. The place of a hogel's aperture, or of an eye, is a coordinate; the numbers
-        of the camera, and the scene's hash, are attributes. The film of an eye is the rectangle of the plate.
-        `units` names the scene's unit of length (`scene.units`), which images do not know.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from -1
+        to 1), and rgb or xyz; numbers of the camera are attributes. `units` names the scene's unit of length
+        (`scene.units`), which images do not know. Raises InputError where xarray is not installed.
         """
         images, places, attributes = self._labels(units)
         surfaces = {
@@ -175,10 +165,7 @@ class HogelImage(SurfaceImage):
 
     @cached_property
     def overruled(self) -> Mask | None:
-        """Pixels where the float32 tracer alone would have shown another triangle than the truth.
-
-        None in images that are not certified. The tracer is asked when this is first read.
-        """
+        """Pixels where the float32 tracer, asked now, would show another triangle; None if not certified."""
         return None if self.second_opinion is None else self.second_opinion()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -204,10 +191,7 @@ class HogelImage(SurfaceImage):
         return self.position[..., 2]
 
     def at(self, pixels: Indices) -> HogelImage:
-        """Return some pixels, given by their flat numbers, side by side in one row: surfaces without colors.
-
-        The row has neither normals nor `companions` and `second_opinion`.
-        """
+        """Return some pixels, by their flat numbers, in one row: surfaces without normals and colors."""
         names = ("triangle", "object", "position", "certainty")
         arrays = {name: value for name in names if (value := getattr(self, name)) is not None}
         some = {name: a.reshape(-1, *a.shape[2:])[pixels][None] for name, a in arrays.items()}

@@ -17,10 +17,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class ColorType(StrEnum):
-    """The type in which linear RGB is stored.
-
-    `UINT8` is 255 times the radiance, rounded; radiance outside 0 to 1 is clipped.
-    """
+    """The type in which linear RGB is stored; uint8 is 255 times the radiance, clipped and rounded."""
 
     UINT8 = "uint8"
     FLOAT16 = "float16"
@@ -49,10 +46,7 @@ DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMA
 
 @dataclass(frozen=True, kw_only=True)
 class PlateContent:
-    """The images that a stream of hogels carries.
-
-    Raises InputError where the type, the switch, a channel or an effect is none.
-    """
+    """The images that a stream of hogels carries; InputError for unknown types, channels and effects."""
 
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
     ids: bool = False  #: whether the stream has triangle numbers; asking for the channel is the same

@@ -1,7 +1,6 @@
 """A bound of the space that images can show, with the largest near offset and all rounding.
 
-What lies outside is certainly in no image, so that nothing needs to be simulated for it alone. The bound says
-nothing of what lies inside: it may be hidden, or be shown by no aperture.
+What lies outside is certainly in no image; what lies inside may be hidden, or be shown by no aperture.
 """
 
 from __future__ import annotations
@@ -54,8 +53,7 @@ class Region:
     ) -> Region:
         """Return the region of drawn images of some apertures with their cells; None for all of the plate.
 
-        It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up to the reach, and needs no
-        settings unless one of them has a smaller near.
+        It is that of every near from `SMALLEST_NEAR_SHARE` of the reach up; only smaller ones need settings.
         """
         unbounded, step = any(loses_far_plane(scene, one) for one in settings), scene.frustum.longest_reach
         return cls(scene=scene, apertures=_cells(scene, apertures), step=step, unbounded=unbounded)
@@ -118,8 +116,7 @@ class Region:
 def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
     """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
 
-    That is so for tiny nears, but not where clip depth is zero at the far plane: there is no difference of
-    large numbers then (raster/cameras/depth_formats).
+    That is so for tiny nears, unless clip depth is zero at the far plane (raster/cameras/depth_formats).
     """
     hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
     nearest = min((settings.near, *settings.slabs[:1]))

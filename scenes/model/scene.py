@@ -57,9 +57,8 @@ class NormalsMade(StrEnum):
 class SceneObject(Shown):
     """One object of a scene: a triangle mesh in scene coordinates.
 
-    Vertex normals lie on the side that the winding faces. They are interpolated linearly over a triangle as
-    they are, of any length, and the result is made a unit vector; triangles without one at a corner are flat.
-    Raises InputError where there are no faces, vertices are not finite, or faces point past the vertices.
+    Vertex normals, of any length, lie on the side that the winding faces; they are interpolated linearly and
+    then made unit; triangles without one at a corner are flat. Raises InputError where it is no such mesh.
     """
 
     name: str  #: mesh file or built-in shape that the object came from
@@ -174,11 +173,10 @@ class SurfaceAttributes(Brief):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Shown):
-    """Plate, frustum and objects: one question for every renderer.
+    """Plate, frustum and objects: one question for every renderer; there may be no objects.
 
     Triangles are numbered through the objects in order, and within one in the order of its faces. Coordinates
-    are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`. There may be no objects: the true image of
-    nothing is nothing. Images have `source` too, so that a comparison can trace the scene again.
+    are zero or lie between `SMALLEST_COORDINATE` and `LONGEST`.
     """
 
     name: str
@@ -281,11 +279,7 @@ class Scene(Shown):
 
     @cached_property
     def normals(self) -> Floats:
-        """(F, 3) unit normals by the mesh's winding; zero for triangles without area.
-
-        Each triangle is scaled to size one first, so that neither tiny nor huge ones
-        underflow or overflow in the cross product.
-        """
+        """(F, 3) unit normals by the mesh's winding; zero for triangles without area."""
         normals = np.zeros((len(self.faces), 3))
         for start in range(0, len(normals), TRIANGLES_AT_ONCE):
             corners = self.triangles[start : start + TRIANGLES_AT_ONCE]
@@ -357,11 +351,7 @@ class Scene(Shown):
 
 
 def look_hash(scene: Scene) -> str:
-    """Return the SHA-256 of everything that color depends on beside `Scene.content_hash`.
-
-    It covers the material of each object, normals, colors and textures of its surface, lights, and the
-    environment. Names are left out, for no pixel depends on them.
-    """
+    """Return the SHA-256 of everything but names that color depends on beside `Scene.content_hash`."""
     appearance, surface = scene.appearance, scene.surface
     environment = appearance.environment
     digest = hashlib.sha256()

@@ -1,8 +1,4 @@
-"""The settings of the paper's double frustum, with which a rasterizer draws (paper, section 4).
-
-Both answers need them: the rasterizer draws with them, and the reference traces the same offset
-cameras as an exact model of what the rasterizer should have drawn.
-"""
+"""The settings of the paper's double frustum (section 4), with which rasterizers draw."""
 
 from __future__ import annotations
 
@@ -31,9 +27,8 @@ class DepthFormat(StrEnum):
 class DepthMapping(StrEnum):
     """The function by which distance w from the camera, near n to far f, becomes the stored depth.
 
-    `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` is the same with
-    OpenGL's own clip depth -1..1; `REVERSED` goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
-    `LINEAR` (w - n)/(f - n), both written by the fragment. mypy finds every `match` that lacks a new member.
+    `STANDARD` is hyperbolic, 0 at near to 1 at far; `GL` the same with clip depth -1..1; `REVERSED` goes from
+    1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and `LINEAR` (w - n)/(f - n), both written by the fragment.
     """
 
     STANDARD = "standard"
@@ -44,10 +39,7 @@ class DepthMapping(StrEnum):
 
 
 class Pivot(StrEnum):
-    """The point about which a recentered frustum is sheared: the aperture (paper, section 5), or each camera.
-
-    The second is the ordinary off-axis projection.
-    """
+    """The point about which a recentered frustum is sheared: the aperture (paper), or each camera."""
 
     APERTURE = "aperture"
     CAMERA = "camera"
@@ -76,10 +68,9 @@ class Camera(StrEnum):
 
 
 class Cull(StrEnum):
-    """The faces that are left out: none, or those that are turned away from the viewer.
+    """The faces that are left out: none, or those turned away from the viewer, as both cameras see them.
 
-    `BACK` leaves out back faces as C sees them, and front faces as C* does, which looks back at the viewer
-    (paper, section 3). It changes no picture of closed bodies that lie off the plate and within the reach.
+    `BACK` changes no picture of closed bodies that lie off the plate and within the reach (paper, section 3).
     """
 
     NONE = "none"
@@ -88,10 +79,9 @@ class Cull(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
-    """One way to draw the two cameras C and C*.
+    """One way to draw the two cameras C and C*; names may be given as texts, such as `depth="d24"`.
 
-    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`. Raises InputError
-    for a name that means nothing, or a length that is not positive and finite.
+    Raises InputError for a name that means nothing, or a length that is not positive and finite.
     """
 
     #: Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
@@ -127,11 +117,7 @@ class DoubleFrustum:
             settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
-        """Raise InputError where these settings make no sense for a frustum.
-
-        They do if 0 < near < reach (the larger of the two sides), all slabs lie within the reach, a fit
-        to the screen has a screen, and, without an offset, the near plane lies within the first slab.
-        """
+        """Raise InputError where these settings make no sense for a frustum."""
         if not self.near < frustum.longest_reach:
             raise InputError(
                 f"near {self.near} must be smaller than the reach, {frustum.longest_reach}; "

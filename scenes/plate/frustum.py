@@ -1,8 +1,7 @@
 """The crossed frustum's parameters: its film, its angles or its projection screen, its reach.
 
-This module has parameters only. The formulas that make lines and matrices of them are written twice, in
-`xfrustum.reference.lines.lines` and in `xfrustum.raster.cameras.cameras`, and never here: a formula
-shared by both answers would hide its own mistake.
+Formulas that make lines and matrices of them are written twice, in `reference.lines.lines` and
+`raster.cameras.cameras`, and never here: a formula shared by both answers would hide its own mistake.
 """
 
 from __future__ import annotations

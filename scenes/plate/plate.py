@@ -14,10 +14,7 @@ from xfrustum.scenes.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class Aperture:
-    """One aperture (hogel) of the plate: the point that every line of its image passes through.
-
-    Raises InputError where the column or row is no count, or a coordinate is not finite.
-    """
+    """One aperture (hogel): the point that every line of its image passes through; else InputError."""
 
     column: int
     row: int  #: 0 is at the top
@@ -89,10 +86,7 @@ Block = tuple[range, range]  #: columns and rows of a block
 
 @dataclass(frozen=True, eq=False)
 class ApertureBlocks(Sequence[Aperture]):
-    """Blocks of apertures, counted and gone through without ever being listed.
-
-    Each goes row by row from the top left; an aperture in several blocks comes once.
-    """
+    """Blocks of apertures, row by row from the top left, never listed; one in several blocks comes once."""
 
     plate: Plate
     blocks: tuple[Block, ...]
