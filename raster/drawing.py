@@ -39,10 +39,9 @@ BYTES_PER_TEXEL = 4
 
 
 class Textures:
-    """Textures on the GPU: all texels, where each texture begins, and the table that decodes them.
+    """Textures on the GPU, (H, W, 4) uint8 sRGB: all texels, where each begins, and the table to decode them.
 
-    Each is (H, W, 4) uint8 sRGB, row 0 at the top. Raises InputError where all together are larger than the
-    device's largest block.
+    Raises InputError where all together are larger than the device's largest block.
     """
 
     def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
@@ -84,11 +83,9 @@ IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
 
 
 class Shading:
-    """Materials, lights and textures as the shaders read them, uploaded once.
+    """Materials, lights and textures as the shaders read them, uploaded once; textures if they are an effect.
 
-    The scene has at least one triangle. Textures are uploaded only if they are among the effects. `surfaces`
-    has the material and texture of each triangle, see the function of that name; `defines` are the names that
-    the shaders need, see `programs`.
+    `surfaces` has the material and texture of each triangle, `defines` the names that the shaders need.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
@@ -131,10 +128,7 @@ def description(material: Material, strength: float) -> list[float]:
 
 
 def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
-    """Return the numbers of each triangle's material, with flags, and of its texture, plus 1: (F, 2).
-
-    `materials` are the scene's, each once; their order numbers them.
-    """
+    """Return the numbers of each triangle's material, with flags, and of its texture, plus 1: (F, 2)."""
     number = {material: index for index, material in enumerate(materials)}
     of_object = np.array([number[material] for material in scene.materials], dtype=np.uint32)
     found = np.zeros((len(scene.faces), 2), dtype=np.uint32)
@@ -162,7 +156,7 @@ IDENTITIES, ENVIRONMENT = 0, 1
 
 
 class Environment:
-    """The environment map on the GPU, black where the scene has none, and the triangles that reflect it.
+    """The environment map on the GPU, black without one, and the triangles that reflect it.
 
     Raises InputError where the map is larger than the device's largest texture.
     """
@@ -240,10 +234,10 @@ class Drawing:
         *,
         color: bool,
     ) -> None:
-        """Draw an image into a target that is cleared: all cameras' pictures, then their reflections over it.
+        """Draw all cameras' pictures from the back, then reflections over them, into a target that is cleared.
 
-        The cameras come from the back. Shaders contain the effects that are simulated alone. Without `color`
-        triangle numbers alone are drawn.
+        Shaders contain the effects that are simulated alone. Without `color` there are triangle numbers
+        alone.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)

@@ -60,10 +60,7 @@ class Tile:
 
 
 def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Tile]:
-    """Return tiles of one size that cover a film of W, H pixels, row by row.
-
-    `supersample` are the points along each side of a pixel, `largest` those that the device draws in a row.
-    """
+    """Return tiles of one size that cover a film of W, H pixels, row by row; `largest` points in a row."""
     width, height = film
     columns = min(width, max(1, min(largest, POINTS_AT_ONCE // supersample) // supersample))
     at_once = max(1, POINTS_AT_ONCE // (columns * supersample**2))
@@ -119,10 +116,7 @@ SINGLE_SAMPLE = Sampling()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """An image, and the time of each stage of drawing it.
-
-    The stages are `draw`, and `read`: read-back with the positions that it computes, and means of color.
-    """
+    """An image, and the time of `draw`, and of `read`: read-back, positions, and means of color."""
 
     image: HogelImage
     times: dict[str, StageTime]
@@ -131,16 +125,10 @@ class Drawn:
 class Rasterizer(ContextOwner):
     """A scene on the GPU, uploaded once in float32, ready to be drawn for any aperture and any settings.
 
-    A context manager: leaving it frees the context and everything in it. `effects` are those that are
-    simulated, None for those that the scene calls for; more do not change the picture. Where the scene
-    decided, settings whose near is so tiny that pictures show surfaces beyond the reach have those of these
-    surfaces too, see `effects_for`.
-
-    Raises
-    ------
-    InputError
-        There is no usable OpenGL (see `context.open_context`), the scene is too large for it, or an
-        effect is not one.
+    A context manager: leaving it frees the context. `effects` are those that are simulated, None for those
+    that the scene calls for, more with settings whose near is so tiny that surfaces beyond the reach are
+    shown. Raises InputError where there is no usable OpenGL, the scene is too large for it, or an effect is
+    not one.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -197,13 +185,9 @@ class Rasterizer(ContextOwner):
         """Return the hogel image of an aperture.
 
         Without `normals` and `color`, which it then lacks, it is drawn faster. `sampling` is that of color,
-        None for that of the scene: triangles and positions are always those at the pixel's center, seen
-        through the middle of the aperture.
-
-        Raises
-        ------
-        InputError
-            near is not smaller than the reach, or the device cannot sample so finely.
+        None for the scene's: triangles and positions are always those at the pixel's center, seen through the
+        middle of the aperture. Raises InputError where near is not smaller than the reach, or the device
+        cannot sample so finely.
         """
         return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
 
@@ -253,10 +237,7 @@ class Rasterizer(ContextOwner):
         return Drawn(image=image, times=times)
 
     def draw_only(self, aperture: Aperture, settings: DoubleFrustum) -> None:
-        """Draw the picture of `render` without color, wait for the device, and read nothing back.
-
-        This is to measure what reading costs.
-        """
+        """Draw the picture of `render` without color, and wait: this is to measure what reading costs."""
         settings.check_against(self.scene.frustum)
         with self._context:
             target = self._target(self.scene.frustum.resolution, settings.depth)
@@ -267,11 +248,7 @@ class Rasterizer(ContextOwner):
     def render_color(
         self, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling = SINGLE_SAMPLE
     ) -> Singles:
-        """Return the color of an aperture alone, (H, W, 3) linear RGB; see `render`.
-
-        These are the colors of `render`, in less time: triangles and positions are neither read nor, where
-        there are several samples, drawn.
-        """
+        """Return the color of `render` alone, (H, W, 3) linear RGB, in less time."""
         self._check(aperture, settings)
         with self._context:
             check_sampling(sampling, self.device["renderer"])

@@ -45,13 +45,7 @@ class TracersAlone:
         self._tracers: dict[str, Tracer] = {"embree": EmbreeTracer(scene), "mitsuba": MitsubaTracer(scene)}
 
     def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:
-        """Return which pixels each tracer alone would have got wrong, (rows, W), by its name.
-
-        Parameters
-        ----------
-        truth, first_row
-            Certified image, or a band of its rows, and the number of the band's first row.
-        """
+        """Return which pixels (rows, W) of a truth, or a band of it, each tracer alone gets wrong."""
         pencil = crossed_frustum(self._scene.frustum, truth.camera.aperture)
         rows = range(first_row, first_row + len(truth.triangle))
         return {

@@ -41,8 +41,7 @@ def averages(sampling: Sampling) -> bool:
 def points_per_side(sampling: Sampling) -> int:
     """Return the number of points along each side of a pixel over which its color is averaged.
 
-    A rasterizer's multisampling places its points where the driver chooses and estimates the mean over
-    the pixel's box. The reference computes that mean.
+    Multisampling of a rasterizer estimates the mean over the pixel's box, which the reference computes.
     """
     return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
 
@@ -50,10 +49,7 @@ def points_per_side(sampling: Sampling) -> int:
 def mean_color(
     scene: Scene, triangles: Triangles, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range
 ) -> Floats:
-    """Return linear RGB (rows, W, 3): the mean over some apertures and over side x side points per pixel.
-
-    The points are the pixel centers of an image of `side` times the resolution.
-    """
+    """Return linear RGB (rows, W, 3): means over apertures and side x side points, pixels of a finer film."""
     width, height = scene.frustum.resolution
     total = np.zeros((len(rows), width, 3))
     for aperture in apertures:
@@ -102,21 +98,11 @@ def converged(
     tolerance: float,
     seed: int = 0,
 ) -> Converged:
-    """Double the number of points until the error is at most the tolerance.
+    """Double the number of points until the error is at most the tolerance, in radiance.
 
-    Parameters
-    ----------
-    mean
-        Function that returns the picture (H, W, 3), averaged over some apertures.
-    plate
-        Plate whose pitch is the size of the aperture.
-    aperture
-        Middle of the aperture.
-    tolerance
-        Largest `Converged.error`, in radiance. A picture that does not reach it with `MAX_SAMPLES` points
-        is returned with the error that it has.
-    seed
-        Seed of the scramblings.
+    `mean` returns the picture (H, W, 3), averaged over some apertures; the aperture is as large as the
+    plate's pitch. A picture that is not there with `MAX_SAMPLES` points is returned with the error that it
+    has.
     """
     engines = [scipy.stats.qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS

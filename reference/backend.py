@@ -89,9 +89,8 @@ def recording() -> Iterator[None]:
 def on_device(values: NDArray[Any]) -> Any:
     """Return a copy of values of any shape as one flat array of Dr.Jit.
 
-    Floating point of other precisions becomes double precision. Other integers become those of 32 bits,
-    the smallest or the largest where they need more: as numbers of triangles, these stand for nothing
-    either.
+    Other floats become doubles, other integers those of 32 bits, clipped: as numbers of triangles, the
+    smallest and the largest stand for nothing either.
     """
     if values.dtype not in _KINDS:
         is_float = values.dtype.kind == "f"

@@ -57,13 +57,7 @@ def thread_limit() -> int | None:
 
 @cache
 def require_llvm() -> None:
-    """Have Dr.Jit compile for the processors, on as many threads as the environment allows.
-
-    Raises
-    ------
-    InputError
-        There is no LLVM that Dr.Jit can compile with.
-    """
+    """Have Dr.Jit compile for the processors, on as many threads as allowed; InputError without an LLVM."""
     found = prepare_llvm()
     # Dr.Jit is not asked where there is none: it would write lines of its own.
     version = None if found.startswith("none: ") and found != FOUND_BY_DRJIT else loaded_llvm()
@@ -84,10 +78,7 @@ def _limit_threads() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class MitsubaBackend:
-    """Mitsuba in this process, with a variant set, and what it computes with.
-
-    `llvm` is the version of the LLVM in use, or why there is none.
-    """
+    """Mitsuba in this process, with a variant set; `llvm` is the version in use, or why there is none."""
 
     mitsuba: Any
     drjit: Any
@@ -106,15 +97,9 @@ class MitsubaBackend:
 
 
 def mitsuba_backend() -> MitsubaBackend:
-    """Return Mitsuba with a variant set: the one that is set, else the best of this machine.
+    """Return Mitsuba with a variant set: the one that is set, else the best of this machine, set once.
 
-    The variant belongs to the process. It is set here once; a variant that another part of the program
-    sets, before or after, stays.
-
-    Raises
-    ------
-    InputError
-        A variant on top of an LLVM that would abort the process was set before.
+    Raises InputError where a variant was set before on top of an LLVM that would abort the process.
     """
     llvm = prepare_llvm()
     mitsuba = importlib.import_module("mitsuba")
@@ -137,13 +122,7 @@ def mitsuba_backend() -> MitsubaBackend:
 
 @cache
 def prepare_llvm() -> str:
-    """Name an accepted LLVM to Dr.Jit, if that has not been imported yet.
-
-    Returns
-    -------
-    str
-        Path of the library, or in words why there is none.
-    """
+    """Name an accepted LLVM to Dr.Jit, unless that is imported; return its path, or why there is none."""
     if "drjit" in sys.modules:
         return FOUND_BY_DRJIT
     named = os.environ.get(LLVM_VARIABLE)
@@ -160,12 +139,8 @@ def accepted_llvm(
 ) -> Path | None:
     """Return the best library that Dr.Jit can compile with, None where there is none.
 
-    Parameters
-    ----------
-    libraries
-        Candidates. They are sorted and rejected by name first, so that few are loaded.
-    ask
-        Function that loads a library and returns its version; None for `asked_version`.
+    Libraries are sorted and rejected by name first, so that few are loaded; `ask` returns a library's
+    version.
     """
     ask = ask or asked_version
     named = [(named_version(library), library) for library in dict.fromkeys(libraries)]

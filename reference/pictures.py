@@ -112,13 +112,7 @@ def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
 
 
 class Pictures:
-    """Makes images of a scene out of decisions.
-
-    Parameters
-    ----------
-    scene, shader
-        Scene that is seen, and the shader of its surfaces.
-    """
+    """Makes images of a scene out of decisions."""
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
@@ -155,19 +149,7 @@ class Pictures:
         normals: bool = True,
         colored: bool = True,
     ) -> HogelImage:
-        """Return what decided layers of some rows show, the last on top.
-
-        Parameters
-        ----------
-        camera
-            Camera that the image names.
-        rows
-            Rows of the image.
-        layers
-            What each camera shows, in drawing order.
-        normals, colored
-            Whether the image has normals, and whether it has color.
-        """
+        """Return what decided layers of some rows show, in drawing order, the last on top."""
         found = [decided for _, decided in layers]
         certainty, companions = overlaid_certainty(found, rows.start)
         triangle, objects, position, normal, color = self._shown(

@@ -25,14 +25,9 @@ DECISIONS = (CERTIFIED, *TRACERS)
 
 
 class PlainReference(Reference):
-    """A ray tracer of a scene, whose own pictures stand for the true ones.
+    """A ray tracer of a scene, whose own pictures stand for the true ones; parameters as of `Reference`.
 
-    Parameters are those of `Reference`; `tracer` is the one that decides.
-
-    Raises
-    ------
-    InputError
-        The scene asks for several samples a pixel, which are taken along certified lines alone.
+    Raises InputError where the scene asks for several samples a pixel, taken along certified lines alone.
     """
 
     def __init__(
@@ -62,10 +57,7 @@ class PlainReference(Reference):
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.
 
-        Raises
-        ------
-        InputError
-            The settings cull faces: the tracer has all of them.
+        Raises InputError where the settings cull faces: the tracer has all of them.
         """
         settings.check_against(self.scene.frustum)
         if settings.cull is not Cull.NONE:
@@ -83,12 +75,9 @@ class PlainReference(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What decides which surface a pixel shows, one of `DECISIONS`; `tracer` gives a second opinion.
+    """What decides which surface a pixel shows, one of `DECISIONS`, or InputError is raised.
 
-    Raises
-    ------
-    InputError
-        Nothing of that name decides.
+    `tracer` gives a second opinion.
     """
 
     by: str = CERTIFIED
@@ -106,10 +95,7 @@ CERTIFIED_DECISION = Decision()
 def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
     """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
 
-    Raises
-    ------
-    InputError
-        There is no such tracer, or it cannot decide about this scene alone.
+    Raises InputError where there is no such tracer, or it cannot decide about this scene alone.
     """
     if decision.by == CERTIFIED:
         return Reference(scene, tracer=decision.tracer, effects=effects)

@@ -43,20 +43,9 @@ from xfrustum.scenes.plate.plate import Aperture
 class Reference:
     """The ground truth of a scene: the true images of its crossed frusta.
 
-    Parameters
-    ----------
-    scene
-        Scene that is asked about.
-    tracer
-        Name of the tracer that gives a second opinion on every pixel, one of `TRACERS`. The decision is
-        always that of `certify`.
-    effects
-        Effects of light that are evaluated; None for those that the scene calls for.
-
-    Raises
-    ------
-    InputError
-        There is no such tracer, or no such effect.
+    `tracer`, one of `TRACERS`, gives a second opinion on every pixel; the decision is always that of
+    `certify`. `effects` are those of light that are evaluated; None for those that the scene calls for.
+    Raises InputError where there is no such tracer, or no such effect.
     """
 
     def __init__(
@@ -163,18 +152,10 @@ class Reference:
     ) -> Converged:
         """Return the color averaged over the whole aperture, not over some points of it (paper, section 6).
 
-        Parameters
-        ----------
-        aperture
-            Middle of the aperture, which is as large as the pitch of the plate's hogels.
-        tolerance
-            Largest root mean square of the standard error over pixels and channels, in radiance;
-            `Converged.error` is the one that was reached.
-        sampling
-            Sampling of the pixels' boxes; None for the scene's own. Its number of sub-apertures is not
-            used.
-        seed
-            Seed of the points; another one gives independent points.
+        The tolerance is the largest root mean square of the standard error over pixels and channels, in
+        radiance; `Converged.error` is the one that was reached. `sampling` says over which boxes of pixels,
+        None for the scene's own; its number of sub-apertures is not used. Another seed gives independent
+        points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
@@ -228,15 +209,14 @@ class Reference:
     def gaps(self, aperture: Aperture) -> Floats:
         """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).
 
-        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind the
-        plate, to the second nearest; for C*, which keeps the farthest before the plate, to the second
-        farthest. It is infinite where there is no second surface on that side of the plate.
+        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind the plate,
+        to the second nearest; for C*, which keeps the farthest before the plate, to the second farthest;
+        infinite without.
 
-        Gaps come from the filter of the truth, in double precision: no triangle is left out that a
-        line surely meets, and each gap is off by no more than the bounds of rounding of its two surfaces,
-        some 1e-15 of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared
-        by two triangles is not behind itself. A line that passes an edge within rounding, where coverage
-        would have to be decided in integers, is not taken to meet that triangle.
+        Gaps come from the filter of the truth: no triangle is left out that a line surely meets, and each gap
+        is off by no more than the bounds of rounding of its two surfaces, some 1e-15 of |z| unless seen
+        edge-on. Surfaces closer than that count as one, so that a point shared by two triangles is not behind
+        itself. A line that passes an edge within rounding is not taken to meet that triangle.
         """
         pencil = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self._triangles, pencil)

@@ -118,11 +118,7 @@ def eye_from_sheared(camera: SlabCamera) -> Floats:
 
 
 def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Floats:
-    """Return the perspective projection of a camera that looks to -z.
-
-    w is the distance from the camera; clip depth over w is `ends.near` at its near plane and
-    `ends.far` at its far plane.
-    """
+    """Return the perspective projection of a camera that looks to -z; w is the distance from it."""
     near, far = camera.near, camera.far
     slope = (ends.far * far - ends.near * near) / (far - near)
     matrix = np.zeros((4, 4))

@@ -36,16 +36,10 @@ class Pass:
 
 
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
-    """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
+    """Return (.., 3, 3) directions away from cameras (.., 4, 4), scene axes, of film points (u, v, 1) upward.
 
-    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d from
-    it has (x, y, w) = w (u, v, 1). So the matrix's 3 x 3 part for x, y and w takes d to (u, v, 1), and
-    its inverse takes (u, v, 1) to d.
-
-    Parameters
-    ----------
-    clip_from_scene
-        (.., 4, 4) matrices.
+    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d from it has
+    (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes (u, v, 1) to d.
     """
     return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
 
@@ -53,11 +47,10 @@ def lines_of_pixels(clip_from_scene: Floats) -> Floats:
 def drawing_order(
     scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
 ) -> list[Pass]:
-    """Return the passes of an image, from the back.
+    """Return the passes of an image, from the back: each is nearer to the viewer than those before it.
 
-    The slabs of C come first, from the outermost inward, then those of C*, from the innermost outward:
-    each pass is nearer to the viewer than those before it and overlays them. Slabs in which the scene has
-    nothing are left out, and so are cameras that are not among the effects.
+    The slabs of C come first, from the outermost inward, then those of C*, from the innermost outward. Slabs
+    in which the scene has nothing are left out, and so are cameras that are not among the effects.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]

@@ -31,10 +31,7 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError where a scene's images or its blocks of storage are too large for the current context.
-
-    `vertex_bytes` are those that shaders read of each vertex from a block of storage.
-    """
+    """Raise InputError where the device has no room for images, or `vertex_bytes` of each vertex in a block."""
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
     _check_image(scene.frustum.resolution, device)
@@ -99,10 +96,7 @@ def free_memory() -> int | None:
 
 
 def require_room(scene: Scene) -> None:
-    """Raise InputError where `Rasterizer` would refuse a scene: for commands that work long before they draw.
-
-    There is no usable OpenGL, or the device or the memory has no room for the image or the mesh.
-    """
+    """Raise InputError where `Rasterizer` would: for commands that work long before they draw."""
     context = open_context()
     try:
         with context:

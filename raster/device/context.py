@@ -41,13 +41,7 @@ _HELP = (
 
 
 def open_context() -> moderngl.Context:
-    """Return a new OpenGL context of at least version 4.5, without a window.
-
-    Raises
-    ------
-    InputError
-        There is no EGL driver, or its OpenGL is too old.
-    """
+    """Return a new OpenGL 4.5 context without a window; InputError without EGL, or if it is too old."""
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
             "PyOpenGL was imported for another platform before xfrustum.raster: import xfrustum.raster "
@@ -154,8 +148,8 @@ class StageTime:
 class GpuTimer:
     """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
 
-    Timestamps enclose each stage, because elapsed-time queries may not overlap. They do not wait for the
-    device; only `collect` does, once.
+    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect` waits for
+    them.
     """
 
     def __init__(self) -> None:

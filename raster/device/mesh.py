@@ -81,11 +81,9 @@ lie this far before that plane is clipped whole by any device; the plane is the 
 
 
 class Mesh:
-    """Corners, indices and normals, uploaded once; other attributes are uploaded when first asked for.
+    """Corners, indices and normals of triangles, uploaded once; other attributes when first asked for.
 
-    Texture coordinates are float32 like the rest: at coordinate U, a texture of W texels is looked up to
-    within about U W 2^-24 of a texel.
-    The scene has at least one triangle.
+    In float32, a texture of W texels is looked up at coordinate U to within about U W 2^-24 of a texel.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -104,17 +102,13 @@ class Mesh:
 
     @staticmethod
     def side_of(heights: tuple[float, float]) -> int:
-        """Return the side of the plate of what a camera keeps: 1 above, -1 below, 0 for both.
-
-        `heights` are the lowest and the highest z.
-        """
+        """Return where a camera keeps what is between two z: 1 above the plate, -1 below, 0 for both."""
         return -1 if heights[1] <= 0 else 1 if heights[0] >= 0 else 0
 
     def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
         """Return a mesh whose triangles have the numbers of their last vertices, with positions alone.
 
-        Triangles that lie on the other side of the plate, see `side_of`, are left out; None where these are
-        all.
+        Triangles on the other side of the plate (`side_of`) are left out; None where these are all.
         """
         if side not in self._sides:
             lowest, highest = self._scene.height_ranges

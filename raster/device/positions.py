@@ -45,10 +45,7 @@ class Positions:
         self._program["nothing"] = float("nan")
 
     def read(self, target: Identified, drawn: Sequence[Pass]) -> Singles:
-        """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
-
-        `target` has the triangle and camera numbers that were drawn, `drawn` the cameras in their order.
-        """
+        """Return surface points (H, W, 3) of what was drawn, in scene units, NaN where nothing was."""
         width, height = target.size
         rows = max(1, min(height, self._largest_block // BYTES_PER_POINT // width))
         if target.size not in self._points:

@@ -74,10 +74,7 @@ def assign(program: moderngl.Program, **uniforms: object) -> None:
 
 
 def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
-    """Set a program's uniforms for a camera, given its number in drawing order, and an image of W, H pixels.
-
-    Programs for many hogels read matrices from a block instead.
-    """
+    """Set a program's uniforms for a camera, its number in drawing order, and an image of W, H pixels."""
     near, far = camera.planes
     assign(
         program,

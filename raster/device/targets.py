@@ -41,9 +41,8 @@ def most_samples() -> int:
 class Target:
     """One framebuffer of W, H pixels and a depth format in the current context, reused from image to image.
 
-    Color is the mean over several coverage samples; identities and positions then cannot be read, for a pixel
-    has several. A device may store more samples than are asked for: the attribute `samples` is the number
-    that it stores.
+    Color is the mean over several coverage samples; identities cannot be read then, for a pixel has several.
+    A device may store more samples than are asked for: the attribute `samples` is the number that it stores.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:

@@ -163,10 +163,9 @@ class PassGeometry:
 class PlateGeometry:
     """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
 
-    The scene has at least one triangle. `passes` are the cameras as they are for any one aperture; only what
-    all apertures share is used. `of_triangles` has the materials of triangles (F, 2), see `drawing.surfaces`,
-    and whether each reflects (F,). `surfaces` and `reflections` are the triangles that each camera draws, and
-    the reflective ones among them.
+    `passes` are the cameras as they are for any one aperture; only what all apertures share is used.
+    `of_triangles` has the materials (F, 2), see `drawing.surfaces`, and whether each reflects (F,).
+    `surfaces` and `reflections` are the triangles that each camera draws, and the reflective ones among them.
     """
 
     def __init__(
@@ -218,10 +217,7 @@ class PlateGeometry:
     def commands(
         self, geometry: PassGeometry, matrices: Singles, windows: Floats = WHOLE_FILM
     ) -> NDArray[np.void]:
-        """Return the draws of one pass for some hogels: runs of clusters that their frusta may reach.
-
-        `matrices` (L, 4, 4) are those of `clip_planes`, as the device has them, and so are the `windows`.
-        """
+        """Return the draws of one pass for hogels (`clip_planes`): runs of clusters that they may reach."""
         planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
         hogel, begin, end = runs(visible)
@@ -235,9 +231,6 @@ class PlateGeometry:
 def flat_attributes(
     scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
 ) -> dict[str, Singles | NDArray[np.uint32]]:
-    """Return the normals and materials of triangles, carried by the vertices that end them.
-
-    surface.glsl says how the shaders read them.
-    """
+    """Return the normals and materials of triangles, carried by the vertices that end them (surface.glsl)."""
     normals = scene.normals.astype(np.float32)
     return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

@@ -41,9 +41,8 @@ def averaged(
 ) -> Iterator[PlateHogel]:
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
-    Triangle numbers, heights and normals are those seen through the aperture itself, which is drawn besides
-    for them. `points` returns the points of an aperture's area, `draw` yields the image of each point, in
-    order, with colors in float32.
+    Other channels are those seen through the aperture itself, drawn besides for them. `points` returns the
+    points of an aperture's area, `draw` yields the image of each point, in order, with colors in float32.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
     surfaces = content.channels != (Channel.COLOR,)
@@ -90,11 +89,7 @@ def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
 
 
 class OneByOne(ContextOwner):
-    """The stream of `PlateRenderer` with the sampling of `Rasterizer`: any number of samples a pixel.
-
-    A context manager: leaving it frees the rasterizer. Raises InputError where the settings do not fit the
-    frustum, and where `Rasterizer` does.
-    """
+    """The stream of `PlateRenderer` with the sampling of `Rasterizer`, and its InputErrors."""
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
         settings.check_against(scene.frustum)
@@ -123,8 +118,7 @@ class PlainLoop(ContextOwner):
     """The loop that anybody would write first, against which drawing many hogels at once is measured.
 
     Every camera draws the whole scene, without reflections, then pixels are read. With `numbered`, triangles
-    take their numbers from vertices, as in `PlateRenderer`, and not from `gl_PrimitiveID`: a bare loop that
-    asks for no numbers is as fast as one with them in vertices.
+    take their numbers from vertices, as in `PlateRenderer`: that is as fast as a loop without numbers.
     """
 
     def __init__(

@@ -78,10 +78,9 @@ def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
-    """The division of a stream of hogels into submissions and rounds.
+    """A stream's submissions of hogels, which share clears and draws and have a layer each, and its rounds.
 
-    The hogels of a submission share clears and draws and have a layer each; the submissions of a round are
-    drawn one after the other, then read back together.
+    The submissions of a round are drawn one after the other, then read back together.
     """
 
     hogels: int
@@ -179,13 +178,8 @@ class PlateDrawing:
 class PlatePicture:
     """A scene with triangles on the GPU, its materials and lights, and the programs that draw it.
 
-    The context is current now and whenever something is drawn. `passes` are the cameras as they are for any
-    one aperture; at least one.
-
-    Raises
-    ------
-    InputError
-        Textures or the environment map are larger than the device allows.
+    The context is current whenever something is drawn. `passes` are the cameras as for any one aperture.
+    Raises InputError where textures or the environment map are larger than the device allows.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: Look) -> None:
@@ -211,10 +205,7 @@ class PlatePicture:
             self.drawings.append(drawing("reflection.frag", defines, geometry.reflections))
 
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
-        """Clear a slot's target and draw into it from now on.
-
-        `enabled` are moderngl's flags of what is enabled while pictures are drawn; see `LayeredTarget.begin`.
-        """
+        """Clear a slot's target and draw into it from now on; see `LayeredTarget.begin`."""
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
         slot.target.begin(box)
@@ -222,11 +213,7 @@ class PlatePicture:
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
     ) -> list[int]:
-        """Upload what a camera draws for the hogels, and return the number of draws of each drawing.
-
-        `hogels` is the camera as it is for each hogel, `windows` (L, 4) the part of each hogel's film that is
-        wanted; see `clusters.clip_planes`.
-        """
+        """Upload what a camera draws for hogels, and return the number of draws of each drawing."""
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
@@ -240,20 +227,14 @@ class PlatePicture:
         return counts
 
     def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
-        """Draw one camera's picture for the hogels, over those of the cameras before it.
-
-        The camera is as any one of the hogels has it; `upload` returned the number of draws.
-        """
+        """Draw one camera's picture, as any one of the hogels has it, over those of the cameras before it."""
         slot.target.clear_depth(camera.test.clear)
         self._context.depth_func = camera.test.function
         self._shading.bind(self.drawings[PICTURE].program)
         self._draw(PICTURE, slot, number, camera, draws)
 
     def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
-        """Add every camera's reflections, if anything reflects, wherever its picture has stayed visible.
-
-        `enabled` holds the flags of the context with which the pictures were drawn.
-        """
+        """Add every camera's reflections, if anything reflects, wherever its picture has stayed visible."""
         if self.environment is None:
             return
         self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)

@@ -108,15 +108,9 @@ def _untimed(_name: str) -> AbstractContextManager[None]:
 class PlateRenderer(ContextOwner):
     """A scene on the GPU, uploaded once, ready to be drawn from many apertures with the same settings.
 
-    A context manager: leaving it frees the context and everything in it. `content` are the images that are
-    read back, and the effects that are simulated.
-
-    Raises
-    ------
-    InputError
-        The settings do not fit the frustum, the scene asks for more than one sample a pixel beside
-        sub-apertures, there is no usable OpenGL, or the device cannot draw so large an image or so many
-        triangles.
+    A context manager; `content` are the images that are read back, and the effects that are simulated. Raises
+    InputError where the settings do not fit the frustum, the scene asks for more than one sample a pixel
+    beside sub-apertures, or the device cannot draw it.
     """
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
@@ -177,13 +171,12 @@ class PlateRenderer(ContextOwner):
         self._context.release()
 
     def hogels(self, apertures: Iterable[Aperture], parts: Parts | None = None) -> Iterator[PlateHogel]:
-        """Draw apertures and yield their images in the same order.
+        """Draw apertures and yield their images in the same order, in bounded memory.
 
-        While one round of submissions is drawn, the round before it is read back: no more hogels are in
-        memory beside those that the caller keeps. Where the scene asks for sub-apertures, each is drawn as a
-        hogel of its own, and color is their mean. `parts` are the parts of the films that are wanted, by
-        column and row of the hogel: their pixels are those of whole films, bit for bit, and take less time;
-        those outside mean nothing.
+        While one round of submissions is drawn, the round before it is read back. Where the scene asks for
+        sub-apertures, each is drawn as a hogel of its own, and color is their mean. `parts` are the parts of
+        the films that are wanted, by column and row of the hogel: their pixels are those of whole films, bit
+        for bit, and take less time; those outside mean nothing.
         """
         plate, count = self.scene.plate, self.scene.sampling.aperture
         if count == 1:

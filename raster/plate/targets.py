@@ -126,8 +126,8 @@ class LayeredTarget:
     def begin(self, box: tuple[int, int, int, int] | None = None) -> None:
         """Draw here from now on, on empty layers: number 0, black.
 
-        `box` is the part of the films that is drawn and read, None for all: first column, first row from the
-        bottom, width and height in pixels. What lies outside reads as black.
+        `box` is the part of the films that is drawn and read: first column, first row from the bottom, width
+        and height; None for all. What lies outside reads as black.
         """
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)

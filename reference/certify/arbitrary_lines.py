@@ -43,20 +43,10 @@ class FirstAlong:
 def first_surfaces_along(
     triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
 ) -> FirstAlong:
-    """Decide what the lines center + s d meet first.
+    """Decide what the lines center + s d meet first; meant for up to some 1e6 lines.
 
-    Meant for up to some 1e6 lines: every candidate is decided in integers.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners in scene units.
-    center
-        The common point.
-    directions
-        (N, 3) d, of any length but zero.
-    s_range
-        Closed interval of s in which surfaces count; the smallest s comes first.
+    Triangles (F, 3, 3) have their corners in scene units, directions d (N, 3) any length but zero. Surfaces
+    count with s in the closed range, and the smallest s comes first.
     """
     exact = ExactLines(triangles, center, directions, s_range)
     met: dict[int, list[tuple[Fraction, int]]] = defaultdict(list)

@@ -36,9 +36,9 @@ class Boxes:
     holds: Any = None
 
     def rows(self, within: range) -> tuple[Any, Any] | None:
-        """Return the box and the row of each row of pixels of all boxes, within some rows of the film.
+        """Return the box and the row of each row of pixels of all boxes, within some rows; None without any.
 
-        Lanes of one box follow one another, from the top. None where no box reaches into these rows.
+        Lanes of one box follow one another, from the top.
         """
         first, last = dr.opaque(Int32, within.start), dr.opaque(Int32, within.stop - 1)
         top = dr.maximum(self.box[2], first)
@@ -65,15 +65,10 @@ def bounding_boxes(
 ) -> list[Boxes]:
     """Return the boxes of all triangles that a pencil's film may show; those without any are left out.
 
-    Parameters
-    ----------
-    triangles, pencil, exact
-        Triangles, the lines of the film, and the same lines in integers. This is called while `recording`.
-    margin
-        Distance in pixels by which boxes are wider than rounding asks for; where there is a margin, places
-        of other points are rounded as well, and the bound of rounding is doubled.
-    border
-        Columns and rows about the film that stand for all that lies beside it: boxes are counted from them.
+    This is called while `recording`; `exact` are the pencil's lines in integers. With a margin, in pixels,
+    boxes are wider than rounding asks for: places of other points are rounded as well, and its bound is
+    doubled. A border are columns and rows about the film, from which boxes are counted, for all that lies
+    beside it.
     """
     found: list[Boxes] = []
     seen_from = Viewpoint.of(pencil)

@@ -45,15 +45,7 @@ class FirstSurfaces:
 
 
 class Certifier:
-    """Decides the first surfaces along the lines of one image.
-
-    Parameters
-    ----------
-    triangles
-        The scene's triangles on the device.
-    pencil
-        Lines that are decided.
-    """
+    """Decides the first surfaces along the lines of one image."""
 
     def __init__(self, triangles: Triangles, pencil: Pencil) -> None:
         self.pencil = pencil
@@ -83,10 +75,7 @@ class Certifier:
         return replace(found, companions=companions)
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
-        """Fill in the pixels of contested pairs; return the companions of ties.
-
-        `base` is the number of the first pixel of the rows.
-        """
+        """Fill in the pixels of contested pairs, numbered from `base`; return the companions of ties."""
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
         width = self.pencil.resolution[0]
         # Step 1: pixels that one sure contender is left for are proven.
@@ -131,10 +120,7 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Groups:
-    """Contested pairs, sorted by pixel and then by triangle number, with each triangle once.
-
-    There are (G,) places of the first pair of each pixel's group, and numbers of its pairs.
-    """
+    """Contested pairs by pixel and triangle, each triangle once; first pair and size (G,) of each pixel."""
 
     pairs: Pairs
     starts: Indices

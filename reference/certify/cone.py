@@ -52,13 +52,7 @@ EDGES = ((0, 1), (1, 2), (2, 0))
 
 
 class Triangles:
-    """Corners of triangles on the device, put there once for all pencils, in 96 bytes each.
-
-    Parameters
-    ----------
-    corners
-        (F, 3, 3) corners, scene units.
-    """
+    """Corners (F, 3, 3) of triangles on the device, put there once for all pencils, in 96 bytes each."""
 
     def __init__(self, corners: Floats) -> None:
         self.corners = corners

@@ -126,13 +126,7 @@ class _Lanes:
 
 
 class Filter:
-    """The filter of the lines of one image.
-
-    Parameters
-    ----------
-    triangles, pencil, exact
-        Triangles on the device, the lines of the image, and the same lines in integers.
-    """
+    """The filter of the lines of one image; `exact` are the same lines in integers."""
 
     def __init__(self, triangles: Triangles, pencil: Pencil, exact: ExactPencil) -> None:
         self._triangles, self._pencil = triangles, pencil
@@ -357,24 +351,9 @@ class _FilmRow:
 def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: _FilmRow) -> tuple[Any, Any, Any, Any]:
     """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
 
-    Along a row, each edge function is E(dx) = slope dx + rest, positive inside; so each edge bounds dx on
-    one side, at its zero -rest / slope.
-
-    Parameters
-    ----------
-    cones, turn
-        The triangles, and the sign of their edge functions inside.
-    dy
-        Slopes of the rows.
-    film
-        The film.
-
-    Returns
-    -------
-    low, high
-        No line with a slope outside [low, high] meets the triangle.
-    surely_low, surely_high
-        Every line with a slope inside [surely_low, surely_high] meets it.
+    Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so each edge
+    bounds dx on one side, at its zero -rest / slope. No line with a slope outside [low, high] meets the
+    triangle; every line with a slope inside [surely_low, surely_high] does.
     """
     low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
     for edge, magnitude in zip(cones.edges, cones.magnitudes, strict=True):

@@ -129,15 +129,7 @@ class Occlusion:
         self._rows = lru_cache(maxsize=worker_count() + 1)(lambda pencil: _rows_of_cells(triangles, pencil))
 
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
-        """Return which points lie behind another surface on their own line, (N,).
-
-        Parameters
-        ----------
-        pencil
-            Lines through the point from which the points are seen.
-        points
-            Points that are asked about.
-        """
+        """Return which points (N,) lie behind another surface on their own line from a pencil's center."""
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
@@ -213,10 +205,7 @@ class Occlusion:
 
 
 def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
-    """Return the lines through points.
-
-    What is met nearer than half a tolerance before a point is the point's own surface.
-    """
+    """Return the lines to points, up to half a tolerance before them: nearer is their own surface."""
     positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
     own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
     s, (dx, dy), places = _film_places(pencil, positions)
@@ -290,10 +279,7 @@ def _walk(
 
 
 def _off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
-    """Return, in rational numbers, whether a point is farther than a tolerance from a triangle's plane.
-
-    A triangle without area has no plane, and no point is off it.
-    """
+    """Return, in rationals, whether a point is farther than a tolerance from a plane (without area: no)."""
     p, *triangle = ([Fraction(value) for value in row] for row in (point.tolist(), *corners.tolist()))
     first, second = difference(triangle[1], triangle[0]), difference(triangle[2], triangle[0])
     normal = cross(first, second)

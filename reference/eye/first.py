@@ -94,13 +94,7 @@ class Axis:
     height: float
 
     def candidates(self, x: Floats, s: Floats) -> tuple[Indices, Indices]:
-        """Return first and end of the lines that may cross triangles, (T,) each.
-
-        Parameters
-        ----------
-        x, s
-            (3, T) coordinate and depth below the plate of the corners.
-        """
+        """Return first and end (T,) of the lines that may cross triangles: corners x, depths s (3, T)."""
         if not len(self.seen):
             none = np.zeros(x.shape[1], dtype=np.int64)
             return none, none
@@ -144,17 +138,7 @@ class Crossings:
 
 
 def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> Iterator[Crossings]:
-    """Yield all pairs of a line and a triangle that may cross within the range, in bounded parts.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners, scene units.
-    grid
-        The lines.
-    columns, rows
-        The same lines beside the rays of the eye.
-    """
+    """Yield all pairs of a line and a triangle (F, 3, 3) that may cross within the range, in parts."""
     z = triangles[..., 2]
     reached = (-z.min(axis=1) >= grid.s_range[0]) & (-z.max(axis=1) <= grid.s_range[1])
     numbers = np.flatnonzero(reached)
@@ -182,17 +166,7 @@ def crossings(triangles: Floats, grid: LineGrid, columns: Axis, rows: Axis) -> I
 
 
 def first_along_grid(triangles: Triangles, grid: LineGrid, columns: Axis, rows: Axis) -> FirstSurfaces:
-    """Decide what each line of a grid meets first.
-
-    Parameters
-    ----------
-    triangles
-        Triangles on the device.
-    grid
-        The lines.
-    columns, rows
-        The same lines beside the rays of the eye, which see the triangles that may matter.
-    """
+    """Decide what each line of a grid meets first; both axes are its lines beside the eye's rays."""
     width, height = grid.resolution
     limit = np.full(width * height, np.inf)
     kept = NO_PAIRS

@@ -22,19 +22,10 @@ NONE = -1
 
 
 def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
-    """Return the rays of an eye's film through a point of its pupil.
+    """Return the rays of an eye's film through a point (2,) of its pupil, from its center, or through that.
 
     Rays of one pixel through different points meet in the plane of focus. Surfaces count within the reach of
     the plate, and before the eye.
-
-    Parameters
-    ----------
-    scene
-        Scene with the plate that is looked at.
-    eye
-        The eye.
-    point
-        (2,) point of the pupil from its center, scene units; None for the center.
     """
     x, y, height = eye.position
     shear, center = [-x / height, -y / height], [x, y]
@@ -54,16 +45,9 @@ def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
 
 
 def _taken(scene: Scene, pencil: Pencil, axis: int, step: int | None) -> tuple[Indices, Indices, Floats]:
-    """Return the hogel and the pixel that each ray takes along one axis, and its weight.
+    """Return the hogel and the pixel that each ray takes along an axis (0: columns, 1: rows), and its weight.
 
-    Parameters
-    ----------
-    scene, pencil
-        Scene with the plate and its hogels, and the rays.
-    axis
-        0 for columns, which count from the left, and 1 for rows, which count from the top.
-    step
-        None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
+    `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
     """
     slope, sign = (pencil.dx, pencil.dy)[axis], (1.0, -1.0)[axis]
     size, hogels, count = scene.plate.size[axis], scene.plate.hogels[axis], scene.frustum.resolution[axis]

@@ -22,16 +22,9 @@ from xfrustum.scenes.model.scene import Scene
 
 
 class EyeReference:
-    """What eyes before the plate of a scene see, every ray certified.
+    """What eyes before the plate of a scene see, every ray certified; `effects` as for `Reference`.
 
     Color is that of one line for each pixel, or point of the pupil: the scene's own sampling is not used.
-
-    Parameters
-    ----------
-    scene
-        Scene that is asked about.
-    effects
-        Effects of light that are evaluated; None for those that the scene calls for.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -71,10 +64,8 @@ class EyeReference:
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return what an eye sees of a plate whose hogels are all true: no renderer is worse than this.
 
-        Only the lines of the pixels that the eye is shown are traced; what they show is, bit for bit, what
-        these pixels show in `Reference.trace` of their hogels.
-
-        Without color (`shaded`) the picture is made faster.
+        What the pixels show that the eye is shown is, bit for bit, what they show in `Reference.trace` of
+        their hogels. Without color (`shaded`) the picture is made faster.
         """
         taken = self.replay(eye)
         width, height = eye.resolution

@@ -57,19 +57,10 @@ class Pencil:
 
 
 def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
-    """Return where a pencil's film shows surface points.
+    """Return where a pencil's film shows surface points (..., 3), those beyond its range too.
 
-    Parameters
-    ----------
-    points
-        (..., 3) scene units.
-    pencil
-        Lines of the film; points beyond its range are projected too.
-
-    Returns
-    -------
-    (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
-    points as high as the pencil's center, which the film does not show anywhere in particular.
+    Column and row (..., 2) are whole numbers at a pixel's center, rows count down; NaN for points as high as
+    the pencil's center, which the film does not show anywhere in particular.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
     # A point as high as the center is asked for at a height that is not a number.
@@ -78,15 +69,7 @@ def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
 
 
 def places_off_center(x: Floats, y: Floats, z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
-    """Return column and row, as `pixel_places` does, of points none of which is as high as the center.
-
-    Parameters
-    ----------
-    x, y, z
-        (N,) coordinates of the points, scene units.
-    pencil
-        Lines of the film.
-    """
+    """Return column and row, as `pixel_places`, of points (N,) none of which is as high as the center."""
     # Each step is written over the last one: most of the time of whole images is memory.
     depth = z - pencil.center[2]
     np.negative(depth, out=depth)
@@ -172,9 +155,7 @@ def _slab_camera(
 ) -> ModelCamera:
     """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
 
-    The camera of the first slab stands n before the plate, on the axis of the sheared frustum
-    (pivot aperture: (ax -+ n kx, ay -+ n ky, +-n)) or straight before the aperture (pivot
-    camera). All others stand in the aperture itself.
+    The camera of the first slab steps back from the plate by near; all others stand in the aperture itself.
     """
     low, high = section
     first = low == 0
@@ -193,18 +174,10 @@ def _slab_camera(
 def stepped_back(crossed: Pencil, height: float, *, pivot: Pivot, fitted: float | None) -> Pencil:
     """Return the lines of an offset camera: the one place that says where it stands and what its film spans.
 
-    Parameters
-    ----------
-    crossed
-        The crossed frustum of the aperture in z = 0 from which the camera steps back. Its range is kept, and
-        is for the caller to set.
-    height
-        Signed height of the camera above the plate: +n for a C, -n for a C*.
-    pivot
-        Whether it stands on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight
-        before the aperture.
-    fitted
-        Height |z| whose planes are drawn exactly; None to keep the angle.
+    It has stepped back from the aperture of `crossed` to a signed height, +n for a C and -n for a C*: on the
+    axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight before the aperture (`pivot`).
+    Planes at the height |z| `fitted` are drawn exactly; None keeps the angle. The range of s is the caller's
+    to set.
     """
     (x, y, _), (kx, ky), (tx, ty) = crossed.center, crossed.shear, crossed.half_extent
     aside = height if pivot is Pivot.APERTURE else 0.0

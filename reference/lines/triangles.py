@@ -27,20 +27,10 @@ def triangle_normals(corners: Floats) -> Floats:
 
 
 def plane_places(corners: Floats, normals: Floats, center: Floats, directions: Floats) -> Floats:
-    """Return s at which lines center + s d meet the planes of triangles, one triangle for each line, (N,).
+    """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3), one for each line.
 
-    Parameters
-    ----------
-    corners, normals
-        (N, 3, 3) triangles and (N, 3) their `triangle_normals`.
-    center
-        (3,) point that all lines pass through.
-    directions
-        (N, 3) d of each line.
-
-    Returns
-    -------
-    s is not finite where a line is parallel to the plane, or where the triangle has no area.
+    `normals` are their `triangle_normals`; s is not finite where a line is parallel to the plane, or where
+    the triangle has no area.
     """
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -78,17 +68,11 @@ errors are some 2^-1074 times coordinates, which are smaller than 2^128 as float
 
 
 def facing(triangles: Floats, pencil: Pencil) -> Numbers:
-    """Return which way triangles are turned, (F,) int32: 1 toward the viewer, -1 away, 0 exactly edge-on.
+    """Return which way triangles (F, 3, 3) are turned, (F,): 1 to the viewer, -1 away, 0 exactly edge-on.
 
     A triangle is turned toward the viewer where its corners run counterclockwise as the viewer sees them
-    along the pencil's lines. All lines of a pencil meet a triangle on the side on which its center lies.
-
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners, in scene units.
-    pencil
-        Lines through one point, all of whose surfaces lie on one side of it.
+    along the pencil's lines, which all have their surfaces on one side of the center: they meet the triangle
+    on the side on which the center lies.
     """
     center = np.asarray(pencil.center)
     a, b, c = (triangles[:, corner] - center for corner in range(3))

@@ -48,17 +48,7 @@ roundings add up to 2^10 2^-53 at most, far below those of a float32."""
 
 
 class LightModel:
-    """The light model on one scene's surfaces.
-
-    Parameters
-    ----------
-    scene
-        Scene with materials, lights, environment, normals, colors and textures.
-    effects
-        Effects that are evaluated.
-    channels
-        Number of channels that are computed: 1 where all is gray, else 3.
-    """
+    """The light model on one scene's surfaces, for some effects and channels: 1 where all is gray, else 3."""
 
     def __init__(self, scene: Scene, effects: frozenset[Effect], channels: int) -> None:
         self._effects, self._channels = effects, channels
@@ -98,14 +88,9 @@ class LightModel:
             self._environment = Surroundings(appearance.environment)
 
     def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
-        """Return each channel of linear RGB of points of triangles toward the viewer.
+        """Return each channel of linear RGB toward the viewer at points of triangles, in scene units.
 
-        Parameters
-        ----------
-        triangle, position
-            Numbers of the triangles, and points in scene units.
-        direction
-            Direction d of each point's line, of any length, from the viewer to the back.
+        `direction` is d of each point's line, of any length, from the viewer to the back.
         """
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
@@ -229,10 +214,7 @@ def _smoothed(where: _Places, vertex_normals: Table, flat: Vector) -> list[Any]:
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
-    """Return the power where a mask is true, else zero.
-
-    Where all exponents are whole numbers, `digits` is the number of binary digits of the largest; else None.
-    """
+    """Return the power where a mask is true, else zero; `digits` are those of the largest exponent."""
     if digits is not None and digits <= MAX_SQUARING_DIGITS:
         whole, power = UInt32(exponent), Float64(1.0)
         for digit in range(digits):

@@ -22,12 +22,8 @@ LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 
 class Textures:
     """The pictures of a scene in one table, one texel after the other.
 
-    Parameters
-    ----------
-    textures
-        (H, W, 4) sRGB each, row 0 at the top; alpha is ignored.
-    texture_of_triangle
-        (F,) index of a picture, negative for none.
+    Each is (H, W, 4) sRGB, row 0 at the top; alpha is ignored. Triangles (F,) have an index, negative for
+    none.
     """
 
     def __init__(self, textures: Sequence[Bytes], texture_of_triangle: Numbers) -> None:
@@ -72,9 +68,8 @@ class Surroundings:
     def radiance(self, directions: Sequence[Any]) -> list[Any]:
         """Return the environment's linear RGB in each direction, of any length but zero.
 
-        The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. The map is
-        filtered bilinearly between texel centers: around in longitude, and clamped beyond the centers of its
-        first and last row.
+        The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. Between
+        texel centers it is filtered bilinearly: around in longitude, clamped beyond its first and last row.
         """
         x, y, z = directions
         longitude = dr.atan2(x, -z)
@@ -102,13 +97,8 @@ def radiance_toward(environment: Environment, directions: Floats) -> Floats:
 def _bilinear(texel: Callable[[Any, Any], list[Any]], down: Any, right: Any) -> list[Any]:
     """Return the channels between the centers of the four texels about each point.
 
-    Parameters
-    ----------
-    texel
-        Function that returns the channels of the texels in rows and columns, whole numbers as doubles,
-        which may lie outside the picture.
-    down, right
-        Places in texels from the picture's top left corner; texel centers lie at halves.
+    `texel` looks up whole rows and columns, as doubles, also outside of the picture. Places count from its
+    top left corner; texel centers lie at halves.
     """
     row, column = dr.floor(down - 0.5), dr.floor(right - 0.5)
     below, beside = down - 0.5 - row, right - 0.5 - column

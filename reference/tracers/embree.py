@@ -30,10 +30,7 @@ def embree_versions() -> dict[str, str]:
 
 
 class EmbreeTracer:
-    """A scene's acceleration structure, built once, in Embree's robust mode.
-
-    `scale` is the factor by which lengths are multiplied before they are rounded to float32.
-    """
+    """A scene's acceleration structure in Embree's robust mode; lengths times `scale` are its float32."""
 
     name = "embree"
 

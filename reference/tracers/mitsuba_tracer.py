@@ -28,10 +28,7 @@ def mitsuba_versions() -> dict[str, str]:
 
 
 class MitsubaTracer:
-    """A scene's acceleration structure in Mitsuba, built once; robust where Embree builds it.
-
-    `scale` is the factor by which lengths are multiplied before they are rounded to float32.
-    """
+    """A scene's acceleration structure in Mitsuba, robust where Embree builds it; `scale` as in Embree's."""
 
     name = "mitsuba"
 

@@ -29,9 +29,8 @@ CLEARANCE = 2.0**-6
 def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Floats]:
     """Return origins and directions d of the lines of some rows' pixels, (N, 3) each.
 
-    An origin lies at the first s of the range, or a little before the line enters the scene's bounding box if
-    that is later: the lines of a steep frustum come from far outside of the box, and a distant origin loses
-    digits in float32.
+    An origin lies at the first s, or a little before the line enters the scene's bounding box if that is
+    later: the lines of a steep frustum come from far outside, and a distant origin loses digits in float32.
     """
     size = len(rows) * pencil.resolution[0]
     low, high = scene.bounds
@@ -57,19 +56,9 @@ def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Float
 
 
 def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbers:
-    """Trace each pixel's line once, from the viewer's end through the aperture to the back.
+    """Trace each pixel's line of some rows once, from the viewer's end through the aperture to the back.
 
-    Parameters
-    ----------
-    tracer, scene
-        Tracer of the scene, in float32, and the scene.
-    pencil, rows
-        Crossed frustum, and rows of its image.
-
-    Returns
-    -------
-    numbers
-        (rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
+    Triangle numbers (rows, W) are `NOTHING` where there is no hit or the first lies beyond the reach.
     """
     shape = len(rows), pencil.resolution[0]
     if not len(scene.faces):
@@ -87,8 +76,7 @@ def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbe
 class SecondOpinion(Brief):
     """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer.
 
-    `tracer` is a function that returns the tracer of the scene; triangle numbers and `Certainty` (rows, W)
-    are those that were decided.
+    Triangle numbers and `Certainty` (rows, W) are those that were decided.
     """
 
     tracer: Callable[[], Tracer]

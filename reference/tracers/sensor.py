@@ -41,10 +41,7 @@ def register_sensor() -> None:
 
 
 def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
-    """Return the sensor of an aperture with a film of the scene's resolution.
-
-    The film has a box filter, so that each pixel is the average over its own area.
-    """
+    """Return the sensor of an aperture with a film of the scene's resolution; a box averages pixels."""
     pencil = crossed_frustum(scene.frustum, aperture)
     return {
         "type": PLUGIN,
@@ -86,10 +83,7 @@ def mitsuba_scene(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class _FilmLines:
-    """The lines of one aperture, in the types of the Mitsuba variant with which the sensor was defined.
-
-    `reach` is the length along z on the viewer's side and behind the plate, scene units.
-    """
+    """The lines of one aperture, in the types of the sensor's variant; `reach` toward viewer and back."""
 
     mi: Any
     dr: Any
@@ -100,13 +94,7 @@ class _FilmLines:
 
     @classmethod
     def of(cls, mi: Any, dr: Any, props: Any) -> _FilmLines:
-        """Return the lines that a plugin's properties describe.
-
-        Raises
-        ------
-        ValueError
-            A half extent or a reach is not positive.
-        """
+        """Return the lines that a plugin's properties describe; ValueError where a size is not positive."""
         found = cls(
             mi=mi,
             dr=dr,

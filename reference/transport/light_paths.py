@@ -49,13 +49,7 @@ all light."""
 
 
 class LightPaths:
-    """A scene in Mitsuba, and the light paths through it.
-
-    Parameters
-    ----------
-    scene
-        Scene with at least one triangle.
-    """
+    """A scene with at least one triangle in Mitsuba, and the light paths through it."""
 
     def __init__(self, scene: Scene) -> None:
         self.scale = unit_scale(scene.vertices)
@@ -82,16 +76,8 @@ class LightPaths:
     ) -> Any:
         """Return linear RGB that arrives along lines, one path each.
 
-        Parameters
-        ----------
-        found
-            Triangle numbers, and whether there is one, as `first` returns them.
-        line
-            Origin and direction of the line along which the surface is seen, in double precision, scaled.
-        transport
-            Light transport that is simulated.
-        sampler
-            Mitsuba's sampler, seeded.
+        `found` is what `first` returns; `line` are origin and direction of the line along which that surface
+        is seen, in double precision, scaled.
         """
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         triangle, active = found
@@ -175,8 +161,8 @@ class LightPaths:
 def power(base: Any, exponent: Any) -> Any:
     """Return a power of a cosine, at most one, and zero where it is too small for a double.
 
-    Dr.Jit's own power returns minus infinity or NaN for results so small. A cosine that was rounded to more
-    than one counts as one.
+    Dr.Jit's own returns minus infinity or NaN there. A cosine that was rounded to more than one counts as
+    one.
     """
     dr = mitsuba_backend().drjit
     base = dr.minimum(base, 1.0)

@@ -26,13 +26,7 @@ MIN_SQUARED_AREA = 2.0**-1000
 
 
 def path_backend() -> MitsubaBackend:
-    """Return Mitsuba in a variant that traces many light paths at once.
-
-    Raises
-    ------
-    InputError
-        Its variant traces one ray at a time.
-    """
+    """Return Mitsuba; InputError where its variant traces one ray, and not many light paths, at a time."""
     found = mitsuba_backend()
     if found.scalar:
         raise InputError(
@@ -62,15 +56,7 @@ class Table:
 
 
 class Textures:
-    """All pictures in one table, four bytes a texel.
-
-    Parameters
-    ----------
-    textures
-        (H, W, 4) uint8 sRGB each, row 0 at the top.
-    texture_of_triangle
-        (F,) index of a picture, negative for none.
-    """
+    """All pictures in one table, four bytes a texel; see `shading.surroundings.Textures`."""
 
     def __init__(self, textures: tuple[Bytes, ...], texture_of_triangle: Numbers) -> None:
         packed = [np.ascontiguousarray(texture).view("<u4").ravel() for texture in textures]
@@ -143,15 +129,7 @@ class Point:
 
 
 class Surfaces:
-    """All triangles of a scene, by number.
-
-    Parameters
-    ----------
-    scene
-        Scene with the triangles.
-    scale
-        Factor by which lengths are multiplied.
-    """
+    """All triangles of a scene, by number; lengths are multiplied by a scale."""
 
     def __init__(self, scene: Scene, scale: float) -> None:
         surface = scene.surface
@@ -170,15 +148,7 @@ class Surfaces:
             self._textures = pictures, Table(np.pad(surface.uv, ((0, 0), (0, 1))))
 
     def point(self, triangle: Any, origin: Any, direction: Any) -> Point:
-        """Return where lines meet the planes of triangles, as seen against the lines' directions.
-
-        Parameters
-        ----------
-        triangle
-            Number of the triangle.
-        origin, direction
-            The line; the direction has any length.
-        """
+        """Return where lines, of any length, meet the planes of triangles, as seen against them."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         face = [self._faces.number(3 * triangle + corner) for corner in range(3)]
         a, b, c = (self._vertices.vector(corner) for corner in face)

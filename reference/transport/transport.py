@@ -43,13 +43,7 @@ class RadianceEstimate:
 
 
 class PathTracer:
-    """Renders a scene's apertures with light transport.
-
-    Parameters
-    ----------
-    scene
-        Scene with materials and lights; paths start at the points of its sampling.
-    """
+    """Renders a scene's apertures with light transport; paths start at the points of its sampling."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -64,17 +58,10 @@ class PathTracer:
         return LightPaths(self.scene)
 
     def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
-        """Return the radiance that the middle of an aperture sees.
+        """Return the radiance that the middle of an aperture sees; for more points, average their estimates.
 
-        Parameters
-        ----------
-        aperture
-            Aperture, of which only the middle is used; for more points, average their estimates.
-        transport
-            Light transport that is simulated, and the number of paths per pixel. Without shadows and
-            interreflection the result is the direct light that `Reference.trace` shows.
-        seed
-            Seed of the paths; the same seed gives the same paths.
+        The same seed gives the same paths. Without shadows and interreflection the result is the direct light
+        that `Reference.trace` shows.
         """
         width, height = self.scene.frustum.resolution
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
@@ -115,16 +102,7 @@ class _PathStarts:
     """The lines of one image; a path takes one of a pixel's `supersample` x `supersample` lines at random.
 
     The sensor aims rays in float32, which find the surface; its light is computed along the same line in
-    double precision that the reference decides.
-
-    Parameters
-    ----------
-    scene
-        Scene with the frustum and the sampling.
-    aperture
-        Aperture that the lines pass through.
-    scale
-        Factor by which lengths are multiplied.
+    double precision that the reference decides. Lengths are multiplied by a scale.
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
@@ -144,17 +122,7 @@ class _PathStarts:
         self._side, self._width, self._height = (dr.opaque(mi.UInt32, n) for n in (side, width, height))
 
     def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
-        """Return the result of `LightPaths.first` for a random line of a pixel, and that line, scaled.
-
-        Parameters
-        ----------
-        paths
-            The scene in Mitsuba.
-        pixel
-            Pixel number, row * W + column.
-        sampler
-            Mitsuba's sampler, seeded.
-        """
+        """Return what `LightPaths.first` finds on a random line of a pixel, and the line."""
         mi, dr = mitsuba_backend().mitsuba, mitsuba_backend().drjit
         row, column = pixel // (self._width // self._side), pixel % (self._width // self._side)
         part = sampler.next_2d()
