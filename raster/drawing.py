@@ -234,7 +234,7 @@ class Drawing:
         *,
         color: bool,
     ) -> None:
-        """Draw all cameras' pictures from the back, then reflections over them, into a target that is cleared.
+        """Draw all cameras' pictures from the back, then reflections over them, into a cleared target.
 
         Shaders contain the effects that are simulated alone. Without `color` there are triangle numbers
         alone.

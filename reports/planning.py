@@ -11,7 +11,8 @@ import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers, plan
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers
+from xfrustum.compare.planning.plan import plan as plan_apertures
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
@@ -65,7 +66,11 @@ def make_plan(
     chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
     with progress_bar(2 * len(chosen), "plan", "hogel", shown=progress) as bar:
-        return replace(plan(scene, chosen, requirement, choices, bar.update), auto=auto)
+        return replace(plan_apertures(scene, chosen, requirement, choices, bar.update), auto=auto)
+
+
+plan = make_plan
+"""The name of `make_plan` in the public API, beside the other commands."""
 
 
 def make_viewer_plan(

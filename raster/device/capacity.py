@@ -31,7 +31,7 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError where the device has no room for images, or `vertex_bytes` of each vertex in a block."""
+    """Raise InputError where the device has no room for images, or for vertices in a block."""
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
     _check_image(scene.frustum.resolution, device)

@@ -200,6 +200,10 @@ def measure_cost(
     )
 
 
+cost = measure_cost
+"""The name of `measure_cost` in the public API, beside the other commands."""
+
+
 def _errors(ways: Mapping[Aperture, list[Way]], reference: Reference) -> Iterator[tuple[int, Error]]:
     """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
 

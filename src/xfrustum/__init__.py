@@ -32,51 +32,15 @@ Modules that every layer may use:
     terminal     The program's messages on standard error, and text from outside made fit for a terminal
     tolerances   Limits that pictures are held to where nobody states others: the one place for these numbers
 
-Names are imported when they are first used, so that `import xfrustum` costs nothing.
+Names are imported when they are first used (`__init__.pyi`), so that `import xfrustum` costs nothing.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
+import lazy_loader
 
-_NAMES = {
-    "scenes": "Aperture Camera Cull DepthFormat DepthMapping DoubleFrustum Fit "
-    "HogelImage InputError Offset Pivot Scene open_scene",
-    "reports.verification.baseline": "Baseline BaselineOptions baseline",
-    "reports.budget": "BudgetReport budget",
-    "reports.exchange.cameras": "CameraFiles write_cameras",
-    "compare.metrics.comparison": "Comparison compare_images",
-    "reports.exchange.convert": "Conversion ConversionOptions convert",
-    "reports.cost.cost": "CostReport cost",
-    "reports.explain": "EffectsPlan explain",
-    "scenes.model.eye": "Eye",
-    "compare.run": "Judge JudgedDrawing JudgedHogel",
-    "reports.scene_check.new_scene": "NewScene new_scene",
-    "compare.planning.plan": "Plan",
-    "reports.plate.plate": "PlateFiles write_plate",
-    "raster": "Rasterizer",
-    "reference": "Reference",
-    "reports.error_report.report": "ReportFiles make_report",
-    "reports.error_report.settings": "ReportOptions",
-    "compare.planning.views": "Requirement",
-    "reports.scene_check.checking": "SceneCheck check",
-    "reports.eye.view": "SceneView view",
-    "reports.survey.answer": "Survey",
-    "reports.verification.verdict": "Verification",
-    "reports.plate.store": "camera_of",
-    "reports.planning": "make_plan plan",
-    "scenes.files.exr": "read_image write_image",
-    "reports.survey.survey": "survey",
-    "reports.verification.verification": "VerifyOptions verify",
-}
-"""Public names by the module that has them; type checkers read `__init__.pyi`."""
-
-_CALLED = {"cost": "measure_cost", "plan": "make_plan"}
-"""Names in these modules, where they are others."""
-
-_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
-
-__all__ = sorted([*_MODULES, "__version__"])  # noqa: PLE0605 - a list, of what is above
+_lazy, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["__version__"]
 
 
 def __getattr__(name: str) -> object:
@@ -84,10 +48,4 @@ def __getattr__(name: str) -> object:
         from importlib import metadata  # noqa: PLC0415 - it costs more than all the rest
 
         return metadata.version("xfrustum")
-    if name not in _MODULES:
-        raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")
-    return getattr(import_module(f"xfrustum.{_MODULES[name]}"), _CALLED.get(name, name))
-
-
-def __dir__() -> list[str]:
-    return __all__
+    return _lazy(name)

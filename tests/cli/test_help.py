@@ -12,8 +12,7 @@ import pytest
 import trimesh
 
 from xfrustum import reference
-from xfrustum.cli.app import COMPLETION_VARIABLE, USES, cli
-from xfrustum.cli.commands import scenes
+from xfrustum.cli.app import COMPLETION_VARIABLE, MODULES, USES, cli
 from xfrustum.cli.main import main
 from xfrustum.cli.options import TRACERS
 
@@ -71,10 +70,8 @@ def test_the_list_of_commands_has_all_of_them_under_their_uses(capsys: pytest.Ca
     assert main(["--help"]) == 0
     told = capsys.readouterr().out
     assert all(f"\n{use}:\n" in told for use in USES)
-    folder = Path(scenes.__file__).parent
-    names = {path.stem for path in folder.glob("*.py")} - {"__init__"}
-    assert names == {name for name in EXAMPLES if " " not in name}
-    assert all(f"\n  {name} " in told for name in names)
+    assert set(MODULES) == {name for name in EXAMPLES if " " not in name}
+    assert all(f"\n  {name} " in told for name in MODULES)
 
 
 def test_the_names_of_tracers_are_those_of_the_reference() -> None:

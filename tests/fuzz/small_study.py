@@ -22,8 +22,8 @@ def small(out: Path) -> None:
 if __name__ == "__main__":
     import click
 
-    from xfrustum.cli.commands import study as cli_study
+    from xfrustum.cli.commands import studies
 
     parameters: list[click.Parameter] = [click.Argument(["out"], type=click.Path(path_type=Path))]
-    cli_study.study.add_command(click.Command("small", callback=small, params=parameters))
+    studies.study.add_command(click.Command("small", callback=small, params=parameters))
     sys.exit(run())

@@ -1,4 +1,4 @@
-"""The group of all commands: their order by use, each loaded from its own file when it is called."""
+"""The group of all commands: their order by use, each loaded from its module when it is called."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from importlib import import_module
 
 import click
 
-from xfrustum.cli.options import Read
-
-SHORT_HELP_LENGTH = 150
-"""Largest number of characters of a command's line in the list of commands: one sentence, on two lines."""
+from xfrustum.cli.options import COUNT_FROM_1, Read
 
 USES = {
-    "Begin with a scene": ("scenes", "new", "check"),
-    "Answer for one aperture": ("trace", "raster", "figure7"),
-    "Compare and explain": ("report", "compare", "budget"),
-    "Plan settings": ("plan", "explain", "cost"),
-    "Whole plates": ("plate", "survey"),
-    "Verify another renderer": ("verify", "camera", "convert"),
-    "The viewer's eye": ("view",),
-    "Studies and benchmarks": ("study", "bench"),
-    "Checks of xfrustum itself": ("selfcheck",),
+    "Begin with a scene": ("scene", "scenes new check"),
+    "Answer for one aperture": ("aperture", "trace raster figure7"),
+    "Compare and explain": ("comparing", "report compare budget"),
+    "Plan settings": ("planning", "plan explain cost"),
+    "Whole plates": ("plates", "plate survey"),
+    "Verify another renderer": ("verifying", "verify camera convert"),
+    "The viewer's eye": ("eye", "view"),
+    "Studies and benchmarks": ("studies", "study bench"),
+    "Checks of xfrustum itself": ("studies", "selfcheck"),
 }
-"""All commands by use, in the order in which people need them; `commands/NAME.py` has the command NAME."""
+"""Module of `commands` and names of commands by use, in the order in which people need them."""
+
+MODULES = {name: module for module, names in USES.values() for name in names.split()}
+"""Module of each command."""
 
 
 class Commands(click.Group):
@@ -34,34 +34,31 @@ class Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands, those that a program has added last."""
-        return [*(name for names in USES.values() for name in names), *self.commands]
+        return [*MODULES, *self.commands]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of a name, None where there is none."""
-        if cmd_name in self.commands or cmd_name not in self.list_commands(ctx):
+        if cmd_name in self.commands or cmd_name not in MODULES:
             return self.commands.get(cmd_name)
-        found: click.Command = getattr(import_module(f"xfrustum.cli.commands.{cmd_name}"), cmd_name)
+        module = import_module(f"xfrustum.cli.commands.{MODULES[cmd_name]}")
+        found: click.Command = getattr(module, cmd_name)
         return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by use, each with its first sentence."""
-        for title, names in USES.items():
-            commands = ((name, self.get_command(ctx, name)) for name in names)
+        for title, (_, names) in USES.items():
+            commands = [(name, self.get_command(ctx, name)) for name in names.split()]
             with formatter.section(title):
-                formatter.write_dl(
-                    [(name, one.get_short_help_str(SHORT_HELP_LENGTH)) for name, one in commands if one]
-                )
-
-
-_UNITS = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
+                formatter.write_dl([(name, one.get_short_help_str(150)) for name, one in commands if one])
 
 
 def _size(text: str) -> int:
     """Return the number of bytes of a size such as 800M or 4GiB, in units of 1024."""
     match = re.fullmatch(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kmgt]?)(?:i?b)?", text.lower())
-    if match is None or float(match[1]) * _UNITS[match[2]] < 1:
+    size = 0 if match is None else int(float(match[1]) * 1024 ** " kmgt".index(match[2] or " "))
+    if not size:
         raise ValueError
-    return int(float(match[1]) * _UNITS[match[2]])
+    return size
 
 
 @click.group(
@@ -78,7 +75,7 @@ def _size(text: str) -> int:
 )
 @click.option(
     "--max-hogels",
-    type=click.IntRange(min=1),
+    type=COUNT_FROM_1,
     help="Largest number of hogels of a plate.  [default: 20000000]",
 )
 @click.option("--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings.")

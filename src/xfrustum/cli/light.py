@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import TEXT, Asked, flag, option
+from xfrustum.cli.options import Asked, flag, option, present
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
 
 if TYPE_CHECKING:
@@ -33,10 +33,9 @@ class Light(Asked):
     """Settings of light on the command line; None leaves a setting as the scene has it."""
 
     effects = option(
-        TEXT,
+        options.Read("all|auto|NAME,..", str, ""),
         "Effects that are simulated; auto: those that `explain` finds.",
         default="auto",
-        metavar="all|auto|NAME,..",
     )
     supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")
     multisample = option(_SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}")
@@ -58,38 +57,27 @@ class Light(Asked):
             from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
 
             points = needed_sub_apertures(scene)
-            options.note(
-                f"--aperture-samples {options.AUTO}: {points} points stand for the area of each hogel"
-            )
-        sampling = _given(supersample=self.supersample, multisample=self.multisample, aperture=points)
-        transport = _given(shadows=self.shadows, interreflection=self.interreflection, samples=self.samples)
+            options.note(f"--aperture-samples auto: {points} points stand for the area of each hogel")
+        paths = {"shadows": self.shadows, "interreflection": self.interreflection, "samples": self.samples}
+        sampling = present(supersample=self.supersample, multisample=self.multisample, aperture=points)
         changed = replace(
             scene,
             sampling=replace(scene.sampling, **sampling),
-            transport=replace(scene.transport, **transport),
+            transport=replace(scene.transport, **present(**paths)),
         )
         if self.samples is not None and not changed.transport.simulated:
             raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
         return changed
 
     def chosen(
-        self,
-        scene: Scene,
-        apertures: tuple[Aperture, ...] | None = None,
-        settings: DoubleFrustum | None = None,
+        self, scene: Scene, apertures: tuple[Aperture, ...] | None = None, drawn: DoubleFrustum | None = None
     ) -> frozenset[Effect]:
-        """Return the effects that are asked for, of images of some apertures (None: all) with some settings.
-
-        Settings are None where images are traced.
-        """
+        """Return the effects that are asked for, of images of apertures (None: all), drawn or traced."""
         from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
-        question = Question(
-            camera=Camera.BOTH if settings is None else settings.camera,
-            apertures=apertures,
-            settings=() if settings is None else (settings,),
-        )
+        camera, settings = (Camera.BOTH, ()) if drawn is None else (drawn.camera, (drawn,))
+        question = Question(camera=camera, apertures=apertures, settings=settings)
         return chosen(scene, self.effects, question=question)
 
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
@@ -103,9 +91,8 @@ class Light(Asked):
         local_effects = self.effects != "auto"
         if given == "mitsuba" or (given is None and (insisted or not local_effects)):
             if local_effects:
-                raise click.UsageError(
-                    "light paths have all effects: leave out --effects, or light transport"
-                )
+                words = "light paths have all effects: leave out --effects, or light transport"
+                raise click.UsageError(words)
             return "mitsuba", True
         if insisted:
             raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
@@ -116,13 +103,5 @@ class Light(Asked):
 
 def light_options(*names: str) -> Any:
     """Return some of the options as one Light; the others are None."""
-
-    def light(**given: Any) -> Light:
-        return Light(**{**dict.fromkeys(ALL), **given})
-
-    return options.group(light, **{name: vars(Light)[name] for name in names})
-
-
-def _given(**settings: Any) -> dict[str, Any]:
-    """Return the settings that are not None."""
-    return {name: value for name, value in settings.items() if value is not None}
+    own = {name: vars(Light)[name] for name in names}
+    return options.group(lambda **given: Light(**(dict.fromkeys(ALL) | given)), **own)

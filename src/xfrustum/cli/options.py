@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.plate import Aperture
 
 T = TypeVar("T")
-E = TypeVar("E", bound=StrEnum)
+S = TypeVar("S", bound=str)
 
 LIMIT_EXCEEDED = 1
 """Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
@@ -43,9 +43,6 @@ TRACERS = ("embree", "mitsuba")
 
 AUTO = "auto"
 """Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst apertures."""
-
-
-# Options as attributes
 
 
 @dataclass(frozen=True)
@@ -70,6 +67,11 @@ def option(kind: Any, words: str, *flags: str, **settings: Any) -> Any:
         return [click.Option([name, *named], type=kind, help=words, **settings)]
 
     return Declared(parameters)
+
+
+def choice(names: str, words: str, *flags: str, **settings: Any) -> Any:
+    """Return the option of one of some names, which are given as one text."""
+    return option(click.Choice(names.split()), words, *flags, **settings)
 
 
 def flag(words: str, *flags: str, default: bool | None = False) -> bool:
@@ -139,12 +141,14 @@ def command(
     return made
 
 
+def present(**given: Any) -> dict[str, Any]:
+    """Return the values that are not None."""
+    return {name: value for name, value in given.items() if value is not None}
+
+
 def is_given(parameter: str) -> bool:
     """Return whether the current command's parameter of that name was given, and has not its default."""
     return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
-
-
-# Kinds of values
 
 
 class Read(click.ParamType[T], Generic[T]):
@@ -187,22 +191,11 @@ def or_auto(kind: Read[Any]) -> Read[Any]:
     )
 
 
-def one_of(names: Iterable[str]) -> Read[str]:
-    """Return the kind of a name out of some, in small letters."""
-    known = tuple(names)
-
-    def chosen(text: str) -> str:
-        if text.lower() not in known:
-            raise ValueError
-        return text.lower()
-
-    return Read(f"[{'|'.join(known)}]", chosen, f"one of {', '.join(known)}")
-
-
-def member(enumeration: type[E]) -> Read[E]:
-    """Return the kind of a member of an enumeration."""
-    name = one_of(enumeration)
-    return Read(name.name, lambda text: enumeration(name.read(text)), name.wants)
+def one_of(names: Iterable[S]) -> Read[S]:
+    """Return the kind of a name out of some, or of a member of an enumeration, in small letters."""
+    known: tuple[Any, ...] = tuple(names)
+    words = f"one of {', '.join(known)}"
+    return Read(f"[{'|'.join(known)}]", lambda text: known[known.index(text.lower())], words)
 
 
 def number(text: str, kind: type[Any] = float, least: float = -math.inf, below: float = math.inf) -> Any:
@@ -233,10 +226,6 @@ def _length(text: str) -> tuple[float, str | None]:
     return POSITIVE.read(match[1]), match[2] or None
 
 
-def _fit(text: str) -> Fit | float:
-    return Fit(text.lower()) if text.lower() in set(Fit) else float(text)
-
-
 def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
     form, _, mapping = text.lower().partition(":")
     return DepthFormat(form), DepthMapping(mapping or "standard")
@@ -256,18 +245,19 @@ INDEX = Read("I,J", pair, "column,row such as 40,30")
 INDICES = list_of(INDEX, ";", "I,J;I,J", "a list of column,row such as 40,30;0,0")
 RESOLUTION = Read("W,H", functools.partial(pair, least=1), "W,H such as 400,300")
 TILES = Read("CxR", functools.partial(pair, by="x", least=1), "COLUMNSxROWS such as 8x6")
-FIT = Read("angle|screen|Z", _fit, "angle, screen or a height")
+FIT: Read[Fit | float] = Read(
+    "angle|screen|Z",
+    lambda text: Fit(text.lower()) if text.lower() in set(Fit) else float(text),
+    "angle, screen or a height",
+)
 DEPTHS = list_of(
     Read("FORMAT[:MAPPING]", _depth, ""),
     wants=f"a list of {', '.join(DepthFormat)}, each with or without :MAPPING ({', '.join(DepthMapping)})",
 )
 _DEVICES = list_of(Read("I", int, ""), wants="a list of indices such as 0,1")
 _PART = Read("K/N", functools.partial(pair, by="/"), "a part such as 3/8")
-TEXT = click.STRING
+TEXT, COUNT_FROM_1 = click.STRING, click.IntRange(min=1)
 FOLDER: click.ParamType[Path] = click.Path(path_type=Path)
-
-
-# Options of several commands
 
 
 _SETTINGS_HELP = {
@@ -291,7 +281,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
     for name, words in _SETTINGS_HELP.items():
         default = defaults[name]
         if isinstance(default, StrEnum):
-            kinds[name], words = member(type(default)), f"{words}  [default: {default}]"  # noqa: PLW2901
+            kinds[name], words = one_of(type(default)), f"{words}  [default: {default}]"  # noqa: PLW2901
         needed = {"required": True} if required and name == "near" else {}
         members[name] = option(kinds[name], words, **needed)
     return members
@@ -299,7 +289,7 @@ def settings_members(*, required: bool = False) -> dict[str, Any]:
 
 def settings_of(**given: Any) -> DoubleFrustum | None:
     """Return the settings that options name; None where none does."""
-    named = {name: value for name, value in given.items() if value is not None}
+    named = present(**given)
     if named and "near" not in named:
         raise click.UsageError(f"--{next(iter(named))} is a setting of the two cameras: give --near too")
     return DoubleFrustum(**named) if named else None
@@ -314,7 +304,7 @@ def engine_of(part: tuple[int, int] | None = None, **given: Any) -> Engine | Non
     """Return where options say that blocks are done; None where they say nothing."""
     from xfrustum.reports.blocks import Engine, Part
 
-    asked = {name: value for name, value in given.items() if value is not None}
+    asked = present(**given)
     if part is not None:
         asked["part"] = Part(number=part[0], count=part[1])
         if "scheduler" not in asked:
@@ -329,7 +319,7 @@ def engine_options(default: str, *, draws: bool = True) -> Any:
     """
     members = {
         "scheduler": option(TEXT, "Address of a Dask scheduler, such as tcp://host:8786."),
-        "workers": option(click.IntRange(1), f"Processes of this machine.  [default: {default}]"),
+        "workers": option(COUNT_FROM_1, f"Processes of this machine.  [default: {default}]"),
         "devices": option(_DEVICES, "EGL devices by index, taken in turn.  [default: GPUs]"),
         "part": option(_PART, "Do one of N parts, without Dask: for job arrays."),
     }
@@ -366,16 +356,13 @@ ACCEPTED = Read("NAME,NAME,..", _accepted, "a list of conventions")
 scene_argument: str = argument(shell_complete=_scenes)
 aperture_option = option(INDEX, "Column,row on the plate.  [default: the middle]")
 tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
-decided_by_option = option(
-    click.Choice(["certified", "embree", "mitsuba"]),
-    "Certified truth, or a tracer's own picture.",
-    default="certified",
+decided_by_option = choice(
+    "certified embree mitsuba", "Certified truth, or a tracer's own picture.", default="certified"
 )
 tolerance_option = option(POSITIVE, "Displacement that 99 % may have.", default=TOLERANCE_PX)
 seed_option = option(click.IntRange(0), "Start of the random numbers.", default=0)
-encoding_option = option(
-    click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
-    "What pixels of pictures hold; not for OpenEXR.  [default: rgb]",
+encoding_option = choice(
+    "rgb srgb triangle-id object-id", "What pixels of pictures hold; not for OpenEXR.  [default: rgb]"
 )
 
 
@@ -425,9 +412,6 @@ class OneOrAuto(Measured):
 
 
 ONE_OR_MANY = "--aperture names one aperture and --apertures asks for many: give one of them"
-
-
-# What commands do alike
 
 
 def open_scene(name: str) -> Scene:

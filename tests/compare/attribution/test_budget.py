@@ -16,7 +16,7 @@ import xfrustum
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.app import cli
-from xfrustum.cli.commands.budget import budget as budget_command
+from xfrustum.cli.commands.comparing import budget as budget_command
 from xfrustum.compare.attribution.budget import Budget, make_budget
 from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain

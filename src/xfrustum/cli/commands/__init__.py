@@ -1,1 +1,1 @@
-"""The commands: `NAME.py` has the command NAME, and the example that ends its help."""
+"""The commands, in modules by their use (`app.USES`), each with the example that ends its help."""

@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.light import light_options
-from xfrustum.cli.options import FOLDER, POSITIVE, RESOLUTION, TEXT, TILES, option, several
+from xfrustum.cli.options import FOLDER, POSITIVE, RESOLUTION, TEXT, TILES, choice, option, several
 
 if TYPE_CHECKING:
     from xfrustum.reports.eye.view import Source
@@ -36,10 +36,7 @@ class _Asked(options.Measured):
         resolution=option(RESOLUTION, "Pixels of an eye's film.  [default: 400,300]"),
         pupil=option(POSITIVE, "Diameter of the pupil.  [default: a pinhole]"),
         focus=option(click.FLOAT, "Height z that eyes are focused on.  [default: 0, the plate]"),
-        beam=option(
-            click.Choice(["box", "tent"]),
-            "Beams that hogels replay: a pixel each, or means of four.  [default: box]",
-        ),
+        beam=choice("box tent", "Beams that hogels replay: a pixel each, or means of four.  [default: box]"),
     )
     stereo = option(POSITIVE, "Distance of two eyes that take the place of each eye.")
     settings = options.settings_options()
@@ -55,8 +52,8 @@ class _Asked(options.Measured):
         from xfrustum.reports.eye.view import eyes_on_path
         from xfrustum.scenes.model.eye import Eye
 
-        known = {name: value for name, value in self.film.items() if value is not None}
-        return eyes_on_path([Eye(position=place, **known) for place in self.places], self.path)
+        film = options.present(**self.film)
+        return eyes_on_path([Eye(position=place, **film) for place in self.places], self.path)
 
     def source(self, scene: Scene) -> Source | None:
         """Return where the hogels come from; None where none are asked for."""
@@ -64,7 +61,7 @@ class _Asked(options.Measured):
         from xfrustum.scenes.files.foreign_images import Encoding
 
         if self.settings is not None:
-            return Drawing(scene, self.settings, self.light.chosen(scene, settings=self.settings))
+            return Drawing(scene, self.settings, self.light.chosen(scene, drawn=self.settings))
         if self.plate is not None:
             return StoredPlate(self.plate, scene)
         if self.images is not None:

@@ -1,4 +1,4 @@
-"""`verify`: foreign renderers are diagnosed and judged."""
+"""`verify`, `camera`, `convert`: other renderers judged, cameras for them, and layouts of files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from xfrustum.cli.options import (
     FOLDER,
     INDICES,
     LAYOUT,
+    LAYOUT_OR_ZARR,
     POSITIVE,
+    RESOLUTION,
     SHARE,
     TEXT,
+    choice,
     flag,
     group,
     option,
@@ -24,13 +27,51 @@ from xfrustum.cli.options import (
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
+    from xfrustum.reports.exchange.convert import Conversion
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
 
-LIMITS_NOT_STATED = (
-    "exit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
+_COUNTS = options.Read(
+    "COLUMNS,ROWS", lambda text: RESOLUTION.read(text.replace("x", ",")), "COLUMNS,ROWS such as 8,6"
 )
-"""Line for the terminal where hogels exceed limits that are not the user's, as they did when accepted."""
+
+
+class _Convert(options.Measured):
+    source: Path = options.argument(metavar="IN", type=FOLDER)
+    out: Path = options.argument(type=FOLDER)
+    read_as = option(LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from")
+    write_as = option(LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to")
+    facts = several(
+        hogels=option(_COUNTS, "Columns and rows of hogels, which a mosaic does not state."),
+        tiles=option(_COUNTS, "Columns and rows of tiles of a quilt.  [default: by its views]"),
+        suffix=choice(".png .ppm .exr .avi", "Format of pictures.  [default: .png; .exr for floats]"),
+        array=choice("color triangle", "Array of a Zarr group.  [default: color]"),
+    )
+
+
+@options.command("xfrustum convert plate.zarr plate.png --to mosaic")
+def convert(asked: _Convert) -> None:
+    """Write a plate in another layout of files, or from and into Zarr.
+
+    IN is a folder of pictures or videos, one picture, or a Zarr group; OUT the same. Pixels are moved and
+    never computed; what a layout cannot hold is said.
+    """
+    from xfrustum.reports.exchange import convert as converting
+
+    layouts = asked.read_as, asked.write_as
+    facts = converting.ConversionOptions(**asked.facts)
+    done = converting.convert(asked.source, asked.out, *layouts, facts, progress=asked.progress)
+    tell_losses(done)
+    (columns, rows), (width, height) = done.hogels, done.resolution
+    counted = f"{columns} x {rows} hogels of {width} x {height} pixels in {done.files} files"
+    read = f"read as {done.read_as}: {'; '.join(done.reasons)}"
+    asked.tell(lambda: done, lambda: f"{read}\n{counted} ({done.written_as})\n{done.out}")
+
+
+def tell_losses(done: Conversion) -> None:
+    """Print on standard error what files in a layout have lost, and what their readers may miss."""
+    for line in (*(f"lost: {lost}" for lost in done.losses), *done.notes):
+        options.note(line)
 
 
 def _tolerance(text: str) -> Any:
@@ -45,22 +86,20 @@ def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
         if asked.get("repeated") and not asked["approve"]:
             raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
         return {"folder": baseline, **asked}
-    for name in asked:
-        if options.is_given(name):
-            raise click.UsageError(f"--{name.replace('_', '-')} is about --baseline DIR: give it too")
+    for name in filter(options.is_given, asked):
+        flag = "--baseline-tolerance" if name == "tolerance" else f"--{name}"
+        raise click.UsageError(f"{flag} is about --baseline DIR: give it too")
     return None
 
 
 _TOLERANCE = options.Read("SHARE|NAME=AMOUNT,..", _tolerance, "a tolerance such as 5% or wrong_surfaces=3")
-_PIXELS = options.Read(
-    "PX|none", lambda text: None if text == "none" else float(text), "a number of pixels or none"
-)
+_PIXELS = options.Read("PX|none", lambda n: float(n) if n != "none" else None, "a number of pixels or none")
 
 
-class _Asked(options.Measured):
+class _Verify(options.Measured):
     scene = options.scene_argument
+    source: str | None = options.argument(required=False)
     judged = several(
-        source=options.argument(required=False),
         command=option(
             TEXT, "In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'."
         ),
@@ -71,9 +110,7 @@ class _Asked(options.Measured):
         accept=option(
             ACCEPTED, "Conventions that are no faults, such as orientation,order; or all.", default=()
         ),
-        compare=option(
-            click.Choice(["color", "geometry"]), "What plain pictures are judged by.", default="color"
-        ),
+        compare=choice("color geometry", "What plain pictures are judged by.", default="color"),
         max_wrong=option(
             SHARE,
             "Share of wrong surfaces (colors, outlines) in the pixels that show something.",
@@ -95,8 +132,10 @@ class _Asked(options.Measured):
         baseline=option(FOLDER, "Folder of accepted measures: fail on what got worse."),
         approve=flag("Accept the present measures in --baseline."),
         repeated=flag("With --approve: differences are the renderer's noise."),
-        baseline_tolerance=option(
-            _TOLERANCE, "What counts as noise.  [default: the spread of accepted runs]"
+        tolerance=option(
+            _TOLERANCE,
+            "What counts as noise.  [default: the spread of accepted runs]",
+            "--baseline-tolerance",
         ),
         renderer=option(TEXT, "Name of the renderer in --baseline.  [default: SOURCE or the command]"),
         device=option(TEXT, "Name of its device in --baseline.  [default: this machine's processor]"),
@@ -107,21 +146,19 @@ class _Asked(options.Measured):
         from xfrustum.reports.verification.verification import VerifyOptions, verify
         from xfrustum.reports.verification.workers import verify_on
 
-        fields = dict(self.judged)
-        source = fields.pop("source")
-        judged = VerifyOptions(channels=self.out is not None, progress=self.progress, **fields)
+        judged = VerifyOptions(channels=self.out is not None, progress=self.progress, **self.judged)
         if self.engine is None:
-            return verify(scene, source, judged)
+            return verify(scene, self.source, judged)
         if judged.layout is not None:
             raise click.UsageError("--layout is for this process: leave out --workers and the like")
-        return verify_on(self.engine, scene, source, judged, self.out, options.note)
+        return verify_on(self.engine, scene, self.source, judged, self.out, options.note)
 
 
 @options.command(
     "xfrustum verify asymmetric --apertures '20,20;60,40' --command 'xfrustum raster asymmetric "
     "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'"
 )
-def verify(asked: _Asked) -> int:
+def verify(asked: _Verify) -> int:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
@@ -135,11 +172,11 @@ def verify(asked: _Asked) -> int:
     if asked.junit is not None:
         check_writable_file(asked.junit, "--junit")
     options.check_out(asked.out, FILES)
-    if asked.baseline is not None:
-        from xfrustum.reports.verification.baseline import accepted_runs, check_folder
+    from xfrustum.reports.verification import baseline as accepted
 
-        check_folder(asked.baseline["folder"])
-        accepted_runs(asked.baseline["folder"])
+    if asked.baseline is not None:
+        accepted.check_folder(asked.baseline["folder"])
+        accepted.accepted_runs(asked.baseline["folder"])
     found = asked.found(opened)
     if found is None:
         options.note("this part is judged; the last one to be finished writes the verification")
@@ -155,24 +192,55 @@ def verify(asked: _Asked) -> int:
     if asked.baseline is None:
         asked.tell(found.summary, lambda: table(found))
         return 0 if found.passed else options.LIMIT_EXCEEDED
-    from xfrustum.reports.verification.baseline import BaselineOptions, append_step_summary, baseline, lines
-
     said = {name: asked.judged[name] for name in ("near", "accept", "encoding")}
     if encoding == "rgb" and asked.judged["command"] is None:
         said["encoding"] = None  # what is stated although it is the default judges the same
-    how = {**asked.baseline}
-    folder, tolerance = how.pop("folder"), how.pop("baseline_tolerance")
-    held = baseline(found, folder, BaselineOptions(tolerance=tolerance, **said, **how))
-    problem = append_step_summary(held)
+    folder = asked.baseline.pop("folder")
+    held = accepted.baseline(found, folder, accepted.BaselineOptions(**said, **asked.baseline))
+    problem = accepted.append_step_summary(held)
     if problem is not None:
         options.note(problem)
     # Where measures are accepted, limits count only if they were stated.
     stated = any(map(options.is_given, ("max_wrong", "max_displacement_px", "max_color")))
     limited = stated or not (held.compared or held.approved)
     passed = held.passed and (found.passed or not limited)
-    decided = f"\n{LIMITS_NOT_STATED}" if passed and not found.passed else ""
-    asked.tell(
-        lambda: {**found.summary(), "baseline": held.summary()},
-        lambda: f"{table(found)}\n{lines(held)}{decided}",
-    )
+    text = f"{table(found)}\n{accepted.lines(held)}"
+    if passed and not found.passed:  # limits that are not the user's are exceeded as they were when accepted
+        text += (
+            "\nexit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
+        )
+    asked.tell(lambda: {**found.summary(), "baseline": held.summary()}, lambda: text)
     return 0 if passed else options.LIMIT_EXCEEDED
+
+
+class _Camera(options.Printed):
+    scene = options.scene_argument
+    renderer = choice(
+        "blender json gltf mitsuba",
+        "Blender: the crossed frustum itself and a script that renders it; else C and C*.",
+        "--for",
+        required=True,
+    )
+    apertures = option(INDICES, "Column,row of each.  [default: as `report`; blender: all]")
+    settings = options.settings_options()
+    out = option(FOLDER, "Folder.", required=True)
+
+
+@options.command("xfrustum camera asymmetric --for json --near 0.1 --out cameras")
+def camera(asked: _Camera) -> None:
+    """Write the cameras of a plate for another renderer.
+
+    `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each camera;
+    `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders any apertures in
+    Blender 4.5 or newer, exactly and in one pass each (docs/blender.md).
+    """
+    opened = options.open_scene(asked.scene)
+    from xfrustum.reports.exchange.cameras import write_cameras
+
+    indices = asked.apertures
+    chosen = None if indices is None else [opened.plate.aperture(*index) for index in indices]
+    written = write_cameras(opened, asked.renderer, asked.out, asked.settings, chosen)
+    asked.tell(
+        lambda: {"for": written.renderer, "files": written.files, "next": written.next_step},
+        lambda: "\n".join((*map(str, written.files), written.next_step)),
+    )

@@ -1,0 +1,124 @@
+"""`trace`, `raster`, `figure7`: one aperture, traced, drawn with the two cameras, and as in the figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.light import RASTER, REFERENCE, light_options
+from xfrustum.cli.options import FOLDER, INDEX, POSITIVE, option
+
+
+def check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
+    """Refuse a tracer for second opinions where another one decides alone."""
+    if decided_by != "certified" and tracer not in (None, decided_by):
+        raise click.UsageError(
+            f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
+        )
+
+
+class _Trace(options.Measured):
+    scene = options.scene_argument
+    aperture = options.aperture_option
+    tracer = option(
+        options.one_of(options.TRACERS), "Ray tracer.  [default: embree; for light paths mitsuba]"
+    )
+    decided_by = options.decided_by_option
+    light = light_options(*REFERENCE)
+    out = option(FOLDER, "EXR file, NAME.exr.", required=True)
+
+
+@options.command("xfrustum trace car --out truth.exr")
+def trace(asked: _Trace) -> None:
+    """Trace the truth of one aperture and write it as EXR.
+
+    With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
+
+    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
+    their variance in the channels variance.R, variance.G and variance.B.
+    """
+    opened = asked.light.applied(options.open_scene(asked.scene))
+    chosen = options.chosen_aperture(opened, asked.aperture)
+    from xfrustum.reference import Reference
+    from xfrustum.reports.common.outputs import check_writable_image
+    from xfrustum.reports.trace import forecast, trace_alone, trace_to_file, trace_transported
+
+    check_writable_image(asked.out)
+    options.look_at(opened, [chosen], black_is_right=True)
+    effects = asked.light.chosen(opened, (chosen,))
+    record: Any
+    if asked.decided_by != "certified":
+        check_no_other_tracer(asked.tracer, asked.decided_by)
+        reference = Reference(opened, tracer=asked.decided_by, effects=effects)
+        record = trace_alone(reference, chosen, asked.out)
+    else:
+        who, transported = asked.light.tracer(opened, asked.tracer)
+        ahead = None if asked.quiet else forecast(opened, transported=transported)
+        if ahead is not None:
+            options.note(ahead)
+        reference = Reference(opened, tracer=who, effects=effects)
+        if transported:
+            if asked.as_json:
+                words = "--json counts pixels of the certified truth: leave out light transport"
+                raise click.UsageError(words)
+            trace_transported(reference, chosen, asked.out, progress=asked.progress)
+            return
+        record = trace_to_file(reference, chosen, asked.out, compared=asked.as_json, progress=asked.progress)
+    if asked.as_json:
+        asked.tell(lambda: record, str)
+
+
+class _Raster(options.Asked):
+    scene = options.scene_argument
+    aperture = options.aperture_option
+    settings = options.settings_options(required=True)
+    light = light_options(*RASTER)
+    out = option(FOLDER, "EXR file, NAME.exr.", required=True)
+
+
+@options.command("xfrustum raster car --near 0.1 --out raster.exr")
+def raster(asked: _Raster) -> None:
+    """Draw one aperture with the two cameras and write it as EXR."""
+    settings = asked.settings
+    opened = asked.light.applied(options.open_scene(asked.scene))
+    chosen = options.chosen_aperture(opened, asked.aperture)
+    settings.check_against(opened.frustum)
+    from xfrustum.raster import Rasterizer
+    from xfrustum.reports.common.outputs import check_writable_image
+    from xfrustum.scenes.files.exr import write_image
+
+    check_writable_image(asked.out)
+    options.look_at(opened, [chosen], black_is_right=True)
+    with Rasterizer(opened, effects=asked.light.chosen(opened, (chosen,), settings)) as rasterizer:
+        write_image(asked.out, rasterizer.render(chosen, settings, normals=True, color=True))
+
+
+class _Figure7(options.Asked):
+    scene: str = options.argument(default="car-studio")
+    aperture = options.aperture_option
+    other = option(INDEX, "Second perspective of C*.  [default: where it shows most]")
+    near = option(POSITIVE, "Offset of both cameras.  [default: 1e-6 of the reach]")
+    out = option(FOLDER, "Folder.  [default: figure7/NAME]")
+
+
+@options.command("xfrustum figure7 car --out figure7")
+def figure7(asked: _Figure7) -> None:
+    """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
+
+    C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
+    """
+    opened = options.open_scene(asked.scene)
+    chosen = options.chosen_aperture(opened, asked.aperture)
+    second = None if asked.other is None else opened.plate.aperture(*asked.other)
+    from xfrustum.reports import figure7 as figures
+    from xfrustum.reports.error_report.report import default_folder
+
+    folder = asked.out or Path("figure7") / default_folder(opened).name
+    options.check_out(folder, figures.FILES)
+    options.look_at(opened, [chosen])
+    settings = figures.default_settings(opened, asked.near)
+    figures.write_figure(figures.draw_figure(opened, chosen, settings, second), folder)
+    options.echo(str(folder / "index.html"))

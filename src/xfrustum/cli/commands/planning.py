@@ -1,0 +1,207 @@
+"""`plan`, `explain`, `cost`: settings that keep what is required, what a scene calls for, error and time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.light import BUDGET, light_options
+from xfrustum.cli.options import (
+    BELOW_1,
+    COUNT,
+    COUNT_FROM_1,
+    FOLDER,
+    INDEX,
+    LENGTH,
+    NUMBERS,
+    POSITIVE,
+    flag,
+    group,
+    option,
+    or_auto,
+    several,
+)
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from xfrustum.compare.scout import AutoApertures
+    from xfrustum.scenes.model.scene import Scene
+    from xfrustum.scenes.plate.plate import Aperture
+
+_VIEWER_FIELDS = {
+    "acuity": "acuity_arcmin",
+    "stereo_acuity": "stereo_acuity_arcsec",
+    "ipd": "eyes_apart_mm",
+    "pupil": "pupil_mm",
+}
+"""Fields of a viewer by the options that say them."""
+
+
+def _eyes(**given: Any) -> dict[str, Any]:
+    """Return what options say of a viewer; they are refused without a distance, or beside single hogels."""
+    said = options.present(**given)
+    if said and "viewer" not in said:
+        name = next(iter(said)).replace("_", "-")
+        raise click.UsageError(f"--{name} describes a viewer: give --viewer too")
+    for name in filter(options.is_given, ("aperture", "apertures", "tolerance_px") if said else ()):
+        flag = f"--{name.replace('_', '-')}"
+        about = f"{flag} is about hogels, and a viewer sees all of them at once"
+        raise click.UsageError(f"{about}: leave out {flag} or --viewer")
+    return said
+
+
+class _Plan(options.Measured):
+    scene = options.scene_argument
+    aperture = option(INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
+    apertures = option(or_auto(COUNT), "Plan for so many: middle, corners, then between; auto: the worst.")
+    sample = option(COUNT_FROM_1, "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS)
+    seed = options.seed_option
+    required = several(
+        tolerance_px=options.tolerance_option,
+        separation=option(POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
+        max_wrong=option(BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
+    )
+    depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
+    mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
+    eyes = group(
+        _eyes,
+        viewer=option(LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
+        acuity=option(POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]"),
+        stereo_acuity=option(POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]"),
+        ipd=option(POSITIVE, "Millimeters between his eyes.  [default: 65]"),
+        pupil=option(POSITIVE, "Millimeters of his pupils.  [default: 4]"),
+    )
+
+    def chosen(self, scene: Scene) -> Sequence[Aperture] | AutoApertures | None:
+        """Return the apertures to plan for; None for the whole plate."""
+        from xfrustum.reports.planning import spread_apertures
+
+        if isinstance(self.apertures, str):
+            return options.auto_apertures(scene, progress=self.progress)
+        if self.aperture is None and self.apertures is None:
+            return None
+        one = options.chosen_aperture(scene, self.aperture)
+        chosen = [one] if self.apertures is None else spread_apertures(scene.plate, self.apertures)
+        options.look_at(scene, chosen)
+        return chosen
+
+
+@options.command("xfrustum plan asymmetric --apertures 3")
+def plan(asked: _Plan) -> None:
+    """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
+
+    The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
+    With --aperture or --apertures it is made for these alone. With --viewer near may be as large as eyes at
+    that distance do not notice, whatever becomes of hogels' pixels.
+    """
+    if asked.aperture is not None and asked.apertures is not None:
+        raise click.UsageError(options.ONE_OR_MANY)
+    opened = options.open_scene(asked.scene)
+    from xfrustum.compare.planning.plan import depth_buffers
+    from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.sampling import RandomSample
+    from xfrustum.compare.scout import AutoApertures
+    from xfrustum.raster import require_room
+    from xfrustum.reports.planning import make_plan, table
+
+    requirement = Requirement(**asked.required)
+    # The plan is measured by drawing it, but only after a search that traces and predicts for long.
+    require_room(opened)
+    sample = RandomSample(hogels=asked.sample, seed=asked.seed)
+    buffers = depth_buffers(asked.depth, asked.mapping)
+    how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
+    if asked.eyes:
+        from xfrustum.compare.eye.noticeable import Viewer, scene_length
+        from xfrustum.reports.eye.plan_replay import planned_record, planned_table, replayed_plan
+        from xfrustum.reports.planning import make_viewer_plan
+
+        distance = scene_length(asked.eyes.pop("viewer"), opened)
+        viewer = Viewer(distance=distance, **{_VIEWER_FIELDS[name]: it for name, it in asked.eyes.items()})
+        made, seen = make_viewer_plan(opened, viewer, requirement, buffers, **how)
+        options.warn_of(opened)
+        record = planned_record(opened, made, seen, progress=asked.progress)
+        made = replayed_plan(made, record)
+        # The last line is the command that draws so, as in all plans.
+        planned = table(made, opened, [opened.plate.middle], seen, record.exceeded)
+        text = f"{planned_table(record, opened.units)}\n\n{planned}"
+        asked.tell(lambda: {**made.summary(), "viewer": record}, lambda: text)
+        return
+    chosen = asked.chosen(opened)
+    made = make_plan(opened, chosen, requirement, buffers, **how)
+    if chosen is None:
+        # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
+        options.warn_of(opened)
+    drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
+    asked.tell(made.summary, lambda: table(made, opened, drawn, requirement))
+
+
+class _Explain(options.Measured):
+    scene = options.scene_argument
+    aperture = options.aperture_option
+    slabs = option(NUMBERS, "Heights |z| at which both frusta are cut.", default=())
+    camera = option(options.one_of(Camera), "Which cameras draw.", default=Camera.BOTH)
+    tracer = options.tracer_option
+    light = light_options(*BUDGET)
+    near = option(POSITIVE, "Near offset of the table of depths.  [default: reach/1000]")
+    viewer = option(LENGTH, "Distance of an eye, such as 600mm: what does it notice there?")
+    measure = flag("Measure what each effect costs on this machine.")
+    repeat = option(click.IntRange(0), "Measured pairs of images; implies --measure.  [default: 6]")
+
+
+@options.command("xfrustum explain car --viewer 600 --near 0.1")
+def explain(asked: _Explain) -> None:
+    """Say what a scene calls for: each effect, and the fact that decides it.
+
+    The answer comes from the scene alone, with closed forms of what near offset, depth buffer, shear and band
+    limiting do at each depth; --measure adds what each effect costs. Effects that are left out do not
+    change the picture. Antialiasing, band limiting and light transport do: they are used if the scene,
+    or an option here, asks for them.
+    """
+    opened = asked.light.applied(options.open_scene(asked.scene))
+    from xfrustum.reports import explain as explaining
+
+    near = asked.near or explaining.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach
+    settings = DoubleFrustum(near=near, slabs=asked.slabs, camera=asked.camera)
+    chosen = options.chosen_aperture(opened, asked.aperture)
+    options.look_at(opened, [chosen])
+    repeat = asked.repeat if asked.repeat is not None else explaining.REPEAT if asked.measure else 0
+    how: dict[str, Any] = {"tracer": asked.tracer, "repeat": repeat, "progress": asked.progress}
+    plan = explaining.explain(opened, chosen, settings, **how)
+    summary, text = explaining.summary(plan), explaining.table(plan)
+    if asked.viewer is not None:
+        from xfrustum.compare.eye.noticeable import scene_length
+
+        record = explaining.viewer_record(plan.scene, scene_length(asked.viewer, plan.scene), plan.settings)
+        summary = {**summary, "viewer": record}
+        text = f"{text}\n\n{explaining.viewer_table(record, opened.units)}"
+    asked.tell(lambda: summary, lambda: text)
+
+
+class _Cost(options.OneOrAuto):
+    tolerance_px = options.tolerance_option
+    repeat = option(COUNT_FROM_1, "Timed pictures of each, after a warm-up.", default=5)
+    out = option(FOLDER, "Folder for the page and cost.json.")
+
+
+@options.command("xfrustum cost asymmetric --repeat 1 --out cost")
+def cost(asked: _Cost) -> None:
+    """Measure error against time of every configuration; name the cheapest within a tolerance.
+
+    The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are judged at
+    several apertures, the worst of which counts.
+    """
+    opened = options.open_scene(asked.scene)
+    from xfrustum.reports.cost import page
+    from xfrustum.reports.cost.cost import measure_cost
+
+    options.check_out(asked.out, page.FILES)
+    chosen = asked.chosen(opened)
+    measured = measure_cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
+    if asked.out is not None:
+        page.write_cost(measured, asked.out)
+    asked.tell(measured.summary, lambda: page.table(measured))

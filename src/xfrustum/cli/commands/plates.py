@@ -1,0 +1,240 @@
+"""`plate`, `survey`: whole plates, drawn into a store, and hogels judged all over a plate."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.commands.verifying import tell_losses
+from xfrustum.cli.light import ALL, light_options
+from xfrustum.cli.options import (
+    ACCEPTED,
+    COUNT_FROM_1,
+    FOLDER,
+    LAYOUT,
+    NUMBERS,
+    RESOLUTION,
+    SHARE,
+    TEXT,
+    TILES,
+    choice,
+    flag,
+    group,
+    option,
+)
+
+Span = tuple[int, int] | None
+CHANNELS = ("color", "height", "triangle", "normal", "certainty")
+
+
+def _span(text: str) -> Span:
+    """Return the first and the last index of N, N-M; None for *."""
+    match = re.fullmatch(r"(\*)|(\d+)(?:-(\d+))?", text.strip())
+    if match is None:
+        raise ValueError
+    every, first, last = match.groups()
+    if every:
+        return None
+    if int(last or first) < int(first):
+        raise ValueError
+    return int(first), int(last or first)
+
+
+def _block(text: str) -> tuple[Span, Span]:
+    columns, rows = text.split(",")
+    return _span(columns), _span(rows)
+
+
+_BLOCKS = options.list_of(
+    options.Read("I-I,J-J", _block, ""), ";", wants="a list of columns,rows such as 0-80,30;*,0-5"
+)
+
+
+class _Plate(options.Measured):
+    scene = options.scene_argument
+    blocks = option(_BLOCKS, "Columns,rows, such as 0-80,30;*,0-5.  [default: all]", "--apertures")
+    settings = options.settings_options()
+    light = light_options(*ALL)
+    color = choice("uint8 float16 float32", "Number type of the linear RGB.", default="float16")
+    ids = flag("Store triangle numbers too: the channel triangle.")
+    channels = option(
+        options.list_of(options.one_of(CHANNELS), name="NAME,NAME,.."),
+        "Images; certainty is of truths alone.  [default: color]",
+        default=(),
+    )
+    block = option(TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
+    truth = flag("Store truths, traced and certified, instead of --near.")
+    judge = flag("Trace every hogel too, and store how it differs (plate.parquet).")
+    check = flag("Read all finished hogels in full, and draw damaged ones again.")
+    layout = option(
+        LAYOUT,
+        "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
+    )
+    engine = options.engine_options("this process")
+    out = option(FOLDER, "Folder of a Zarr group.", required=True)
+
+    def refuse_contradictions(self) -> None:
+        """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
+        problem, light = "", self.light
+        if self.truth and self.settings is not None:
+            problem = "--truth is traced with the true frustum: leave out --near and its options"
+        elif not self.truth and self.settings is None:
+            problem = "Missing option '--near'; give it, or --truth for a plate of truths"
+        elif not self.truth and (light.shadows or light.interreflection or light.samples):
+            problem = "a rasterizer has no shadows and no interreflection: add --truth, or leave out "
+            problem += "light transport"
+        elif self.layout and (self.blocks is not None or (self.engine and not self.engine.part.everything)):
+            problem = "--layout writes whole plates: leave out --apertures and --part, or draw these first, "
+            problem += "without it"
+        elif self.check and self.engine is not None:
+            problem = "--check reads a plate in this process: leave out --workers and the like"
+        if problem:
+            raise click.UsageError(problem)
+
+
+@options.command("xfrustum plate hard/only-behind --near 0.1 --out plate.zarr")
+def plate(asked: _Plate) -> None:
+    """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
+
+    What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
+    processes may draw one plate at once, and --workers, --scheduler or --part divide it.
+    Any reader of Zarr opens it, xarray with names and units.
+    With --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
+    """
+    asked.refuse_contradictions()
+    light = asked.light
+    opened = light.applied(options.open_scene(asked.scene))
+    if asked.truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
+        opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
+    from xfrustum.reports.blocks import HERE
+    from xfrustum.reports.exchange.convert import LaidOutPlate
+    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+    from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+
+    placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
+    chosen = blocks_of_apertures(opened.plate, asked.blocks or [(None, None)])
+    options.look_at(opened, chosen, black_is_right=True)
+    content = PlateContent(
+        color=ColorType(asked.color),
+        ids=asked.ids,
+        channels=tuple(map(Channel, asked.channels)),
+        effects=light.chosen(opened, drawn=asked.settings),
+    )
+    if placed is not None:
+        placed.check(opened, content, judged=asked.judge)
+    how: dict[str, Any] = {"block": asked.block, "judge": asked.judge, "check": asked.check}
+    how |= {"engine": asked.engine or HERE, "progress": asked.progress}
+    group = asked.out if placed is None else placed.group
+    files = write_plate(opened, asked.settings, group, chosen, content, **how)
+    for note in files.notes:
+        options.note(note)
+    written = None if placed is None else placed.write(opened)
+    # A group that was drawn for the files of a layout alone is gone.
+    summary: dict[str, Any] = {"out": files.out if files.out.exists() else None}
+    summary |= {"drawn": files.drawn, "found": files.found, "damaged": files.damaged, "table": files.table}
+    lines = [f"{files.drawn} hogels drawn, {files.found} found"]
+    lines += [str(place) for place in (summary["out"], files.table) if place is not None]
+    laid_out = None
+    if written is not None:
+        tell_losses(written)
+        lines += [f"{written.files} files ({written.written_as})", str(written.out)]
+        laid_out = {"layout": written.written_as, "out": written.out, "files": written.files}
+        laid_out |= {"losses": written.losses, "notes": written.notes}
+    asked.tell(lambda: {**summary, "layout": laid_out}, lambda: "\n".join(lines))
+
+
+if TYPE_CHECKING:
+    from xfrustum.reports.survey.survey import Chosen
+    from xfrustum.reports.verification.sources import ForeignRenderer
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+
+def _settings(nears: tuple[float, ...] | None, **given: Any) -> tuple[DoubleFrustum, ...]:
+    """Return the settings of one near or of several; none where no near is given."""
+    if nears is not None and given["near"] is not None:
+        raise click.UsageError("--near is one setting and --nears are several: give one of them")
+    several = [given] if nears is None else [{**given, "near": near} for near in nears]
+    return tuple(settings for one in several if (settings := options.settings_of(**one)) is not None)
+
+
+class _Survey(options.Measured):
+    scene = options.scene_argument
+    settings = group(
+        _settings,
+        nears=option(NUMBERS, "Several offsets, each of which is a setting."),
+        **options.settings_members(),
+    )
+    everything = flag("Judge every hogel: facts, not bounds.", "--all")
+    sample = option(COUNT_FROM_1, "Hogels drawn at random.  [default: 300]")
+    until = option(SHARE, "Go on until at most this share, such as 1%, is beyond (95 %).")
+    tolerance_px = options.tolerance_option
+    seed = options.seed_option
+    tracer = options.tracer_option
+    resolution = option(RESOLUTION, "Pixels of each hogel.  [default: the scene's]")
+    images = option(TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'.")
+    encoding = options.encoding_option
+    layout = option(LAYOUT, "Layout of --images.  [default: what it looks like]")
+    accept = option(ACCEPTED, "Conventions of --images that are no faults; see verify.")
+    engine = options.engine_options("one per processor or GPU")
+    out = option(FOLDER, "Folder.", required=True)
+
+    def judged(self) -> tuple[DoubleFrustum, ...] | ForeignRenderer:
+        """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
+        from xfrustum.reports.verification.sources import ForeignRenderer
+        from xfrustum.scenes.files.foreign_images import Encoding
+
+        if self.images is None:
+            if options.present(encoding=self.encoding, layout=self.layout, accept=self.accept):
+                words = "--encoding, --layout and --accept say how --images are read: give --images too"
+                raise click.UsageError(words)
+            if not self.settings:
+                raise click.UsageError("give --near or --nears, or the --images of another renderer")
+            return self.settings
+        if len(self.settings) > 1:
+            raise click.UsageError("--images were drawn with one near offset: give --near, or none")
+        return ForeignRenderer(
+            source=self.images,
+            encoding=None if self.encoding is None else Encoding(self.encoding),
+            near=self.settings[0].near if self.settings else None,
+            accept=self.accept or (),
+            layout=self.layout,
+        )
+
+    def chosen(self) -> Chosen:
+        """Return which hogels are judged."""
+        from xfrustum.reports.survey.survey import DEFAULT_SAMPLE, Chosen
+
+        if sum((self.everything, self.sample is not None, self.until is not None)) > 1:
+            raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
+        sample = None if self.everything else self.sample or DEFAULT_SAMPLE
+        return Chosen(sample=sample, until=self.until, seed=self.seed)
+
+
+@options.command("xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey")
+def survey(asked: _Survey) -> int:
+    """Judge hogels all over a plate: which share is beyond a tolerance, where, and why.
+
+    Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and inspect.html.
+    Stopped at any moment and called again with the same --out, it goes on where it was; any number of
+    processes may do one survey at once. Exit status 1 if the share is above --until; without it, if
+    --tolerance-px was given, or --images, and any judged hogel is beyond.
+    """
+    opened = options.open_scene(asked.scene)
+    from xfrustum.reports.survey.page import PAGE
+    from xfrustum.reports.survey.survey import survey as surveyed
+
+    if asked.resolution is not None:
+        opened = replace(opened, frustum=replace(opened.frustum, resolution=asked.resolution))
+    how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer, "engine": asked.engine}
+    how |= {"told": options.note, "progress": asked.progress}
+    found = surveyed(opened, asked.judged(), asked.out, asked.chosen(), **how)
+    options.warn_of(opened)
+    # A part of a job array leaves no page.
+    place = asked.out / PAGE if found.extent.complete else asked.out
+    asked.tell(found.summary, lambda: f"{found.table()}\n{place}")
+    limited = asked.until is not None or asked.images is not None or options.is_given("tolerance_px")
+    return options.LIMIT_EXCEEDED if limited and found.extent.complete and found.exceeded else 0

@@ -1,0 +1,88 @@
+"""`scenes`, `new`, `check`: the built-in scenes, a scene file that fits a mesh, and what lies where."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from xfrustum.cli import options
+from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, flag, option, several
+from xfrustum.terminal import say
+
+
+class _Scenes(options.Printed):
+    hard = flag("List the hard cases instead.")
+
+
+@options.command("xfrustum scenes")
+def scenes(asked: _Scenes) -> None:
+    """List the built-in scenes, each with what it is for."""
+    library = import_module(f"xfrustum.scenes.library.{'hard_cases' if asked.hard else 'builtin'}")
+    found = library.listing()
+    width = max(len(one.name) for one in found)
+    asked.tell(
+        lambda: {"scenes": [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in found]},
+        lambda: "\n".join(f"{s.name:<{width}}  {s.triangles:>7,} triangles  {s.purpose}" for s in found),
+    )
+
+
+_PLACES = {
+    "through": "Place the mesh across the plate.  [default, unless it is flat]",
+    "behind": "Place all of the mesh behind the plate.",
+    "before": "Place all of the mesh on the viewer's side.",
+}
+
+
+class _New(options.Printed):
+    mesh: Path = options.argument(type=FOLDER)
+    out = option(FOLDER, "Scene file.  [default: NAME.toml in this folder]")
+    units = option(TEXT, "Name of the length unit.  [default: m for glTF, else units]")
+    size = option(POSITIVE, "Length to which the mesh's longest side is scaled.  [default: unscaled]")
+    places = several(**{place: flag(words) for place, words in _PLACES.items()})
+    force = flag("Replace a scene file that exists.")
+
+
+@options.command("xfrustum new beetle.obj --size 100 --units mm")
+def new(asked: _New) -> None:
+    """Write a scene file whose plate, reach and field of view fit MESH."""
+    from xfrustum.scenes.disk.input_files import check_mesh_file
+
+    check_mesh_file(asked.mesh)
+    from xfrustum.reports.scene_check.new_scene import new_scene
+
+    place = next((place for place in reversed(_PLACES) if asked.places[place]), None)
+    how: dict[str, Any] = {"units": asked.units, "size": asked.size, "force": asked.force}
+    written = new_scene(asked.mesh, asked.out, place=place, **how)
+    if written.warning is not None:
+        say(f"warning: {written.warning}")
+    asked.tell(lambda: {**asdict(written), "path": str(written.path)}, lambda: written.sentence)
+
+
+class _Check(options.Printed):
+    scene = options.scene_argument
+    out = option(FOLDER, "Folder for side.svg and top.svg.")
+
+
+@options.command("xfrustum check car --out views")
+def check(asked: _Check) -> int:
+    """Say where each object lies, which apertures see it, and what looks like a mistake.
+
+    Exit status 1 if no aperture of the plate sees anything.
+    """
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(asked.scene)
+    from xfrustum.reports.scene_check import checking
+
+    options.check_out(asked.out, checking.FILES)
+    found = checking.check(opened)
+    files = () if asked.out is None else checking.write_check(found, asked.out)
+    for warning in found.warnings:
+        say(f"warning: {warning}")
+    asked.tell(
+        lambda: {**found.summary(), "files": [str(file) for file in files]},
+        lambda: "\n".join([checking.table(found), *([""] if files else []), *map(str, files)]),
+    )
+    return 0 if found.seen else options.LIMIT_EXCEEDED

@@ -1,0 +1,168 @@
+"""`study`, `bench`, `selfcheck`: maps over many scenes, speed, and the truth against brute force."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.options import COUNT_FROM_1, FOLDER, Measured, flag, option
+
+
+@click.group(no_args_is_help=False, epilog="\b\nExample:\n  xfrustum study splitting --quick --out splitting")
+def study() -> None:
+    """Measure maps over many scenes and settings."""
+
+
+class _Study(options.Measured):
+    engine = options.engine_options("this process")
+    out: Any = None
+    quick = False
+
+    def made(self, own: Any) -> None:
+        """Make the study of a module, and print what it found."""
+        from xfrustum.reports.blocks import HERE
+
+        out, engine = self.out or own.DEFAULT_FOLDER, self.engine or HERE
+        files = own.make_study(out, own.QUICK if self.quick else own.FULL, engine, progress=self.progress)
+        if files is None:  # other parts of a job array are not measured yet
+            options.note("this part is measured; the last one to be finished writes the study")
+        else:
+            self.tell(lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}")
+
+
+class _Splitting(_Study):
+    out = option(FOLDER, "Folder.  [default: study/splitting]")
+    quick = flag("A small part of the maps, in less than a minute.")
+
+
+@options.command("xfrustum study splitting --quick --out splitting", study)
+def splitting(asked: _Splitting) -> None:
+    """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
+
+    Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
+    """
+    from xfrustum.reports.studies import splitting as own
+
+    asked.made(own)
+
+
+class _Noticeable(_Study):
+    out = option(FOLDER, "Folder.  [default: study/noticeable]")
+    quick = flag("One scene and a few settings, in less than a minute.")
+
+
+@options.command("xfrustum study noticeable --quick --out noticeable", study)
+def noticeable(asked: _Noticeable) -> None:
+    """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
+
+    Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
+    replayed is kept: a run that was stopped goes on from there.
+    """
+    from xfrustum.reports.studies import noticeable as own
+
+    asked.made(own)
+
+
+@click.group(
+    no_args_is_help=False, epilog="\b\nExample:\n  xfrustum bench plate asymmetric --resolution 64 --repeat 1"
+)
+def bench() -> None:
+    """Measure speed on this machine."""
+
+
+def _repeat(count: int) -> Any:
+    return option(COUNT_FROM_1, "Timed, after a warm-up.", default=count)
+
+
+def _measured(asked: Measured, name: str, *what: Any, **given: Any) -> None:
+    """Run a benchmark with the options that are given, and print what it found."""
+    from xfrustum.reports import benchmarks
+
+    given = options.present(**given, progress=asked.progress)
+    found = getattr(benchmarks, f"benchmark_{name}")(*what, **given)
+    asked.tell(lambda: found, lambda: getattr(benchmarks, f"{name}_table")(found))
+
+
+class _Truth(Measured):
+    scene = options.argument(default="car")
+    resolution = option(options.SIZES, "W = H of each race.  [default: 512,1024,2048]")
+    repeat = _repeat(9)
+
+
+@options.command("xfrustum bench truth asymmetric --resolution 128 --repeat 1", bench)
+def truth(asked: _Truth) -> None:
+    """Measure the certified truth beside bare tracers, in million pixels per second."""
+    scene = options.open_scene(asked.scene)
+    _measured(asked, "truth", scene, resolutions=asked.resolution, repeat=asked.repeat)
+
+
+class _Judge(Measured):
+    scenes = options.argument(metavar="[SCENE]...", nargs=-1)
+    resolution = option(options.SIZES, "W = H of each race.  [default: 128,256,512,1024]")
+    triangles = option(COUNT_FROM_1, "Also globes of so many triangles.")
+    hogels = option(COUNT_FROM_1, "Judged in each run.", default=6)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench judge asymmetric --resolution 64 --hogels 2 --repeat 1", bench)
+def judge(asked: _Judge) -> None:
+    """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
+
+    Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout, and globes
+    of a million triangles.
+    """
+    opened = [options.open_scene(name) for name in asked.scenes]
+    from xfrustum.reports import benchmarks
+
+    count = asked.triangles or (None if opened else 1_000_000)
+    opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
+    opened += [] if count is None else [benchmarks.globes_through_a_plate(count)]
+    _measured(asked, "judge", opened, resolutions=asked.resolution, hogels=asked.hogels, repeat=asked.repeat)
+
+
+class _BenchPlate(Measured):
+    scene = options.argument(default="car")
+    resolution = option(COUNT_FROM_1, "W = H.", default=128)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench plate asymmetric --resolution 64 --repeat 1", bench)
+def plate(asked: _BenchPlate) -> None:
+    """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
+    _measured(asked, "plate", options.open_scene(asked.scene), asked.resolution, asked.repeat)
+
+
+class _Table1(Measured):
+    resolution = option(COUNT_FROM_1, "W = H.", default=512)
+    repeat = _repeat(5)
+
+
+@options.command("xfrustum bench table1 --resolution 128 --repeat 1", bench)
+def table1(asked: _Table1) -> None:
+    """Measure table 1 of the paper on the project's own car."""
+    _measured(asked, "table1", asked.resolution, asked.repeat)
+
+
+class _Selfcheck(options.Measured):
+    scenes: tuple[str, ...] = options.argument(metavar="[SCENE]...", nargs=-1)
+    quick = flag("Fewer scenes and pixels, in less than a minute.")
+
+
+@options.command("xfrustum selfcheck asymmetric --quick")
+def selfcheck(asked: _Selfcheck) -> int:
+    """Compare the truth with integer brute force; exit status 1 if anything disagrees.
+
+    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
+    and edges, and the scene files in the folder of test data beside the checkout.
+    """
+    from xfrustum.scenes.opening import check_scene
+
+    for name in asked.scenes:
+        check_scene(name)
+    from xfrustum.compare.selfcheck import selfcheck as checking
+
+    found = checking.selfcheck(asked.scenes, quick=asked.quick, progress=asked.progress)
+    asked.tell(found.summary, lambda: checking.table(found))
+    return 0 if found.agrees else options.LIMIT_EXCEEDED
