@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from scipy.spatial import cKDTree
 
 from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, ChosenAperture, scout
-from xfrustum.reports.common.figure_style import style
+from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
@@ -92,7 +91,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
     }
 
 
-def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
+def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     """Draw the plate twice: the nearest visible |z| on a logarithmic color scale, and the outlines.
 
     These are two figures, so that a page can set them side by side or one above the other. Both scales are
@@ -116,7 +115,7 @@ def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
     marks = [(one.aperture.index, one.why) for one in auto.chosen]
     title = f"nearest visible |z|, {auto.scout.scene.units}"
     heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
-    heights.update_traces(colorscale="Viridis_r", selector={"type": "heatmap"})
+    heights["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
     widths = plate_map(plate, outlines, "length of outlines, widths of the picture", known=looked)
     for figure in (heights, widths):
         mark(figure, plate, marks, labels=len(marks))
@@ -125,7 +124,7 @@ def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
 
 def plate_map(
     plate: Plate, values: Floats, title: str, *, known: Mask | None = None, logarithmic: bool = False
-) -> go.Figure:
+) -> Figure:
     """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
 
     The number is blank where it is NaN. Cells that are not `known`, by default those without a value, have
@@ -138,56 +137,55 @@ def plate_map(
         values = values[tuple(places[nearest].T)].reshape(values.shape)
     shown = np.log10(np.where(values > 0, values, np.nan)) if logarithmic else values
     (columns, rows), (width, height) = plate.hogels, plate.size
-    figure = go.Figure()
-    figure.add_heatmap(
-        x=(np.arange(values.shape[1]) + 0.5) * columns / values.shape[1] - 0.5,
-        y=(np.arange(values.shape[0]) + 0.5) * rows / values.shape[0] - 0.5,
-        z=[[None if np.isnan(value) else float(value) for value in line] for line in shown],
-        customdata=values,
-        hovertemplate="column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
-        colorscale="Viridis",
-        colorbar={"thickness": 12, "outlinewidth": 0},
-    )
+    heat = {
+        "type": "heatmap",
+        "x": (np.arange(values.shape[1]) + 0.5) * columns / values.shape[1] - 0.5,
+        "y": (np.arange(values.shape[0]) + 0.5) * rows / values.shape[0] - 0.5,
+        "z": shown,
+        "customdata": values,
+        "hovertemplate": "column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
+        "colorscale": "Viridis",
+        "colorbar": {"thickness": 12, "outlinewidth": 0},
+    }
     if logarithmic and (exponents := shown[np.isfinite(shown)]).size:
         # Powers of ten, or five ticks spread evenly where these are few.
         ticks = np.arange(np.ceil(exponents.min()), np.floor(exponents.max()) + 1)
         if len(ticks) <= 2:
             ticks = np.linspace(exponents.min(), exponents.max(), 5)
-        words = [digits(float(10**tick)) for tick in ticks]
-        figure.update_traces(colorbar={"tickvals": ticks.tolist(), "ticktext": words})
-    style(figure)
-    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
-    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)))
-    figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False, constrain="domain")
-    figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False, constrain="domain")
+        heat["colorbar"] |= {"tickvals": ticks, "ticktext": [digits(float(10**tick)) for tick in ticks]}
     # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
-    pitch_ratio = height / rows / (width / columns)
-    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")
-    return figure
+    same = {"scaleanchor": "x", "scaleratio": height / rows / (width / columns), "constraintoward": "top"}
+    axis = {"showgrid": False, "constrain": "domain"}
+    layout = {
+        "title": titled(title),
+        "height": 120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)),
+        "xaxis": {"title": "column", "range": [-0.5, columns - 0.5], **axis},
+        "yaxis": {"title": "row", "range": [rows - 0.5, -0.5], **axis, **same},
+        "annotations": [],
+    }
+    return styled([heat], layout)
 
 
-def mark(figure: go.Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int) -> None:
+def mark(figure: Figure, plate: Plate, marks: Sequence[tuple[tuple[int, int], str]], labels: int) -> None:
     """Ring some apertures on a map, with words to hover on, and label the first of them."""
-    figure.add_scatter(
-        x=[column for (column, _), _ in marks],
-        y=[row for (_, row), _ in marks],
-        mode="markers",
-        marker={"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
-        text=[f"{column},{row}<br>{words}" for (column, row), words in marks],
-        hovertemplate="%{text}<extra></extra>",
-        showlegend=False,
-        cliponaxis=False,
+    figure["data"].append(
+        {
+            "x": [column for (column, _), _ in marks],
+            "y": [row for (_, row), _ in marks],
+            "mode": "markers",
+            "marker": {"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
+            "text": [f"{column},{row}<br>{words}" for (column, row), words in marks],
+            "hovertemplate": "%{text}<extra></extra>",
+            "showlegend": False,
+            "cliponaxis": False,
+        }
     )
     for (column, row), _ in marks[:labels]:
         # Labels go toward the middle of the plate, so that they stay on it.
         side = -1 if 2 * column > plate.hogels[0] else 1
-        figure.add_annotation(
-            x=column,
-            y=row,
-            text=f"<b>{column},{row}</b>",
-            showarrow=False,
-            xanchor="left" if side > 0 else "right",
-            xshift=13 * side,
-            bgcolor="rgba(255, 255, 255, 0.85)",
-            font={"color": LABEL, "size": 12},
+        label = {"x": column, "y": row, "xanchor": "left" if side > 0 else "right", "xshift": 13 * side}
+        shown = {"showarrow": False, "bgcolor": "rgba(255, 255, 255, 0.85)"}
+        font = {"color": LABEL, "size": 12}
+        figure["layout"]["annotations"].append(
+            {"text": f"<b>{column},{row}</b>", "font": font, **label, **shown}
         )

@@ -16,8 +16,7 @@ import numpy as np
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types.
 
-    A dataclass becomes an object of its fields. NaN and infinity become None, numpy scalars numbers, and
-    figures of plotly the objects that plotly.js takes.
+    A dataclass becomes an object of its fields. NaN and infinity become None, and numpy scalars numbers.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
@@ -31,10 +30,7 @@ def json_ready(value: Any) -> Any:
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        return json_object(value)
-    # Figures are known by a method of theirs, for importing plotly takes long.
-    return json_ready(json.loads(value.to_json())) if hasattr(value, "to_plotly_json") else value
+    return json_object(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
 def json_object(record: Any) -> dict[str, Any]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import pkgutil
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from xfrustum.reports.common.json_ready import json_ready
 
@@ -51,14 +52,13 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce:
         start = Markup('<script type="application/json" id="{}">').format(identifier)
         return start + script_json(value) + Markup("</script>")
 
-    environment = _environment(filters, autoescape=True)
-    environment.globals.update(
-        policy=lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
-        plotly=lambda: element(get_plotlyjs()),
-        script=script,
-        data=data,
-    )
-    text = environment.get_template(template).render(values)
+    elements = {
+        "policy": lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
+        "plotly": lambda: element(_plotly_js()),
+        "script": script,
+        "data": data,
+    }
+    text = _template(template, filters).render({**elements, **values})
     if nonce is not None:
         sources.append(f"'nonce-{nonce}'")
     # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
@@ -72,12 +72,17 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce:
 
 def svg_picture(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
     """Return an SVG document; all text is escaped."""
-    return _environment(filters, autoescape=True).get_template(template).render(values)
+    return _template(template, filters).render(values)
 
 
 def plain_text(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
     """Return a document in Markdown, in which nothing is escaped."""
-    return _environment(filters, autoescape=False).get_template(template).render(values)
+    return _template(template, filters, autoescape=False).render(values)
+
+
+def _plotly_js() -> str:
+    """Return plotly.js; the package's own function for it imports all of plotly."""
+    return (pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"").decode()
 
 
 def script_json(value: Any) -> Markup:
@@ -89,7 +94,12 @@ def script_json(value: Any) -> Markup:
     return Markup(text)
 
 
-def _environment(filters: Filters, *, autoescape: bool) -> Environment:
+def _template(name: str, filters: Filters, *, autoescape: bool = True) -> Template:
+    return _environment(tuple(filters.items()), autoescape).get_template(name)
+
+
+@cache  # an environment remembers the templates that it has compiled
+def _environment(filters: tuple[tuple[str, Callable[..., Any]], ...], autoescape: bool) -> Environment:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=autoescape,

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import plotly.graph_objects as go
-
-from xfrustum.reports.common.figure_style import INK, look, style
+from xfrustum.reports.common.figure_style import INK, Figure, look, styled
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
@@ -59,7 +57,7 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
         return staging.commit()
 
 
-def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figure:
+def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     """Draw the displacement of every option against its time; options on the front are filled.
 
     More options are on the front of displacement, time and wrong surfaces than the line goes through: a
@@ -68,56 +66,70 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
     drawn = [
         replace(one, displacement_p99_px=max(one.displacement_p99_px, SMALLEST_DRAWN_PX)) for one in options
     ]
-    front, figure = pareto(options), go.Figure()
+    front, data = pareto(options), list[Figure]()
     for place, family in enumerate(dict.fromkeys(option.family for option in options)):
         mine = [(one, best) for one, best in zip(drawn, front, strict=True) if one.family == family]
         color, symbol = look(place)
         times = [one.time_s for one, _ in mine]
-        figure.add_scatter(
-            x=[1000 * one.median for one in times],
-            y=[one.displacement_p99_px for one, _ in mine],
-            # Bars from the lowest to the highest repetition.
-            error_x={
-                "type": "data",
-                "symmetric": False,
-                "array": [1000 * (one.highest - one.median) for one in times],
-                "arrayminus": [1000 * (one.median - one.lowest) for one in times],
-                "thickness": 0.8,
-                "width": 0,
-            },
-            name=family,
-            mode="markers",
-            marker={
-                "symbol": [symbol + ("" if best else "-open") for _, best in mine],
-                "size": [12 if best else 8 for _, best in mine],
-                "color": color,
-            },
-            text=[f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
-            hovertemplate="%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
+        # Bars from the lowest to the highest repetition.
+        bars = {
+            "array": [1000 * (one.highest - one.median) for one in times],
+            "arrayminus": [1000 * (one.median - one.lowest) for one in times],
+        }
+        symbols = [symbol + ("" if best else "-open") for _, best in mine]
+        data.append(
+            {
+                "x": [1000 * one.median for one in times],
+                "y": [one.displacement_p99_px for one, _ in mine],
+                "error_x": {"type": "data", "symmetric": False, **bars, "thickness": 0.8, "width": 0},
+                "name": family,
+                "mode": "markers",
+                "marker": {
+                    "symbol": symbols,
+                    "size": [12 if best else 8 for _, best in mine],
+                    "color": color,
+                },
+                "text": [f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
+                "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
+            }
         )
     # The options with few wrong surfaces that none beats in time and displacement, the fastest first.
     # Displacements that are drawn at one height are equal.
     planar = [replace(one, surface_fraction=0.0) for one in drawn if one.surface_fraction <= MAX_WRONG]
     line = [one for one, best in _ascending(planar) if best]
-    figure.add_scatter(
-        x=[1000 * one.time_s.median for one in line],
-        y=[one.displacement_p99_px for one in line],
-        name=f"front, at most {percent(MAX_WRONG)} wrong surfaces",
-        mode="lines",
-        line={"color": INK, "width": 1.5, "shape": "hv"},
-        hoverinfo="skip",
+    data.append(
+        {
+            "x": [1000 * one.time_s.median for one in line],
+            "y": [one.displacement_p99_px for one in line],
+            "name": f"front, at most {percent(MAX_WRONG)} wrong surfaces",
+            "mode": "lines",
+            "line": {"color": INK, "width": 1.5, "shape": "hv"},
+            "hoverinfo": "skip",
+        }
     )
     # The two lines are less than a decade apart: one label stands above its line, one below.
-    for limit_px, anchor in ((tolerance_px, "bottom"), (STRICTER_FRACTION * tolerance_px, "top")):
-        figure.add_hline(y=limit_px, line={"color": INK, "dash": "dot", "width": 1})
-        # Shapes on a logarithmic axis take values, annotations their logarithms.
-        at = {"x": 1, "xref": "x domain", "xanchor": "right", "y": math.log10(limit_px), "yref": "y"}
-        figure.add_annotation(text=f"{limit_px:g} px", yanchor=anchor, showarrow=False, **at)
-    style(figure)
-    figure.update_layout(height=520)
+    limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
+    across = {
+        "type": "line",
+        "xref": "x domain",
+        "x0": 0,
+        "x1": 1,
+        "line": {"color": INK, "dash": "dot", "width": 1},
+    }
+    at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
     # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]
     labels = {"tickvals": ticks, "ticktext": [f"{value:g}" for value in ticks]}
-    figure.update_xaxes(title_text="time of a picture with read-back, ms", type="log", **labels)
     decades = {"type": "log", "exponentformat": "power", "dtick": 1}
-    return figure.update_yaxes(title_text="99th percentile of displacement, px", **decades)
+    layout = {
+        "height": 520,
+        "xaxis": {"title": "time of a picture with read-back, ms", "type": "log", **labels},
+        "yaxis": {"title": "99th percentile of displacement, px", **decades},
+        # Shapes on a logarithmic axis take values, annotations their logarithms.
+        "shapes": [{**across, "y0": limit, "y1": limit} for limit in limits.values()],
+        "annotations": [
+            {"text": f"{limit:g} px", "y": math.log10(limit), "yanchor": anchor, **at_end}
+            for anchor, limit in limits.items()
+        ],
+    }
+    return styled(data, layout)

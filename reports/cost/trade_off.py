@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from xfrustum.compare.beyond import is_beyond
@@ -26,12 +26,10 @@ class Option:
 
     renderer: str
     label: str
-    #: Group of options that it belongs to: a depth buffer, or whatever else was varied.
-    family: str
+    family: str  #: group of options that it belongs to: a depth buffer, or whatever else was varied
     configuration: Mapping[str, Any]
-    #: 99th percentile of displacement, and share of judged pixels with the wrong surface.
     displacement_p99_px: float
-    surface_fraction: float
+    surface_fraction: float  #: share of judged pixels with the wrong surface
     #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
     #: read back: None for a tracer, which does neither.
     time_s: Timing
@@ -51,7 +49,7 @@ class Option:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ranking:
+class FastestWithin:
     """The options within a tolerance than which no other option is told to be faster.
 
     `fastest` are those whose timing intervals overlap with that of the least median, which comes first; all
@@ -59,8 +57,10 @@ class Ranking:
     none where nothing keeps it.
     """
 
+    tolerance_px: float
     fastest: tuple[Option, ...]
     ranked: bool
+    sentence: str = ""  #: the answer in words
 
     @property
     def option(self) -> Option | None:
@@ -73,30 +73,22 @@ class Ranking:
         return min(self.fastest, key=error, default=None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FastestWithin(Ranking):
-    """The fastest options within a tolerance, in words too."""
-
-    tolerance_px: float
-    sentence: str
-
-
 def pareto(options: Sequence[Option]) -> list[bool]:
     """Return which options no other one beats in time, displacement and wrong surfaces together."""
     return [not any(other.beats(option) for other in options) for option in options]
 
 
-def rank(options: Sequence[Option], tolerance_px: float) -> Ranking:
-    """Return the fastest options within a tolerance, ties included."""
+def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
+    """Return the fastest options within a tolerance, ties included; without a sentence."""
     ascending = sorted(options, key=lambda one: one.time_s.median)
     allowed = tuple(
         one for one in ascending if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
     )
     repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
     if len(allowed) < 2 or not repeated:
-        return Ranking(fastest=allowed, ranked=len(allowed) == 1)
-    tied = (one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
-    return Ranking(fastest=tuple(tied), ranked=True)
+        return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
+    tied = tuple(one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
+    return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
 
 
 # In words ------------------------------------------------------------------------------------------------
@@ -104,20 +96,14 @@ def rank(options: Sequence[Option], tolerance_px: float) -> Ranking:
 
 def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words."""
-    stricter_px = STRICTER_FRACTION * tolerance_px
-    loose, strict = (rank(options, tolerance) for tolerance in (tolerance_px, stricter_px))
-    said = _fastest(tolerance_px, loose), _stricter(stricter_px, loose, strict)
-    return (
-        FastestWithin(**vars(loose), tolerance_px=tolerance_px, sentence=said[0]),
-        FastestWithin(**vars(strict), tolerance_px=stricter_px, sentence=said[1]),
-    )
+    loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))
+    return replace(loose, sentence=_fastest(loose)), replace(strict, sentence=_stricter(loose, strict))
 
 
-def _fastest(tolerance_px: float, ranking: Ranking) -> str:
-    under = f"under {digits(tolerance_px)} px"
-    if not ranking.fastest:
+def _fastest(ranking: FastestWithin) -> str:
+    under, count = f"under {digits(ranking.tolerance_px)} px", len(ranking.fastest)
+    if not count:
         return f"Nothing that was measured stays {under} with at most {percent(MAX_WRONG)} of wrong surfaces."
-    count = len(ranking.fastest)
     if count == 1:
         return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
     if ranking.ranked:
@@ -128,10 +114,10 @@ def _fastest(tolerance_px: float, ranking: Ranking) -> str:
     )
 
 
-def _stricter(tolerance_px: float, loose: Ranking, strict: Ranking) -> str:
+def _stricter(loose: FastestWithin, strict: FastestWithin) -> str:
     if not (loose.ranked and strict.ranked):
-        return _fastest(tolerance_px, strict)
-    asked, count = f"{digits(tolerance_px)} px would cost", len(strict.fastest)
+        return _fastest(strict)
+    asked, count = f"{digits(strict.tolerance_px)} px would cost", len(strict.fastest)
     one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
     cost = "nothing more that can be told"
     if one.told_below(other):
@@ -146,7 +132,7 @@ def _stricter(tolerance_px: float, loose: Ranking, strict: Ranking) -> str:
     return said if one.told_below(other) else f"{said} {_least(strict)}"
 
 
-def _tie(ranking: Ranking) -> str:
+def _tie(ranking: FastestWithin) -> str:
     """Say of several options how long they take, which they are, and which one is to be taken."""
     fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
     repetitions = f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
@@ -158,25 +144,24 @@ def _tie(ranking: Ranking) -> str:
     return f"{times}, which {repetitions} do not tell apart: {named}. {_least(ranking)}"
 
 
-def _least(ranking: Ranking) -> str:
+def _least(ranking: FastestWithin) -> str:
     assert ranking.option is not None, "there are several options"
     return f"The least error among them is that of {_described(ranking.option)}."
 
 
 def _described(option: Option) -> str:
     """Write an option with its time and the interval of its median, and its error."""
-    time_s = option.time_s
-    low, high = time_s.interval
-    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
+    low, high = option.time_s.interval
+    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
     return (
-        f"{option.label}, {1000 * time_s.median:.3g} ms{spread} a picture; "
+        f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
         f"{where_it_lies(option.displacement_p99_px)}, "
         f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
     )
 
 
-def _milliseconds(ranking: Ranking) -> str:
+def _milliseconds(ranking: FastestWithin) -> str:
     """Write the least and the largest median of the fastest options."""
-    medians = [one.time_s.median for one in ranking.fastest]
-    low, high = f"{1000 * min(medians):.3g}", f"{1000 * max(medians):.3g}"
+    medians = [1000 * one.time_s.median for one in ranking.fastest]
+    low, high = f"{min(medians):.3g}", f"{max(medians):.3g}"
     return f"{low} ms" if low == high else f"{low} to {high} ms"

@@ -6,13 +6,12 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-import plotly.graph_objects as go
-
 from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
+from xfrustum.reports.common.figure_style import Figure
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import best, figures, images
 from xfrustum.reports.error_report.settings import geometry_names, geometry_of
@@ -153,7 +152,7 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
 
 def _curves(
     sweep: Sweep, aperture: Aperture, geometry: DoubleFrustum, shears: Shears
-) -> dict[str, go.Figure | None]:
+) -> dict[str, Figure | None]:
     """Return the figures of an aperture and geometry by name; None for those without a point."""
     reach, rows = sweep.scene.frustum.longest_reach, sweep.numbered(aperture, geometry)
     drawn = figures.curves(rows, reach, shaded=sweep.light is not None)
@@ -216,7 +215,7 @@ def _alone_figures(sweep: Sweep) -> list[dict[str, Any]]:
 # Camera geometries side by side ------------------------------------------------------------------------
 
 
-def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, go.Figure]:
+def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, Figure]:
     """Return curves of an aperture with a line for each geometry, with the depth buffer of the best setting.
 
     The shear's curve is blank where an aperture has no shear, and there is none where nothing is sheared.
@@ -226,18 +225,15 @@ def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dic
         name: [item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label]
         for one, name in geometry_names(sweep.geometries).items()
     }
+    shares, moved = "share of pixels with the wrong surface", "99th percentile of displacement, px"
     drawn = {
-        f"geometry_{name}": figures.grouped_figure(groups, reach, number, title)
-        for name, number, title in (
-            ("surface", lambda row: row.surface_fraction or None, "share of pixels with the wrong surface"),
-            (
-                "displacement",
-                lambda row: row.displacement_p99_px or None,
-                "99th percentile of displacement, px",
-            ),
-        )
+        "geometry_surface": figures.grouped_figure(
+            groups, reach, lambda row: row.surface_fraction or None, shares, figures.PERCENT
+        ),
+        "geometry_displacement": figures.grouped_figure(
+            groups, reach, lambda row: row.displacement_p99_px or None, moved
+        ),
     }
-    figures.write_percent(drawn["geometry_surface"])
     if shears:
         own = {near: one for (place, near), one in shears.items() if place == aperture and _sheared(one)}
         drawn["geometry_shear"] = figures.pair_figure(

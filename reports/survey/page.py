@@ -7,9 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
 
-from xfrustum.reports.common.figure_style import log_axis, look, style
+from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import raster_command, versions
@@ -92,7 +91,7 @@ def render_page(found: Survey, pictured: Pictured) -> str:
     return html_page("survey.html.j2", filters, values)
 
 
-def map_figures(found: Survey) -> list[go.Figure]:
+def map_figures(found: Survey) -> list[Figure]:
     """Draw each measure of the best setting that is not zero everywhere over the plate."""
     tally = found.tallies[found.best]
     figures = []
@@ -115,38 +114,35 @@ def words_of(column: str) -> str:
     return f"wrong surfaces by {cause}, pixels"
 
 
-def distribution_figure(found: Survey) -> go.Figure:
+def distribution_figure(found: Survey) -> Figure:
     """Draw the share of hogels that are displaced by more than each tolerance, a curve for each setting."""
-    figure = go.Figure()
-    shown = [found.tolerance_px]
+    shown, lines = [found.tolerance_px], []
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         tolerances, shares = tally.share_beyond()
         shown += [*tolerances[:1], *tolerances[-1:]]
-        color, _ = look(number)
-        figure.add_scatter(
-            x=tolerances.tolist(),
-            y=shares.tolist(),
-            mode="lines",
-            line={"color": color, "shape": "hv"},
-            name="image" if settings is None else f"near {digits(settings.near)}",
-        )
-    figure.add_vline(x=found.tolerance_px, line={"color": MARK, "dash": "dot"})
-    style(figure)
+        line = {"color": look(number)[0], "shape": "hv"}
+        name = "image" if settings is None else f"near {digits(settings.near)}"
+        lines.append({"x": tolerances, "y": shares, "mode": "lines", "line": line, "name": name})
     low, high = min(shown) / DISTRIBUTION_MARGIN, max(shown) * DISTRIBUTION_MARGIN
-    figure.update_xaxes(
-        **log_axis([low, high]), range=[np.log10(low), np.log10(high)], title_text="displacement (p99), px"
-    )
-    figure.update_yaxes(title_text="share of judged hogels beyond", tickformat=".0%", rangemode="tozero")
-    figure.update_layout(height=380)
-    return figure
+    tolerance = {"type": "line", "x0": found.tolerance_px, "x1": found.tolerance_px, "yref": "y domain"}
+    layout = {
+        "height": 380,
+        "xaxis": {
+            "title": "displacement (p99), px",
+            "range": [np.log10(low), np.log10(high)],
+            **log_axis([low, high]),
+        },
+        "yaxis": {"title": "share of judged hogels beyond", "tickformat": ".0%", "rangemode": "tozero"},
+        "shapes": [{**tolerance, "y0": 0, "y1": 1, "line": {"color": MARK, "dash": "dot"}}],
+    }
+    return styled(lines, layout)
 
 
-def depth_figure(found: Survey) -> go.Figure | None:
+def depth_figure(found: Survey) -> Figure | None:
     """Draw displacement by depth of content, rms and largest; None where nothing was measured by depth."""
     if not any(tally.depth_pixels.any() for tally in found.tallies):
         return None
-    figure = go.Figure()
-    reach, ends = found.scene.frustum.longest_reach, depth_ends()
+    reach, ends, lines = found.scene.frustum.longest_reach, depth_ends(), []
     names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(ends)]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
@@ -154,16 +150,20 @@ def depth_figure(found: Survey) -> go.Figure | None:
         curves = ("rms", tally.depth_rms_px, "solid"), ("largest", tally.depth_max_px, "dot")
         for word, values, dash in curves:
             shown = zip(values.tolist(), tally.depth_pixels > 0, strict=True)
-            figure.add_scatter(
-                x=names,
-                y=[value if is_shown and value > 0 else None for value, is_shown in shown],
-                mode="lines+markers",
-                marker={"symbol": marker},
-                line={"color": color, "dash": dash},
-                name=f"{label}{word}",
+            lines.append(
+                {
+                    "x": names,
+                    "y": [value if is_shown and value > 0 else None for value, is_shown in shown],
+                    "mode": "lines+markers",
+                    "marker": {"symbol": marker},
+                    "line": {"color": color, "dash": dash},
+                    "name": f"{label}{word}",
+                }
             )
-    style(figure)
-    figure.update_xaxes(title_text=f"|z| of the content, {found.scene.units}", type="category")
-    figure.update_yaxes(type="log", dtick=1, exponentformat="power", title_text="displacement, px")
-    figure.update_layout(height=380)
-    return figure
+    decades = {"type": "log", "dtick": 1, "exponentformat": "power"}
+    layout = {
+        "height": 380,
+        "xaxis": {"title": f"|z| of the content, {found.scene.units}", "type": "category"},
+        "yaxis": {"title": "displacement, px", **decades},
+    }
+    return styled(lines, layout)

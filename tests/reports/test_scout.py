@@ -102,16 +102,16 @@ def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: s
     auto = auto_apertures(open_scene(scene))
     figures = map_figures(auto)
     for figure in figures:
-        (heat,) = (trace for trace in figure.data if trace.type == "heatmap")
-        assert np.array(heat.z).shape == HOGELS[::-1]
-        assert heat.colorbar.thickness == 12 and figure.layout.title.text
-    heights = np.array(figures[0].data[0].customdata)
+        (heat,) = (trace for trace in figure["data"] if trace.get("type") == "heatmap")
+        assert np.array(heat["z"]).shape == HOGELS[::-1]
+        assert heat["colorbar"]["thickness"] == 12 and figure["layout"]["title"]["text"]
+    heights = np.array(figures[0]["data"][0]["customdata"])
     for look in auto.scout.looks:
         column, row = look.aperture.index
         expected = look.nearest if np.isfinite(look.nearest) else np.nan
         np.testing.assert_equal(heights[row, column], expected)
-    marks = [trace for figure in figures for trace in figure.data if trace.type == "scatter"]
-    assert [list(zip(one.x, one.y, strict=True)) for one in marks] == 2 * [
+    marks = [trace for figure in figures for trace in figure["data"] if "mode" in trace]
+    assert [list(zip(one["x"], one["y"], strict=True)) for one in marks] == 2 * [
         [one.index for one in auto.apertures]
     ]
 

@@ -20,7 +20,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
-from xfrustum.reports.cost import ways as cost_ways
+from xfrustum.reports.cost import cost as cost_module
 from xfrustum.reports.cost.page import trade_off_figure
 from xfrustum.reports.cost.trade_off import (
     Option,
@@ -160,9 +160,9 @@ def test_no_two_curves_of_a_figure_look_the_same() -> None:
     families = [f"family {number}" for number in range(13)]
     figure = trade_off_figure([replace(option(1.0, 1.0), family=name) for name in families], 0.5)
     looks = {
-        (trace.marker.color, trace.marker.symbol[0].removesuffix("-open"))
-        for trace in figure.data
-        if trace.name in families
+        (trace["marker"]["color"], trace["marker"]["symbol"][0].removesuffix("-open"))
+        for trace in figure["data"]
+        if trace["name"] in families
     }
     assert len(looks) == len(families)
 
@@ -170,10 +170,10 @@ def test_no_two_curves_of_a_figure_look_the_same() -> None:
 @pytest.mark.parametrize("tolerance", [0.5, 3.0, 1e-3])
 def test_the_labels_of_tolerances_stand_on_their_lines(tolerance: float) -> None:
     """On a logarithmic axis plotly takes the value of a line, but the logarithm of where a label stands."""
-    figure = trade_off_figure([option(1.0, 1.0)], tolerance)
-    assert figure.layout.yaxis.type == "log"
-    lines = [line.y0 for line in figure.layout.shapes]
-    labels = [(label.text, label.y) for label in figure.layout.annotations]
+    layout = trade_off_figure([option(1.0, 1.0)], tolerance)["layout"]
+    assert layout["yaxis"]["type"] == "log"
+    lines = [line["y0"] for line in layout["shapes"]]
+    labels = [(label["text"], label["y"]) for label in layout["annotations"]]
     assert lines == pytest.approx([tolerance, tolerance / 5])
     assert [text for text, _ in labels] == [f"{line:g} px" for line in lines]
     assert [y for _, y in labels] == pytest.approx([math.log10(line) for line in lines])
@@ -184,11 +184,9 @@ def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> N
     times = {seconds: Timing.of([0.5 * seconds, seconds, 3 * seconds]) for seconds in (1.0, 1.2)}
     quicker = replace(option(1.0, 0.3), family="D16", time_s=times[1.0])
     better = replace(option(1.2, 0.01), family="D24", time_s=times[1.2])
-    drawn = trade_off_figure([quicker, better], 0.5).data
-    filled = [
-        trace.name for trace in drawn if trace.marker.symbol and not trace.marker.symbol[0].endswith("-open")
-    ]
-    assert filled == ["D24"] and (drawn[-1].x, drawn[-1].y) == ((1200.0,), (0.01,))
+    *drawn, front = trade_off_figure([quicker, better], 0.5)["data"]
+    filled = [trace["name"] for trace in drawn if not trace["marker"]["symbol"][0].endswith("-open")]
+    assert filled == ["D24"] and (front["x"], front["y"]) == ([1200.0], [0.01])
 
 
 @pytest.mark.parametrize("tracer", TRACERS)
@@ -223,14 +221,14 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
 def test_cost_prints_one_object_and_writes_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cost_ways, "NEARS_PER_REACH", (1e-2, 1e-5))
+    monkeypatch.setattr(cost_module, "NEARS_PER_REACH", (1e-2, 1e-5))
     scene = "grating"
     arguments = ["cost", scene, "--repeat", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert {"raster", "embree", "mitsuba", "certified"} == {row["renderer"] for row in printed["rows"]}
     stays = [row for row in printed["rows"] if row.get("offset") == "none"]
-    assert len(stays) == len(cost_ways.NEARS_WITHOUT_OFFSET_PER_REACH)
+    assert len(stays) == len(cost_module.NEARS_WITHOUT_OFFSET_PER_REACH)
     # Cameras in the aperture displace nothing: what is measured is the rounding of positions.
     assert all(row["error"]["displacement_p99_px"] < DISPLACEMENT_TIE_PX for row in stays)
     for row in printed["rows"]:
