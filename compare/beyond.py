@@ -23,11 +23,10 @@ defined: the same pixels that the percentile leaves out."""
 
 
 def displacement_p99(numbers: ComparisonNumbers) -> float:
-    """Return the 99th percentile of a hogel's displacements, pixels.
+    """Return the 99th percentile of a hogel's displacements, pixels; 0 where the drawing shows no surface.
 
-    0 where the drawing shows no surface: nothing is displaced. Infinite where the percentile is undefined:
-    where surfaces are shown and all of them lie in the plate itself, or where those that do fill more than
-    `MAX_UNDEFINED` of the judged pixels.
+    Infinite where the percentile is undefined: where all surfaces lie in the plate itself, or where those
+    that do fill more than `MAX_UNDEFINED` of the judged pixels.
     """
     spread = numbers.displacement_px
     if numbers.at_plate > MAX_UNDEFINED * numbers.judged or (numbers.at_plate and spread is None):
@@ -43,8 +42,7 @@ def is_beyond(
 ) -> bool:
     """Return whether a hogel is beyond a tolerance, or the share of its wrong surfaces beyond `max_wrong`.
 
-    None, NaN or infinity stand for a displacement that is undefined; with an infinite tolerance any that is
-    defined will do.
+    None, NaN or infinity stand for a displacement that is undefined, which is beyond any tolerance.
     """
     if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
         return True

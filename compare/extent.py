@@ -28,15 +28,14 @@ unit in the last place of the single precision in which rasterizers and mesh fil
 
 FILM_MARGIN_PX = 1e-6
 """Margin around the area that a triangle covers on the film. Film coordinates have a dozen roundings of
-doubles, an error below 1e-12 px on films of any size; a triangle nearer than the margin to a pixel's center
-counts as in view."""
+doubles, an error below 1e-12 px on films of any size."""
 
 VIEW_CHUNK_TRIANGLES = 1 << 14
 """Triangles examined together to find any one in view: most meshes have one among the first."""
 
 MAX_SPLIT_TRIANGLES = 50_000
-"""Largest number of triangles that a coarse mesh is split into before its apertures are counted. The
-apertures that see a triangle are counted by the rectangle around them, which is too large for large ones."""
+"""Largest number of triangles that a coarse mesh is split into before its apertures are counted, by the
+rectangle around each triangle."""
 
 HALVINGS = 6
 """Number of halvings of the reach at which bins of depth end. The innermost bin, from the plate to 1/64 of
@@ -47,8 +46,8 @@ MAX_NAMED_OBJECTS = 3
 
 MIN_SIZE_FRACTION = 0.01
 """Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
-is more likely in other units, meters for millimeters or inches, than made for the plate: a pixel of a hogel
-is a hundredth or more of that side."""
+is more likely in other units than made for the plate: a pixel of a hogel is a hundredth or more of that
+side."""
 
 
 # Objects -------------------------------------------------------------------------------------------------
@@ -87,11 +86,10 @@ class ObjectExtent:
 
 def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     """Return the place and the size of each object of a scene."""
-    found = []
+    found, (column, row) = [], scene.plate.middle.index
     for number, part in enumerate(scene.objects):
         flags = apertures_in_view(part, scene.frustum, scene.plate)
         rows, columns = np.nonzero(flags)
-        column, row = scene.plate.middle.index
         visibility = Visibility(
             apertures=len(rows),
             of=flags.size,
@@ -100,7 +98,7 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
             middle=bool(flags[row, column]),
             corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
         )
-        low, high = box(part)
+        (low, high), share = box(part), share_in_reach(part, scene.frustum)
         found.append(
             ObjectExtent(
                 number=number,
@@ -108,7 +106,7 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
                 triangles=len(part.faces),
                 low=low,
                 high=high,
-                share_in_reach=share_in_reach(part, scene.frustum),
+                share_in_reach=share,
                 sight=visibility,
             )
         )
@@ -210,8 +208,8 @@ def _layers(triangles: Floats, frustum: Frustum) -> Iterator[Layer]:
 def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tuple[Indices, Indices]:
     """Return the (F,) first and last of `count` cells of [-1, 1] whose centers lie between extremes.
 
-    These are the extremes of values (F, 9) at the valid corners of a layer; NaN stands for any number. The
-    centers of cells 0 to n - 1 lie at (2 k + 1)/n - 1, whichever way k counts.
+    Cell k has its center at (2 k + 1)/n - 1. The extremes are those of values (F, 9) at the valid corners of
+    a layer; NaN stands for any number.
     """
     least = np.where(valid, np.where(np.isnan(low), -np.inf, low), np.inf).min(axis=1)
     most = np.where(valid, np.where(np.isnan(high), np.inf, high), -np.inf).max(axis=1)
@@ -220,7 +218,7 @@ def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tupl
     return first.astype(np.int64), last.astype(np.int64)
 
 
-def _slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, float]:
+def film_slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, float]:
     """Return shear and half-extent of the lines through an aperture, along one axis (CONVENTIONS.md)."""
     if frustum.screen is None:
         assert frustum.fov is not None
@@ -233,8 +231,7 @@ def _slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, flo
 def in_view(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
     """Return whether the image of an aperture can show any of an object, without occlusion.
 
-    False is certain: no pixel's center lies in the rectangle about any triangle on the film, or the film
-    lies wholly beyond one of its edges. True may be wrong by slivers between two pixels' centers.
+    False is certain. True may be wrong by slivers between two pixels' centers.
     """
     return any(
         bool(_can_be_shown(triangles, layer, frustum, aperture).any())
@@ -249,7 +246,7 @@ def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: A
     shown: Mask = np.asarray(valid.any(axis=1))
     s = -corners[..., 2]
     for axis, pixels in enumerate(frustum.resolution):
-        shear, half = _slopes(frustum, aperture, axis)
+        shear, half = film_slopes(frustum, aperture, axis)
         across = corners[..., axis] - (aperture.x, aperture.y)[axis] - shear * s
         # The sign is that of the layer: in the plate s is zero, or minus zero, on either side of it. A point
         # in the aperture itself lies on every line, and has no film coordinate.
@@ -269,7 +266,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     determinants det(d, Pi - a, Pj - a), i and j the ends of an edge, have the sign of s times that of
     det(P0 - a, P1 - a, P2 - a). They are linear in d, so four corners speak for the film.
     """
-    (kx, tx), (ky, ty) = (_slopes(frustum, aperture, axis) for axis in (0, 1))
+    (kx, tx), (ky, ty) = (film_slopes(frustum, aperture, axis) for axis in (0, 1))
     corner = np.array([(kx + u * tx, ky + v * ty, -1.0) for u in (-1, 1) for v in (-1, 1)])
     from_aperture = triangles - (aperture.x, aperture.y, 0.0)
     # Coordinates are scaled to at most one, so that products of three neither underflow nor overflow.
@@ -287,8 +284,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
 def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
     """Return (rows, columns) whether each aperture's crossed frustum holds any part of an object.
 
-    No aperture that holds a part is missed. Beside these, apertures within the size of a triangle may be
-    counted too, because the apertures that see a triangle are counted by the rectangle around them.
+    None is missed; apertures within the size of a triangle of these may be counted too.
     """
     columns, rows = plate.hogels
     # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative sums along
@@ -319,7 +315,7 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
     """
     corners, valid, _ = layer
     s = -corners[..., 2]
-    _, half = _slopes(frustum, plate.middle, axis)
+    _, half = film_slopes(frustum, plate.middle, axis)
     x, toward_a = corners[..., axis], np.ones_like(s)
     if frustum.screen is not None:
         depth = -frustum.screen.height
@@ -335,15 +331,12 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
 def aside_of_frusta(
     frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the least and the largest x (axis 0) or y (1) of the lines of apertures between two heights.
-
-    Lines are straight: the extremes lie at the two heights or, where these are on both sides of the plate, in
-    the apertures.
-    """
+    """Return the least and the largest x (axis 0) or y (1) of the lines of apertures between two heights."""
+    # Lines are straight: the extremes lie at the two heights, or in the apertures between these.
     between = [z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)]
     places = []
     for aperture in apertures:
-        shear, half = _slopes(frustum, aperture, axis)
+        shear, half = film_slopes(frustum, aperture, axis)
         middle = (aperture.x, aperture.y)[axis]
         places += [middle - z * shear + side * half * abs(z) for z in between for side in (-1, 1)]
     return min(places), max(places)
@@ -422,11 +415,7 @@ def _held(
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
-    """Raise InputError if a scene has objects and none of the apertures can show any of them.
-
-    The line says where the objects lie and how far the frusta go. A scene without objects passes: the true
-    image of nothing is nothing.
-    """
+    """Raise InputError, with sizes, if a scene has objects and none of the apertures can show any of them."""
     if sentence := unseen_sentence(scene, apertures):
         raise InputError(sentence)
 
@@ -545,11 +534,13 @@ def heights(low: float, high: float, units: str) -> str:
     """Say between which heights something lies, as distances from the plate."""
     if low == high == 0:
         return "in the plate"
-    if high <= 0:
-        return f"{_range(-high, -low)} {units} behind the plate"
-    if low >= 0:
-        return f"{_range(low, high)} {units} before the plate"
-    return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
+    if low < 0 < high:
+        return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
+    return (
+        f"{_range(-high, -low)} {units} behind the plate"
+        if high <= 0
+        else f"{_range(low, high)} {units} before the plate"
+    )
 
 
 def _spans(low: float, high: float, units: str) -> str:

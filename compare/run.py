@@ -3,7 +3,7 @@
 Frames are drawn in the one thread that owns the OpenGL context, truths are traced in another, and as many
 threads as there are processors judge. Results come in order, and a bounded number of frames is ahead of the
 caller. Depth buffers of one pair of cameras share the traced links of the chain (T1 to T4), the frame with
-linear depth (R0), and the predictions. Everything found is what judging each hogel alone finds, bit for bit.
+linear depth (R0), and the predictions.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def images_under_way(pixels: int) -> int:
 
 
 def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
-    """Yield the results of tasks in their order, as many of which are begun ahead as `most` says.
+    """Yield the results of tasks in their order, at most so many of which are begun ahead.
 
     An exception of a task comes in the place of its result; then, and when the iterator is closed, tasks that
     have not begun are cancelled.
@@ -86,10 +86,9 @@ class Wanted:
 
 @dataclass(frozen=True, kw_only=True)
 class StageTimes:
-    """Wall seconds of the stages of one frame, as they passed in the thread that did each.
+    """Wall seconds of the stages of one frame, without what the frames of one pair of cameras share.
 
-    Stages of other frames run at the same time, so that sums over frames exceed the time that passed. What
-    the frames of one pair of cameras share is left out.
+    Stages of other frames run at the same time: sums over frames exceed the time that passed.
     """
 
     trace: float  #: the hogel's certified truth, the same for all its frames; 0 where it was there already
@@ -155,13 +154,10 @@ class JudgedDrawing(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JudgedHogel(Shown):
-    """One hogel with its drawings, judged.
-
-    Its truth is None unless images were asked for; drawings are in the order of the settings.
-    """
+    """One hogel with its drawings, judged, in the order of the settings."""
 
     aperture: Aperture
-    truth: HogelImage | None
+    truth: HogelImage | None  #: None unless images were asked for
     drawings: tuple[JudgedDrawing, ...]
 
     def _said(self) -> str:
@@ -179,12 +175,8 @@ class Judge:
     """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
 
     A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a reference;
-    effects are those that the scene calls for where they are None.
-
-    Raises
-    ------
-    InputError
-        There is no such tracer, or no usable OpenGL.
+    effects are those that the scene calls for where they are None. Raises InputError where there is no such
+    tracer, or no usable OpenGL.
     """
 
     def __init__(
@@ -288,7 +280,7 @@ class Judge:
 
         `finish` is called with each frame in the thread that has judged it: what it returns is yielded, and
         the frame is not kept. Equal settings are drawn once; truths that are there already are not traced
-        again. All else is as for `stream`.
+        again.
         """
         if not settings:
             raise InputError("nothing to judge: give at least one setting")
@@ -320,8 +312,8 @@ class _Cameras:
 class _Loop(Generic[Result]):
     """One run of `Judge.frames`: a thread that draws, one that traces, and those that judge.
 
-    A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it:
-    so they never all wait.
+    A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it: so
+    they never all wait.
     """
 
     def __init__(self, judge: Judge, wanted: Wanted, finish: Callable[[JudgedFrame], Result]) -> None:
@@ -395,12 +387,9 @@ class _Loop(Generic[Result]):
             truth = self._tracing.submit(trace, aperture)
             predictor = self._judging.submit(predicting, truth) if self._wanted.causes else None
             for settings in groups:
+                first = self._draw(aperture, settings[0])
                 cameras = _Cameras(
-                    aperture=aperture,
-                    truth=truth,
-                    predictor=predictor,
-                    settings=settings,
-                    first=self._draw(aperture, settings[0]),
+                    aperture=aperture, truth=truth, predictor=predictor, settings=settings, first=first
                 )
                 if predictor:
                     exact = self._judge.submit(partial(_exact_frame, cameras))
@@ -456,10 +445,10 @@ class _Loop(Generic[Result]):
         return start
 
     def _judged(
-        self, cameras: _Cameras, setting: DoubleFrustum, frame: Future[tuple[Drawn, float]]
+        self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[tuple[Drawn, float]]
     ) -> Result:
         """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
-        (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), frame.result()
+        (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), drawing.result()
         shared = cameras.shared.result() if cameras.shared else None
         predictor = cameras.predictor.result() if cameras.predictor else None
         begun = time.perf_counter()
@@ -479,31 +468,29 @@ class _Loop(Generic[Result]):
             budget = charged(shared, comparison.errors, links)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
             done = time.perf_counter()
-        times = StageTimes(
-            trace=trace_s,
-            raster=raster_s,
-            compare=compared - begun,
-            predict=predicted - compared,
-            causes=done - predicted,
+        frame = JudgedFrame(
+            aperture=cameras.aperture,
+            truth=truth,
+            settings=setting,
+            image=drawn.image,
+            comparison=comparison,
+            prediction=prediction,
+            budget=budget,
+            times=StageTimes(
+                trace=trace_s,
+                raster=raster_s,
+                compare=compared - begun,
+                predict=predicted - compared,
+                causes=done - predicted,
+            ),
+            gpu_s=drawn.times["draw"].gpu_s,
         )
-        return self._finish(
-            JudgedFrame(
-                aperture=cameras.aperture,
-                truth=truth,
-                settings=setting,
-                image=drawn.image,
-                comparison=comparison,
-                prediction=prediction,
-                budget=budget,
-                times=times,
-                gpu_s=drawn.times["draw"].gpu_s,
-            )
-        )
+        return self._finish(frame)
 
 
 def _exact_frame(cameras: _Cameras, rasterizer: Rasterizer) -> HogelImage:
     """Return the frame of some cameras with exact depth, R0."""
-    (drawn, _), exact = cameras.first.result(), with_exact_depth(cameras.settings[0])
+    exact = with_exact_depth(cameras.settings[0])
     if exact == cameras.settings[0]:
-        return drawn.image
+        return cameras.first.result()[0].image
     return rasterizer.render(cameras.aperture, exact, normals=False, color=False)

@@ -6,16 +6,14 @@ The bound of `survey` is `share_beyond`, with the risk of `risk_of_claim`; that 
 random, from each of n equal runs of this path. Let p be the mean over the runs of their share of hogels with
 a property. The number found in the sample is a sum of independent trials whose probabilities have the mean p,
 and such a sum falls far below its mean less often than a binomial number does (Hoeffding 1956): where
-P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So the bound of Clopper and Pearson, made for the
-binomial number, is conservative. It is so for simple random samples without replacement too (Hoeffding 1963):
-both know more of a finite plate than trials with replacement would. The theorem leaves out the case in which
-all hogels but one are found; there nothing is claimed. Runs of unequal length differ by one hogel, which
-`share_beyond` allows for.
+P(binomial <= c) <= alpha < 1/4, P(found <= c) is no larger. So the bound of Clopper and Pearson is
+conservative, also for simple random samples without replacement (Hoeffding 1963). The theorem leaves out the
+case in which all hogels but one are found; there nothing is claimed. Runs of unequal length differ by one
+hogel, which `share_beyond` allows for.
 
 **Samples that grow.** Each further sample has twice as many hogels: every run is halved, the half that has a
-hogel keeps it, and one is drawn from the other half. A hogel drawn uniformly from a run, given the half that
-it lies in, is drawn uniformly from that half, so that every sample is again one uniform and independent hogel
-from each run.
+hogel keeps it, and one is drawn from the other half. So every sample is again one uniform and independent
+hogel from each run.
 """
 
 from __future__ import annotations
@@ -71,10 +69,7 @@ class RandomSample:
 
 
 def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:
-    """Draw one hogel from each of as many equal runs of the path, from which some apertures are left out.
-
-    All hogels where there are no more.
-    """
+    """Draw a hogel from each of as many equal runs of the path, some apertures left out; at most all."""
     taken = [place_of(plate, aperture) for aperture in without]
     path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
     random = np.random.default_rng(sample.seed)
@@ -131,20 +126,16 @@ class GrowingSample:
 
 
 def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
-    """Return the upper bound of the share with a property, which some of a random sample have.
-
-    It is that of Clopper and Pearson (1934), and holds with probability `confidence`.
-    """
+    """Return the upper bound of the share with a property, by Clopper and Pearson (1934)."""
     if beyond >= sampled:
         return 1.0
-    return float(scipy.stats.beta.ppf(confidence, beyond + 1, sampled - beyond))
+    return float(scipy.special.betaincinv(beyond + 1, sampled - beyond, confidence))
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
     """Return the upper bound on the share of a plate's hogels with a property, from a `GrowingSample`.
 
-    Of all sampled hogels, `judged`, some have it; where all were sampled, the share itself is returned. The
-    bound may be wrong with probability `risk`.
+    Some of all sampled hogels, `judged`, have it. The bound may be wrong with probability `risk`.
     """
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
@@ -161,21 +152,16 @@ def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1
 
 
 def confidence_of_each(claims: int, confidence: float = CONFIDENCE) -> float:
-    """Return the confidence of each of several claims that hold together with some confidence (Sidak 1967).
-
-    This is exact for independent claims and safe for those that tend to hold or fail together.
-    """
+    """Return the confidence of each of several independent claims that hold together (Sidak 1967)."""
     return float(confidence ** (1 / claims))
 
 
 def risk_of_claim(settings: int = 1, look: int | None = None, confidence: float = CONFIDENCE) -> float:
     """Return the probability with which one bound of a survey may be wrong, for all to hold together.
 
-    Settings share the risk equally (Bonferroni), whatever they have to do with each other: Sidak's correction
-    is safe only for claims that tend to hold or fail together, and of two settings one may be wrong just
-    where the other is right. Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add up to
-    one. So all bounds hold together, however many looks there are, and also the last one, wherever the survey
-    stops (the union bound, which asks for no independence). `look` is 0 for the first, None for the only one.
+    Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k +
+    1)), which add up to one: all bounds hold together, wherever the survey stops (the union bound, which asks
+    for no independence). `look` is 0 for the first, None for the only one.
     """
     risk = (1 - confidence) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))

@@ -91,8 +91,7 @@ class Look:
     def pixels_per_near(self) -> float:
         """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit.
 
-        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture itself:
-        displacement is undefined there at any n.
+        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture itself.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._p99(self.points.radius / np.abs(self.height))
@@ -127,10 +126,7 @@ class Scout:
         return np.array([look.displacement_p99_px(settings, self.scene) for look in self.looks])
 
     def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[Look]:
-        """Return at most some looks with the largest displacement, the worst first.
-
-        It is that of settings; None for any small near without slabs.
-        """
+        """Return some looks with the largest displacement by settings (None: any small near), worst first."""
         of_small_near = [look.pixels_per_near for look in self.looks]
         errors = np.array(of_small_near) if settings is None else self.displacements(settings)
         return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
@@ -143,10 +139,9 @@ class Scout:
 def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> Scout:
     """Look through apertures all over the plate, and through more where the error is largest.
 
-    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Then the
-    neighbors of the worst are looked through, at half the distance each time, down to the hogels beside
-    them, until the worst ones have no neighbor left or `MAX_APERTURES` are reached. A plate with no more
-    hogels than the lattice is looked at whole. `done` is called after each look, with 1.
+    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Then the neighbors
+    of the worst are looked through, at half the distance each time, until the worst ones have no neighbor
+    left or `MAX_APERTURES` are reached. `done` is called after each look, with 1.
     """
     # The scene's resolution does not matter to the cost.
     frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
@@ -197,11 +192,10 @@ class ChosenAperture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AutoApertures:
-    """The apertures that `auto` takes, at least one and no more than `MAX_AUTO_APERTURES`.
+    """The apertures that `auto` takes, at least one and no more than `MAX_AUTO_APERTURES`, the middle first.
 
-    The middle one is the first, unless it sees nothing and others do. `blocked` is the number of scouted
-    apertures in which a surface lies: it fills more than a hundredth of their picture at |z| = 0, and no
-    settings draw that. They are chosen only where there are no others.
+    `blocked` is the number of scouted apertures in which a surface lies: no settings draw more than a
+    hundredth of their picture. They are chosen only where there are no others.
     """
 
     scout: Scout

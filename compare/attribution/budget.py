@@ -1,7 +1,4 @@
-"""Every wrong pixel charged to one link of the chain, and every rounding explained.
-
-See docs/method.md, "The error budget".
-"""
+"""Every wrong pixel charged to one link of the chain, and every rounding explained (docs/method.md)."""
 
 from __future__ import annotations
 
@@ -15,6 +12,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.error_maps import (
     PixelErrors,
+    displacement,
     film_shifts,
     judged_pixels,
     lengths,
@@ -43,16 +41,11 @@ RIGHT = -1
 
 @dataclass(frozen=True, kw_only=True)
 class CauseNumbers:
-    """What one link of the chain does, measured and predicted; None where nothing is displaced.
+    """What one link of the chain does, measured and predicted; None where nothing is displaced."""
 
-    `surface` and `triangle` count the judged pixels charged to it that show the wrong surface, and another
-    triangle. Displacement is what the link adds, where every image of the chain shows a surface off the
-    plate.
-    """
-
-    surface: int
-    triangle: int
-    displacement_rms_px: float | None
+    surface: int  #: judged pixels charged to it that show the wrong surface
+    triangle: int  #: and another triangle
+    displacement_rms_px: float | None  #: what it adds, where every image shows a surface off the plate
     displacement_p99_px: float | None
     predicted_displacement_rms_px: float | None
     predicted_surface: float | None
@@ -109,9 +102,8 @@ class VectorBudget(Brief):
         """Take the differences of a quantity (images, H, W, components), NaN where it is undefined."""
         defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
         values = np.where(defined[..., None], values, np.nan)
-        return cls(
-            steps=np.diff(values, axis=0), total=values[-1] - values[0], elsewhere=int((~defined).sum())
-        )
+        total = values[-1] - values[0]
+        return cls(steps=np.diff(values, axis=0), total=total, elsewhere=int((~defined).sum()))
 
     def rms(self) -> list[float | None]:
         """Return the root mean square length of each link's steps, None where there is none."""
@@ -183,9 +175,8 @@ class ChainStart(Brief):
     @cached_property
     def exact_wrong(self) -> Mask:
         """(H, W) judged pixels at which R0 shows the wrong surface."""
-        wrong = self.exact.surface
-        assert wrong is not None, "the reference has the scene at hand"
-        return wrong
+        assert self.exact.surface is not None, "the reference has the scene at hand"
+        return self.exact.surface
 
     @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
@@ -271,8 +262,7 @@ class Budget(Shown):
     @property
     def moved(self) -> Floats:
         """Lengths (H, W) of the displacement of the last image, NaN where it is undefined."""
-        shifts = film_shifts(self.drawn, self.start.truth.camera)
-        return np.asarray(np.hypot(*shifts).reshape(self.charge.shape))
+        return lengths(displacement(self.drawn, self.start.truth.camera))
 
     @cached_property
     def displacement(self) -> VectorBudget:
@@ -298,7 +288,7 @@ class Budget(Shown):
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
         start, changed = self.start, self.changed
-        # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
+        # What depth does not change it does not move.
         off_plate = self.drawn.off_plate.reshape(-1)[changed]
         step = np.full(changed.size, np.nan)
         after = shifts_at(self.drawn, start.truth.camera, changed[off_plate])
@@ -366,8 +356,7 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
 def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPrediction, ...]) -> Budget:
     """Charge every wrong pixel of an image, whose errors were found beside those of R0, to one link.
 
-    A pixel is charged to the last link that changed its triangle: the smallest for which every
-    later link agrees with the final image. By surfaces, it is charged to the link from which on it is wrong.
+    That is the last link that changed its triangle; by surfaces, the link from which on it is wrong.
     """
     exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
     assert changed is not None and errors.surface is not None, "judged beside R0, with the scene at hand"
@@ -398,12 +387,7 @@ def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPredict
 def explain(
     scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int, pixels: Indices | None = None
 ) -> Causes:
-    """Find the cause of every pixel where the raster shows another triangle than the traced model.
-
-    The model is what `Reference.trace_model` makes with the raster's settings; or a raster image with another
-    depth buffer, to explain what depth alone has changed. Subpixel bits are those of the device that drew the
-    raster; `pixels` (N,) flat numbers of pixels at which the two differ, all that do where None.
-    """
+    """Find the causes of a change by rounding, at pixels (N,) or wherever the images differ."""
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
     cameras = _drawing_cameras(scene, raster, subpixel_bits) if len(pixels) else []
@@ -437,8 +421,7 @@ def _drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> li
 class ShearNumbers:
     """How far surface points are drawn from where cameras that are sheared about the aperture draw them.
 
-    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns to the right and
-    rows down, and the largest difference is between a traced shift and its closed form.
+    As traced, and in closed form, -k n/((|z| + n) t) at the same points; means are columns and rows.
     """
 
     pixels: int  #: that show a surface off the plate: all are measured
@@ -446,16 +429,15 @@ class ShearNumbers:
     closed_form_rms_px: float
     mean_px: tuple[float, float]
     closed_form_mean_px: tuple[float, float]
-    largest_difference_px: float
+    largest_difference_px: float  #: between a traced shift and its closed form
 
 
 def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
     """Measure the shear of T2, a traced model whose cameras are sheared about their own centers.
 
-    Each pixel shows a surface point, and the cameras of the paper, sheared about the aperture, would draw
-    this point elsewhere: the distance is what the pivot alone does to the point. Points are compared with
-    themselves, so that nothing depends on which surfaces come into view. None where there is no such shear:
-    another pivot, no offset, or a centered frustum; and where no surface off the plate is shown.
+    Points are compared with themselves, so that nothing depends on which surfaces come into view. None where
+    there is no such shear (another pivot, no offset, a centered frustum), and where no surface off the plate
+    is shown.
     """
     settings, shown = model.camera.settings, model.off_plate
     assert settings is not None, "a model says whose cameras it shows"

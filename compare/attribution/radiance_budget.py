@@ -1,16 +1,11 @@
-"""The radiance error of an image, link by link: signed differences that add up.
+"""The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
-See docs/method.md, "The error budget".
+Through the chain's own links (near offset to depth) every image is shaded truly: as the true frustum shows
+the surface points that the image has. So each tells what *showing another point* costs, and the eye vector's
+bend, which belongs to a point and not to a pixel, is counted once:
 
-Through the chain's own links (near offset to depth) every image is shaded truly: as the true frustum
-shows the surface points that the image has. So each of these links tells what *showing another point*
-costs, and the eye vector's bend, which belongs to a point and not to a pixel, is counted once, in a link
-of its own:
-
-    [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> rasterization -> depth
-    -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
-
-Those in brackets are there where the scene asks for them; culling comes after slabs where faces are culled.
+    [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
+    -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 """
 
 from __future__ import annotations
@@ -57,16 +52,12 @@ MAX_CHAIN_PIXELS = 1 << 22
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
-    """Change of linear radiance from one image of the chain to another, or over the whole chain.
+    """Change of linear radiance over a link or the whole chain; None where there is no such pixel."""
 
-    `mean`, `rms` and `max` are taken over all judged pixels, the other two only over those in which all
-    images of the chain show the same triangle. Each is None where there is no such pixel.
-    """
-
-    mean: float | None
+    mean: float | None  #: over all judged pixels, like the next two
     rms: float | None
     max: float | None
-    rms_same_triangle: float | None
+    rms_same_triangle: float | None  #: over those in which all images of the chain show the same triangle
     max_same_triangle: float | None
 
 
@@ -133,9 +124,9 @@ class RadianceBudget(Brief):
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
 
-    The chain's images are sampled once per pixel: T0 to R1 shaded truly, then R1 with the eye vector of the
-    camera that drew each point, then R1 as the device shaded it. Each color is the mean over `side` x `side`
-    of the chain's pixels.
+    The chain's images are sampled once per pixel: T0 to R1 shaded truly, R1 with the eye vector of the camera
+    that drew each point, R1 as the device shaded it. Each color is the mean over `side` x `side` of their
+    pixels.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -164,10 +155,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
 def make_radiance_budget(
     scene: Scene, chain: Chain, done: Callable[[], Any] = lambda: None
 ) -> RadianceBudget:
-    """Take the radiance error of the last image of a chain, sampled once per pixel, apart.
-
-    `done` is called as often as `steps` says, after each part of the work.
-    """
+    """Take the radiance error of a chain's last image apart; `done` is called as often as `steps` says."""
     truth, settings = chain.images[0], chain.settings
     aperture = truth.camera.aperture
     links, errors = [*links_of(settings), EYE_VECTOR, SHADING], dict[str, float]()
@@ -214,8 +202,8 @@ def averaged_colors(
 ) -> Floats:
     """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
 
-    The device's own samples (multisample) are its own affair: they are in the link from here to its image.
-    Raises InputError where a chain would have more than `MAX_CHAIN_PIXELS`.
+    The device's own samples (multisample) are in the link from here to its image. Raises InputError where a
+    chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution

@@ -48,7 +48,7 @@ MOVED_PX = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """How many of the judged pixels are wrong in one sense; the fraction is 0 where no pixel is judged."""
+    """How many of the judged pixels are wrong in one sense; the fraction is 0 where none is judged."""
 
     wrong: int
     fraction: float
@@ -143,12 +143,8 @@ class Comparison(Shown, ComparisonNumbers):
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
         """Return the errors with labels, as an `xarray.Dataset` over v and u; see `HogelImage.to_xarray`.
 
-        `units` names the scene's unit of length (`scene.units`), which images do not know.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        `units` names the scene's unit of length (`scene.units`), which images do not know. Raises InputError
+        where xarray is not installed.
         """
         maps, camera = self.maps, self.errors.truth.camera
         moved, surface, radiance = maps.displacement, maps.surface, maps.radiance
@@ -165,14 +161,9 @@ class Comparison(Shown, ComparisonNumbers):
             name: None if values is None else Labelled(values=values, meaning=meaning, units=unit)
             for name, values, meaning, unit in told
         }
-        attributes = {
-            "aperture": list(camera.aperture.index),
-            "scene": camera.scene,
-            "scene_hash": camera.scene_hash,
-            "truth": camera.renderer,
-            "image": self.errors.raster.camera.renderer,
-        }
-        return dataset(images, {}, attributes)
+        renderers = {"truth": camera.renderer, "image": self.errors.raster.camera.renderer}
+        scene = {"scene": camera.scene, "scene_hash": camera.scene_hash}
+        return dataset(images, {}, {"aperture": list(camera.aperture.index), **scene, **renderers})
 
     def _said(self) -> str:
         camera, renderer = self.errors.truth.camera, self.errors.raster.camera.renderer
@@ -212,8 +203,7 @@ def compare_images(
     raster
         Image of any renderer.
     reference
-        Tracer of the same scene, which follows the true lines through the points that the raster shows;
-        without it `surface` is None.
+        Tracer of the same scene; without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
     beside

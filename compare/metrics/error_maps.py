@@ -1,13 +1,9 @@
 """Errors of each pixel: displacement, surface, triangle and height (docs/method.md, "What is compared").
 
-The number of pixels that show the wrong surface does not depend on how finely a mesh is tessellated: reports
-put it first. A picture that is merely displaced shows no wrong surface.
-
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
 that of another object (`other_surfaces`); or the point that it shows belongs outside the film
-(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film, and the lines
-along which points are hidden, depend on the question: here they are those of the true frustum, in
-`xfrustum.compare.judging.judged` those of a renderer's own cameras.
+(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film and the lines are
+here those of the true frustum, in `xfrustum.compare.judging.judged` those of a renderer's own cameras.
 """
 
 from __future__ import annotations
@@ -62,19 +58,12 @@ class HeightError:
     rms: float
     max: float
 
-    @classmethod
-    def of(cls, error: Floats) -> HeightError | None:
-        """Return the size of errors (N,), None where there are none."""
-        return cls(rms=root_mean_square(error), max=float(np.abs(error).max())) if error.size else None
-
 
 def root_mean_square(values: Floats) -> float:
     """Return the root mean square of values of any shape, of which there is at least one."""
     largest = float(np.abs(values).max())
-    if not 0 < largest < np.inf:
-        return largest
     # Values are scaled first: near the plate the squares of displacements may overflow.
-    return largest * float(np.sqrt(np.mean(np.square(values / largest))))
+    return largest * float(np.sqrt(np.mean(np.square(values / largest)))) if 0 < largest < np.inf else largest
 
 
 # Points and their places ---------------------------------------------------------------------------------
@@ -126,11 +115,8 @@ class DrawnPoints:
 
     def at(self, some: Indices) -> DrawnPoints:
         """Return some of the points, given by their places (M,) among these."""
-        return DrawnPoints(
-            pixels=self.pixels.take(some),
-            coordinates=self.coordinates.take(some, axis=1),
-            triangle=self.triangle.take(some),
-        )
+        coordinates, triangle = self.coordinates.take(some, axis=1), self.triangle.take(some)
+        return DrawnPoints(pixels=self.pixels.take(some), coordinates=coordinates, triangle=triangle)
 
     def places(self, pencil: Pencil) -> Places:
         """Return where a pencil's film shows each point; see `pixel_places`."""
@@ -153,8 +139,8 @@ def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
 def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
     """Return the displacement (2, N), columns and rows, at pixels (N,) that show a surface off the plate.
 
-    No optical flow is needed: the image says which surface point it shows, and the true frustum says where
-    that point belongs. Displacement is that place minus the place where it was drawn.
+    The image says which surface point it shows, and the true frustum says where that point belongs.
+    Displacement is that place minus the place where it was drawn.
     """
     return _shifts(DrawnPoints.of(raster, pixels).places(true_lines(camera)), pixels, camera)
 
@@ -177,10 +163,7 @@ def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceErrors:
-    """The pixels (H, W) that show the wrong surface, and those of them whose point belongs outside the film.
-
-    No pixel of the true frustum shows a point outside the film [-1, 1]^2.
-    """
+    """Pixels (H, W) that show the wrong surface, and those of them whose point lies outside the film."""
 
     wrong: Mask
     outside: Mask
@@ -200,13 +183,12 @@ def surface_errors(
     """Return the pixels that show the wrong surface.
 
     A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
-    where the point that it shows belongs outside the true film, and where the true frustum does not see that
-    point: something else is in front of it on its own true line. The true frustum sees a point in the plate
-    only in the aperture's center, where all lines meet.
+    where the point that it shows belongs outside the true film, and where something else is in front of that
+    point on its own true line. The true frustum sees a point in the plate only in the aperture's center. The
+    film ends half a pixel beyond the outermost pixels' centers, so that a picture displaced by less shows
+    nothing from outside.
 
-    The film ends half a pixel beyond the outermost pixels' centers, so that a picture that is displaced by
-    less shows nothing from outside. `located` are the raster's points off the plate and their places on the
-    true film, where they are known already.
+    `located` are the raster's points off the plate and their places on the true film, where they are known.
     """
     scene, pencil = reference.scene, true_lines(truth.camera)
     if located is None:
@@ -252,10 +234,7 @@ def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mas
 
 
 def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
-    """Return which points (N,) are, within rounding, those of the truth, which are proven to be seen.
-
-    With a tiny near these are most points.
-    """
+    """Return which points (N,) are, within rounding, those of the truth: with a tiny near, most are."""
     found = np.zeros(len(points.pixels), dtype=np.bool_)
     if truth.certainty is None:
         return found
@@ -275,8 +254,8 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
 def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Scene) -> Mask:
     """Return which points (N,) at some places belong outside a pencil's film, however they were rounded.
 
-    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
-    from the center of the lines: |z| for the true frustum.
+    A point known to within a tolerance is known on the film to within that over w t, with w its depth from
+    the center of the lines: |z| for the true frustum.
     """
     sides = np.asarray(pencil.resolution, dtype=np.float64)
     outside = np.zeros(len(points.pixels), dtype=np.bool_)
@@ -299,7 +278,7 @@ def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Sce
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
     """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil.
 
-    Those that are asked show a surface point off the plane of the pencil's center.
+    They show a surface point off the plane of the pencil's center.
     """
     points = DrawnPoints.of(shown, np.flatnonzero(asked))
     found = np.zeros_like(asked)
@@ -310,10 +289,7 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
 def hidden_pixels(
     asked: Mask, shown: HogelImage, scene: Scene, hides: Callable[[SurfacePoints], Mask]
 ) -> Mask:
-    """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point.
-
-    `hides` says which of some surface points (N,) are hidden.
-    """
+    """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point."""
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)
     found.flat[pixels] = hides(DrawnPoints.of(shown, pixels).surface_points(scene))
@@ -321,10 +297,7 @@ def hidden_pixels(
 
 
 def turned_away(truth: HogelImage) -> Mask:
-    """Return the pixels (H, W) whose true surface shows its back: its normal points away from the viewer.
-
-    With culling such a pixel shows nothing, or what lies behind that surface: the wrong surface either way.
-    """
+    """Return the pixels (H, W) whose true surface shows its back: culling makes it the wrong surface."""
     assert truth.normal is not None, "the reference gives normals"
     directions = true_lines(truth.camera).directions()
     with np.errstate(invalid="ignore"):
@@ -359,7 +332,6 @@ class ErrorMaps(Brief):
 class PixelErrors(Brief):
     """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
-    A survey reads numbers alone: maps of displacement and height are made when they are first asked for.
     Masks are those of `ErrorMaps`. `changed` are the flat numbers of the pixels that show anything else than
     the image beside which this one was judged; None where there was none.
     """
@@ -399,15 +371,9 @@ class PixelErrors(Brief):
     @cached_property
     def maps(self) -> ErrorMaps:
         """Each error as an image, without that of radiance."""
-        return ErrorMaps(
-            judged=self.judged,
-            surface=self.surface,
-            outside=self.outside,
-            triangle=self.triangle,
-            displacement=displacement(self.raster, self.truth.camera),
-            height=self.height,
-            radiance=None,
-        )
+        masks = {name: getattr(self, name) for name in ("judged", "surface", "outside", "triangle")}
+        moved = displacement(self.raster, self.truth.camera)
+        return ErrorMaps(**masks, displacement=moved, height=self.height, radiance=None)
 
 
 def pixel_errors(
@@ -416,7 +382,7 @@ def pixel_errors(
     """Return the errors of an image; without the scene's reference there is no `surface`.
 
     Where there are errors of an image of the same cameras by the same truth, pixels that show the same are
-    not judged again: what is found of a pixel depends on no other.
+    not judged again.
     """
     if beside is not None:
         return _errors_beside(truth, raster, reference, beside)
@@ -432,7 +398,7 @@ def pixel_errors(
         outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & names_triangles(raster),
         spread=Spread.of(np.hypot(*_shifts(places, points.pixels, truth.camera))),
-        height_error=HeightError.of(_rise(truth, raster, judged)[1]),
+        height_error=_height_error(_rise(truth, raster, judged)[1]),
     )
 
 
@@ -459,7 +425,7 @@ def _errors_beside(
         outside=_with(beside.outside, pixels, errors.outside & judged) if errors else None,
         triangle=_with(beside.triangle, pixels, (before.triangle != after.triangle) & judged),
         spread=Spread.of(moved[raster.off_plate]),
-        height_error=HeightError.of(height[~np.isnan(height)]),
+        height_error=_height_error(height[~np.isnan(height)]),
         changed=pixels,
     )
     # The maps are there already.
@@ -473,6 +439,12 @@ def _with(whole: NDArray[Any] | None, pixels: Indices, values: Any) -> Any:
     found = whole.copy()
     found.reshape(-1)[pixels] = values
     return found
+
+
+def _height_error(error: Floats) -> HeightError | None:
+    if not error.size:
+        return None
+    return HeightError(rms=root_mean_square(error), max=float(np.abs(error).max()))
 
 
 def _rise(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
@@ -533,11 +505,13 @@ class PixelSet:
 def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """Return whether more pixels are wrong in one picture than in another, beyond chance.
 
-    This is the exact test of McNemar (1947). Pixels that are wrong in both pictures, or in neither, say
-    nothing. If neither picture were worse, each other pixel would be wrong in the one or in the other
-    with equal chances. Pixels along one contour change together, so that the test sees differences too soon
-    rather than too late; callers ask for a smallest difference besides. `CONFIDENCE` holds for all
-    `comparisons` with the other picture together (Bonferroni).
+    This is the exact test of McNemar (1947): pixels wrong in both pictures, or in neither, say nothing; if
+    neither picture were worse, each other pixel would be wrong in the one or the other with equal chances.
+    Pixels along one contour change together, so that the test sees differences too soon: callers ask for a
+    smallest difference besides. `CONFIDENCE` holds for all `comparisons` with the other picture together
+    (Bonferroni).
     """
-    by_chance = scipy.stats.binom.sf(only_here - 1, only_here + only_there, 0.5)
-    return bool(only_here > only_there and by_chance < (1 - CONFIDENCE) / comparisons)
+    if only_here <= only_there:
+        return False
+    by_chance = scipy.special.bdtrc(only_here - 1, only_here + only_there, 0.5)
+    return bool(by_chance < (1 - CONFIDENCE) / comparisons)

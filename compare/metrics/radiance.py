@@ -1,24 +1,21 @@
 """Radiance error: how far colors are off in linear RGB, raster minus truth, and how different pictures look.
 
 See docs/method.md, "What is compared". FLIP and SSIM judge pictures as they are shown, clipped and in sRGB
-(`display.encoded`), never the radiance itself: FLIP in its mode for such pictures (LDR), SSIM with the window
-of its inventors.
+(`display.encoded`): FLIP in its mode for such pictures (LDR), SSIM with the window of its inventors.
 
-A reference that samples light paths knows its mean and, from the samples' spread, the variance of that
-mean. Where the picture is the mean's expectation, (mean - picture) / standard error follows Student's t
-with one degree of freedom less than there are samples. Of hundreds of thousands of pixels some lie far out by
-chance alone; Sidak's correction accounts for it.
-
-What a rasterizer leaves out, shadows and interreflection, is measured by light paths: the truth is traced
-with and without them by the same tracer, so that nothing else differs; each image has its own noise.
+A reference that samples light paths knows its mean and the variance of that mean. Where a picture is the
+mean's expectation, (mean - picture) / standard error follows Student's t with one degree of freedom less than
+there are samples; Sidak's correction accounts for the number of pixels. What a rasterizer leaves out, shadows
+and interreflection, is the difference of two such truths, each with its own noise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import flip_evaluator
 import numpy as np
@@ -58,12 +55,11 @@ Rgb = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseNumbers:
-    """The numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
+    """Numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
 
     A picture agrees if no pixel differs at the level `alpha` of the whole picture. The p-value is the chance
-    that some pixel of the whole picture lies as far out as the farthest does, if the picture is what the
-    reference converges to. It is exact where the tests are independent; where they depend on each other, as
-    the channels of one pixel do, the true chance is smaller (Sidak's inequality).
+    that some pixel lies as far out as the farthest does, if the picture is what the reference converges to:
+    exact for independent tests, an upper bound where they depend on each other, as channels of a pixel do.
     """
 
     agrees: bool
@@ -91,30 +87,22 @@ def compare_with_noise(
     judged: Mask,
     rounding: Floats | float = 0.0,
 ) -> NoiseTest:
-    """Test whether a picture is what a noisy reference converges to.
+    """Test whether a picture (H, W, 3) of linear RGB without noise is what a noisy reference converges to.
 
-    Parameters
-    ----------
-    picture
-        (H, W, 3) linear RGB, without noise.
-    judged
-        (H, W) pixels to be tested. Where an edge crosses a pixel so that few of its samples meet a
-        surface, chance may miss that surface altogether, and then neither mean nor variance knows of it:
-        leave out pixels in which a surface may cover less than 1 - (level of one test)^(1 / samples).
-    rounding
-        Radiance by which picture and mean may differ for other reasons than noise, such as their rounding
-        to float32. It alone decides where samples do not vary.
+    `judged` (H, W) has the pixels to be tested. Leave out those in which a surface may cover less than
+    1 - (level of one test)^(1 / samples): chance may miss it, and then neither mean nor variance knows of it.
+    `rounding` is the radiance by which picture and mean may differ for other reasons than noise, such as
+    rounding to float32. It alone decides where samples do not vary.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
     variance = np.asarray(estimate.variance_of_mean, dtype=np.float64)[tested]
-    excess = np.sign(difference) * np.maximum(
-        np.abs(difference) - np.broadcast_to(rounding, picture.shape)[tested], 0.0
-    )
+    allowed = np.broadcast_to(rounding, picture.shape)[tested]
+    excess = np.sign(difference) * np.maximum(np.abs(difference) - allowed, 0.0)
     noisy = variance > 0
     scaled = np.where(excess == 0, 0.0, np.copysign(np.inf, excess))
     np.divide(excess, np.sqrt(variance), out=scaled, where=noisy)
-    chance = 2 * scipy.stats.t.sf(np.abs(scaled), estimate.samples - 1)
+    chance = 2 * scipy.special.stdtr(estimate.samples - 1, -np.abs(scaled))
     differs = np.zeros(tested.shape, dtype=np.bool_)
     differs[tested] = (chance < single_level(ALPHA, chance.size)).any(axis=-1)
     numbers = NoiseNumbers(
@@ -133,9 +121,7 @@ def compare_with_noise(
 
 def joint_chance(chance: float, tests: int) -> float:
     """Return the chance that the least of several independent p-values is at most `chance` (Sidak)."""
-    if chance >= 1:
-        return 1.0
-    return float(-np.expm1(tests * np.log1p(-chance)))
+    return 1.0 if chance >= 1 else float(-np.expm1(tests * np.log1p(-chance)))
 
 
 def single_level(chance: float, tests: int) -> float:
@@ -248,10 +234,7 @@ def perceptual_difference(
     raster: NDArray[np.floating],
     pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> PerceptualDifference:
-    """Return how different two pictures (H, W, 3) of linear RGB look.
-
-    FLIP depends on the number of pixels that a degree of the viewer's field of view holds.
-    """
+    """Return how different two pictures (H, W, 3) of linear RGB look."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
     flip_map, _, _ = flip_evaluator.evaluate(
@@ -300,31 +283,51 @@ class RadianceSpread:
     channels: ChannelSpread
 
     @staticmethod
-    def of(error: Floats) -> RadianceSpread | None:
-        """Return the spread of signed errors (3, N), None where there are none."""
-        if error.shape[1] == 0:
+    def of(error: Iterable[Floats]) -> RadianceSpread | None:
+        """Return the spread of signed errors, an array (N,) for each channel; None where there are none."""
+        red, green, blue = error
+        if red.size == 0:
             return None
-        size = np.abs(error)
-        worst, squares, means = size.max(axis=0), np.square(error).mean(axis=1), error.mean(axis=1)
+
+        def each(found: Callable[[Floats], Any], channels: Sequence[Floats]) -> Rgb:
+            r, g, b = (float(found(one)) for one in channels)
+            return r, g, b
+
+        # Channel by channel: what fits into a cache takes half the time.
+        sizes = np.abs(red), np.abs(green), np.abs(blue)
+        worst = np.maximum(np.maximum(sizes[0], sizes[1]), sizes[2])
+        squares = each(lambda one: np.square(one).mean(), (red, green, blue))
+        means = each(np.mean, (red, green, blue))
         return RadianceSpread(
-            pixels=error.shape[1],
-            rms=float(np.sqrt(squares.mean())),
-            mean=float(means.mean()),
-            p99=float(np.percentile(worst, 99)),
+            pixels=red.size,
+            rms=float(np.sqrt(np.mean(squares))),
+            mean=float(np.mean(means)),
+            p99=percentile_99(worst),
             max=float(worst.max()),
             above_step=float(np.mean(worst > STEP)),
             channels=ChannelSpread(
-                rms=_rgb(np.sqrt(squares)),
-                mean=_rgb(means),
-                p99=_rgb(np.percentile(size, 99, axis=1)),
-                max=_rgb(size.max(axis=1)),
+                rms=(math.sqrt(squares[0]), math.sqrt(squares[1]), math.sqrt(squares[2])),
+                mean=means,
+                p99=each(percentile_99, sizes),
+                max=each(np.max, sizes),
             ),
         )
 
 
-def _rgb(values: Floats) -> Rgb:
-    red, green, blue = (float(value) for value in values)
-    return red, green, blue
+def percentile_99(values: Floats) -> float:
+    """Return the 99th percentile of finite values (N,), as `np.percentile` does, bit for bit.
+
+    Only values above the 97th percentile of a sample are put in order, which takes a fifth of the time;
+    where the sample misleads, all are.
+    """
+    place = 0.99 * (len(values) - 1)
+    top = values[values >= np.percentile(values[::64], 97)]
+    if len(top) < len(values) - int(place):
+        top = values
+    at = int(place) - (len(values) - len(top))
+    low, high = np.partition(top, (at, min(at + 1, len(top) - 1)))[[at, min(at + 1, len(top) - 1)]]
+    share = place - int(place)
+    return float(high - (high - low) * (1 - share) if share >= 0.5 else low + (high - low) * share)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,18 +367,22 @@ def compare_radiance(
 ) -> RadianceError | None:
     """Return the radiance error of an image; None where an image has no color, or nothing is judged.
 
-    Pixels whose truth is a tie are not judged. How different the pictures look takes longer than all else.
+    Pixels whose truth is a tie are not judged. FLIP and SSIM (`perceptual`) take longer than all else.
     """
     if truth.color is None or raster.color is None:
         return None
     # A plane for each channel: along rows of three numbers, NumPy takes several times as long.
-    error = np.moveaxis(raster.color, -1, 0).astype(np.float64, order="C") - np.moveaxis(truth.color, -1, 0)
-    judged = np.isfinite(error).all(axis=0) & judged_pixels(truth)
-    channels = error.reshape(3, -1)
-    spread = RadianceSpread.of(channels.compress(judged.ravel(), axis=1))
+    planes = [
+        np.subtract(raster.color[..., channel], truth.color[..., channel], dtype=np.float64).ravel()
+        for channel in range(3)
+    ]
+    judged = judged_pixels(truth)
+    for plane in planes:
+        judged &= np.isfinite(plane).reshape(judged.shape)
+    spread = RadianceSpread.of(planes if judged.all() else [plane[judged.ravel()] for plane in planes])
     if spread is None:
         return None
-    inside = judged & away_from_edges(truth, raster)
+    inside = np.flatnonzero(judged & away_from_edges(truth, raster))
     looks = perceptual_difference(truth.color, raster.color) if perceptual else None
     noise, paths = None, truth.camera.light_paths
     if truth.variance is not None and paths is not None:
@@ -384,7 +391,7 @@ def compare_radiance(
         noise = compare_with_noise(raster.color, estimate, judged, STEP).numbers
     numbers = RadianceNumbers(
         **vars(spread),
-        away_from_edges=RadianceSpread.of(channels.compress(inside.ravel(), axis=1)),
+        away_from_edges=RadianceSpread.of(plane.take(inside) for plane in planes),
         flip=looks.flip if looks else None,
         ssim=looks.ssim if looks else None,
         pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
@@ -394,10 +401,9 @@ def compare_radiance(
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
-    """Return the pixels that show the same triangle in both images, (H, W).
+    """Return the pixels (H, W) that both images say show the same triangle.
 
-    What such a pixel's center shows is shaded continuously from one image to the other, however
-    coarse the mesh. Where images give no triangle numbers, no pixel is away from edges.
+    What such a pixel's center shows is shaded continuously from one image to the other, however coarse the
+    mesh.
     """
-    same = (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
-    return np.asarray(same)
+    return np.asarray((truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING))

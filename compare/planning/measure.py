@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import islice
 
 import numpy as np
@@ -28,8 +28,8 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 SEARCH_RATIO, SEARCH_HALVINGS = 8.0, 7
-"""The smallest separation is looked for between this many times less and more than is predicted, and that
-range is halved so often on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves, 3 %."""
+"""The smallest separation is sought between this many times less and more than predicted, and that range is
+halved so often on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves, 3 %."""
 
 CELLS, CELL_PIXELS = 32, 8
 """Cells along each side of the film of sheets, and pixels along each side of a cell."""
@@ -61,24 +61,30 @@ def hogel_results(
     besides. `truths` are true images that are there already.
     """
 
-    def judged(frame: JudgedFrame) -> tuple[Aperture, DoubleFrustum, float, int, Mask]:
+    def judged(frame: JudgedFrame) -> tuple[DoubleFrustum, tuple[Aperture, float, int, Mask]]:
         found = frame.comparison
         wrong = found.errors.surface
         assert wrong is not None, "the reference has the scene at hand"
-        return frame.aperture, frame.settings, displacement_p99(found), found.judged, wrong
+        return frame.settings, (frame.aperture, displacement_p99(found), found.judged, wrong)
 
     exact = with_exact_depth(settings)
     both = tuple(dict.fromkeys((settings, exact)))
     with closing(judge.frames(apertures, both, Wanted(), judged, truths)) as frames:
-        while some := {one[1]: one for one in islice(frames, len(both))}:
-            aperture, _, moved, count, wrong = some[settings]
-            control = some[exact][-1]
+        while some := dict(islice(frames, len(both))):
+            aperture, moved, count, wrong = some[settings]
+            by_depth = wrong & ~some[exact][-1]
             yield HogelResult(
                 aperture=aperture,
                 displacement_p99_px=moved,
                 surface_fraction=float(wrong.sum() / max(count, 1)),
-                depth_wrong=float((wrong & ~control).sum() / max(count, 1)),
+                depth_wrong=float(by_depth.sum() / max(count, 1)),
             )
+
+
+def worst_errors(results: Iterable[Errors]) -> dict[str, float]:
+    """Return the worst of each of the errors of some hogels, by the name of its field."""
+    some = list(results)
+    return {one.name: max(getattr(found, one.name) for found in some) for one in fields(Errors)}
 
 
 def measured(
@@ -101,14 +107,8 @@ def measured(
     for view in views.views:
         wrong.append(misordered(views.scene, view, settings, separation))
         done(1)
-    quality = Quality(
-        displacement_p99_px=max(one.displacement_p99_px for one in results),
-        surface_fraction=max(one.surface_fraction for one in results),
-        depth_wrong=max(one.depth_wrong for one in results),
-        misordered=max(wrong),
-        separation=_smallest_separation(views, settings) if smallest else math.nan,
-    )
-    return results, quality
+    smallest_found = _smallest_separation(views, settings) if smallest else math.nan
+    return results, Quality(**worst_errors(results), misordered=max(wrong), separation=smallest_found)
 
 
 def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
@@ -187,10 +187,10 @@ class SheetFilm:
 
 
 def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: float) -> float:
-    """Draw sheets at the farthest visible surface of every camera and slab, and return the worst share.
+    """Draw sheets at the farthest visible surface of every camera and slab; return the worst wrong share.
 
-    That is the share of pixels in which the wrong sheet shows, or none; 0 where no slab has room for two
-    sheets. Each pair comes twice, the sheet that must not show drawn first and drawn last.
+    It counts pixels in which the wrong sheet shows, or none; 0 where no slab has room for two sheets. Each
+    pair comes twice, the sheet that must not show drawn first and drawn last.
     """
     worst = 0.0
     for orthoscopic, side in ((True, Camera.C), (False, Camera.C_STAR)):
@@ -207,15 +207,10 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
         # Cells are dealt out to the places at random, and have random heights between a place's ends.
         random = np.random.default_rng(1997)
         owner = random.permutation(np.arange(CELLS**2) % len(places)).reshape(CELLS, CELLS)
-        pairs = [
-            SheetPair(
-                camera=camera,
-                heights=random.uniform(*ends, int((owner == number).sum())),
-                separation=separation,
-                loser_first=loser_first,
-            )
-            for number, (camera, ends, loser_first) in enumerate(places)
-        ]
+        pairs = []
+        for number, (camera, ends, first) in enumerate(places):
+            heights = random.uniform(*ends, int((owner == number).sum()))
+            pairs.append(SheetPair(camera=camera, heights=heights, separation=separation, loser_first=first))
         film = SheetFilm.of(scene, view.aperture, pairs, owner, CELL_PIXELS)
         with Rasterizer(film.scene) as rasterizer:
             worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))

@@ -1,11 +1,11 @@
 """The planner: the fewest slabs, and then the largest margin, that keep what is required.
 
-For a whole plate: the closed form of displacement is evaluated for every aperture of a scout. The worst ones
-are traced and planned for; whatever aperture the plan would then displace too much joins them, until there is
-none. Then the plan is measured at all of them, and at a random sample that took no part in choosing, which
-bounds the share of hogels beyond the tolerance (Clopper and Pearson 1934). An aperture of the sample at which
-the plan fails joins the others, and a new sample is drawn. Where there is no plan for all, the hardest
-apertures are set aside, and the plan says for which share of the plate it holds.
+For a whole plate: the worst apertures of a scout are traced and planned for; whatever aperture the plan would
+then displace too much, by closed form, joins them, until there is none. Then the plan is measured at all of
+them, and at a random sample that took no part in choosing, which bounds the share of hogels beyond the
+tolerance (Clopper and Pearson 1934). An aperture of the sample at which the plan fails joins the others, and
+a new sample is drawn. Where there is no plan for all, the hardest apertures are set aside, and the plan says
+for which share of the plate it holds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from xfrustum.compare.beyond import MAX_UNDEFINED
-from xfrustum.compare.planning.measure import HogelResult, hogel_results, measured
+from xfrustum.compare.planning.measure import HogelResult, hogel_results, measured, worst_errors
 from xfrustum.compare.planning.search import (
     ENOUGH_MARGIN,
     MAX_CUTS,
@@ -51,9 +51,8 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 from xfrustum.scenes.plate.plate import Aperture
 
 MAX_SAMPLES = 3
-"""Samples that are drawn at most, each after its predecessor disproved a plan. They are independent, so that
-the bounds of all of them hold together with `CONFIDENCE` if each holds with its cube root (Sidak 1967):
-drawing again does not flatter the last one."""
+"""Samples that are drawn at most, each after its predecessor disproved a plan. They are independent: the
+bounds of all hold together with `CONFIDENCE` if each holds with its cube root (Sidak 1967)."""
 
 WORST_VIEWS = 4
 """Worst apertures of the scout that a plan is made from at once; others join where they need more."""
@@ -64,8 +63,8 @@ how many are at a time, the worst first: one line in a hundred of 576 is six, wh
 a factor of two at best."""
 
 MAX_HALVINGS = 5
-"""Times that the number of apertures to be set aside is halved: it is known to a 32nd of all. Each time a
-plan is searched for, among all depth buffers."""
+"""Times that the number of apertures to be set aside is halved, each with a search for a plan: it is known to
+a 32nd of all."""
 
 MAX_ROUNDS = 8
 """Times that a plan is made anew with apertures that joined; each time the worst of them join."""
@@ -109,9 +108,7 @@ class PlateResult:
 
     def summary(self) -> dict[str, Any]:
         """Return what `plan --json` prints under `plate`."""
-        worst = None
-        if self.worst is not None:
-            worst = {**asdict(self.worst), "aperture": self.worst.aperture.index}
+        worst = self.worst and {**asdict(self.worst), "aperture": self.worst.aperture.index}
         return {**asdict(self), "share_within_at_least": self.share_within_at_least, "worst": worst}
 
 
@@ -221,12 +218,7 @@ def plan(
 
     Of the depth buffers to choose from, None for all, the fewest slabs count, then what is cheapest (depth
     that no fragment writes, then fewer bytes), then the largest margin. `done` is called twice for each
-    aperture: when it is traced, and when it is measured.
-
-    Raises
-    ------
-    InputError
-        There is no usable OpenGL.
+    aperture: when it is traced, and when it is measured. Raises InputError where there is no usable OpenGL.
     """
     requirement = requirement or Requirement()
     views = Views.traced(Reference(scene), apertures, done)
@@ -246,13 +238,14 @@ def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[Dep
     if not found.holding:
         return _no_plan(choices, _why_not(found, views, requirement))
     best = search.most_robust(found.holding)
+    settings, reason = best.settings, _why(found, best, views, requirement)
     return Plan(
-        near=best.settings.near,
-        slabs=best.settings.slabs,
-        depth=best.settings.depth,
-        mapping=best.settings.mapping,
+        near=settings.near,
+        slabs=settings.slabs,
+        depth=settings.depth,
+        mapping=settings.mapping,
         predicted=best.predicted,
-        reason=_why(found, best, views, requirement),
+        reason=reason,
     )
 
 
@@ -295,10 +288,7 @@ class PlatePlanner:
         return self._measured(made, views, sample)
 
     def _partial(self, whole: Plan, wanted: RandomSample) -> Plan:
-        """Return a plan without the hardest apertures, measured at a sample of all.
-
-        `whole` is the plan for the whole plate, which says why there is none.
-        """
+        """Return a plan without the hardest apertures; `whole` says why there is none for the whole plate."""
 
         def planned(looks: tuple[Look, ...]) -> tuple[Views, Plan] | None:
             planner = replace(self, scouted=replace(self.scouted, looks=looks))
@@ -343,7 +333,7 @@ class PlatePlanner:
     ) -> Plan:
         """Return the plan with what was measured at its own apertures and at the sample."""
         assert made.settings is not None
-        chosen, quality = measured(views, made.settings, self.requirement, self.done)
+        chosen, sheets = measured(views, made.settings, self.requirement, self.done)
         drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
         beyond, chosen_beyond = (
             sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
@@ -354,7 +344,7 @@ class PlatePlanner:
         each = confidence_of_each(MAX_SAMPLES)
         unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
         drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
-        worst = max(drawable, key=self.requirement.excess)
+        worst, quality = max(drawable, key=self.requirement.excess), replace(sheets, **worst_errors(drawable))
         plate = self._plate_result(
             self._hopeless | drawn_hopeless,
             aside,
@@ -365,15 +355,11 @@ class PlatePlanner:
             share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
             confidence=1.0 if everything else CONFIDENCE,
         )
-        holds = self.requirement.met_by(quality)
-        reason = f"{exceptions(plate)} {made.reason}".lstrip()
-        return replace(
-            made,
-            measured=quality,
-            within=holds and plate.covers_the_plate and not self.requirement.missed_by(worst),
-            reason=reason if holds else f"{reason} {_disproved(quality, self.requirement)}",
-            plate=plate,
-        )
+        holds, reason = self.requirement.met_by(quality), f"{exceptions(plate)} {made.reason}".lstrip()
+        if not holds:
+            reason = f"{reason} {_disproved(quality, self.requirement)}"
+        within = holds and plate.covers_the_plate
+        return replace(made, measured=quality, within=within, reason=reason, plate=plate)
 
     @cached_property
     def _seeing(self) -> tuple[Look, ...]:
@@ -400,9 +386,6 @@ class PlatePlanner:
     def _smallest(self) -> DoubleFrustum:
         return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
 
-    def _traced(self, apertures: Sequence[Aperture]) -> Views:
-        return Views.traced(self.reference, apertures, self.done)
-
     def _first_views(self) -> Views:
         """Trace the middle, the worst apertures that some near can draw, and those that see farthest.
 
@@ -413,7 +396,11 @@ class PlatePlanner:
         worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
         farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
         wanted = [*(one for one in scouted.apertures if one == middle), *worst, *farthest]
-        return self._traced([one for one in dict.fromkeys(wanted) if one.index not in self._hopeless])
+        return Views.traced(
+            self.reference,
+            [one for one in dict.fromkeys(wanted) if one.index not in self._hopeless],
+            self.done,
+        )
 
     def _settled(self, views: Views) -> tuple[Views, Plan]:
         """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""
@@ -431,7 +418,7 @@ class PlatePlanner:
             ]
             joining = [
                 view
-                for view in self._traced(suspected[:MAX_SUSPECTED]).views
+                for view in Views.traced(self.reference, suspected[:MAX_SUSPECTED], self.done).views
                 if displacement_bound(view.truth, scene.frustum, made.settings) > tolerance
             ]
             if not joining:
@@ -451,7 +438,8 @@ class PlatePlanner:
 
     def _missed(self, sample: Sequence[HogelResult]) -> tuple[View, ...]:
         """Trace those hogels of a sample that have more errors than are allowed."""
-        return self._traced([one.aperture for one in sample if self.requirement.missed_by(one)]).views
+        missed = [one.aperture for one in sample if self.requirement.missed_by(one)]
+        return Views.traced(self.reference, missed, self.done).views
 
 
 def _indices(some: Iterable[Look | View]) -> frozenset[Index]:
@@ -463,14 +451,10 @@ def largest_share(
 ) -> tuple[tuple[Look, ...], Found] | None:
     """Set aside the hardest apertures, as few as need be, until a plan is found for the others.
 
-    What is hard is told by closed forms. Apertures that see nearer to the plate than all others need the
-    smallest near; those that see farthest lose digits; and where z^2 over near is largest, the steps of
-    standard depth are. Each way is tried, and the one that leaves most apertures counts.
-
-    Returns
-    -------
-    The looks that are kept, and what `planned` returned for them; None where not even the easiest aperture
-    alone has a plan.
+    Apertures that see nearer to the plate than all others need the smallest near; those that see farthest
+    lose digits; and where z^2 over near is largest, the steps of standard depth are. Each way is tried, and
+    the one that leaves most apertures counts. Returns the looks that are kept, and what `planned` returned
+    for them; None where not even the easiest aperture alone has a plan.
     """
 
     def distance(look: Look) -> float:
@@ -505,7 +489,8 @@ def largest_share(
 def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -> str:
     """Say why a plan is the best there is; `best` has its near moved to where the margin is largest."""
     units, label, parts = views.scene.units, best.settings.depth_label, []
-    largest = next(one for one in found.holding if one.buffer == best.buffer)
+    buffer = best.settings.depth, best.settings.mapping
+    largest = next(one for one in found.holding if (one.settings.depth, one.settings.mapping) == buffer)
     if cuts := len(best.settings.slabs):
         fewer = ("Without cuts", "With one cut")[cuts - 1] if cuts <= 2 else f"With {cuts - 1} cuts"
         parts.append(f"{fewer}, even {_shortfall(found, views, requirement)}.")

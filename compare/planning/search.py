@@ -1,11 +1,10 @@
 """The best plan with a given number of cuts: where to cut, how large near may be, and whether all is kept.
 
-With k cuts, the first one, z1, is minimised. Outside of z1 nothing is displaced, and within it the less the
-smaller z1 is, so that near may be larger; and a first slab that is shallow needs the smaller near for its
-depths. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends at the
-reach, and its cut may be as low as the separation at the farthest surface that is seen in it allows: lower,
-depths would be coarser. A lower cut only helps the next slab, which then ends sooner and sees nothing
-farther. So each slab in turn takes as much as it may, and no other k cuts have a smaller z1.
+With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, within it the less the
+smaller z1 is. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends at
+the reach, and its cut may be as low as the separation at the farthest surface seen in it allows. A lower cut
+only helps the next slab, which then ends sooner and sees nothing farther. So each slab in turn takes as much
+as it may, and no other k cuts have a smaller z1.
 
 A plan that just holds at the apertures it was made from fails at the next one that sees something nearer to
 the plate. Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies
@@ -103,7 +102,7 @@ class Attempt:
 
     @property
     def excess(self) -> float:
-        """Ratio by which the worst of the requirements is exceeded; at most 1 if none is."""
+        """Ratio by which the worst of the requirements is exceeded; at most 1 where the attempt holds."""
         return max(self.near_excess, self.depth_excess)
 
     @property
@@ -115,11 +114,6 @@ class Attempt:
     def missing(self) -> float:
         """The excess, but no less than what is enough."""
         return max(self.excess, 1 / ENOUGH_MARGIN)
-
-    @property
-    def buffer(self) -> DepthBuffer:
-        """Its depth buffer."""
-        return self.settings.depth, self.settings.mapping
 
     @property
     def price(self) -> tuple[bool, int]:
@@ -154,19 +148,15 @@ class Search:
             lambda near, slabs: views.traced_errors(DoubleFrustum(near=near, slabs=slabs))
         )
 
-    @property
-    def displaces_too_much(self) -> bool:
-        """Whether not even the smallest near behind the lowest cut is within the tolerance."""
-        lowest = round_number(self.lowest)
-        return not self._tolerable(lowest, (lowest,))
-
     def among(self, choices: Sequence[DepthBuffer]) -> Outcome:
         """Look for the best of some depth buffers, with one cut more at a time."""
         finest = {choice: self.finest(choice) for choice in choices}
         possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= self.separation]
         failed: list[Attempt] = []
         holding: list[Attempt] = []
-        for cuts in range(0 if self.displaces_too_much or not possible else MAX_CUTS + 1):
+        # Where not even the smallest near behind the lowest cut keeps to the tolerance, nothing is tried.
+        lowest = round_number(self.lowest)
+        for cuts in range(MAX_CUTS + 1 if possible and self._tolerable(lowest, (lowest,)) else 0):
             attempts = [self.attempt(choice, cuts) for choice in possible]
             holding = sorted((one for one in attempts if one.holds), key=lambda one: one.price)
             if holding:
@@ -178,7 +168,6 @@ class Search:
         """Return up to some number of heights, ascending, each as near to the plate as can be.
 
         Sheets at the farthest visible surface of every slab but the first are ordered at the separation.
-        There are fewer cuts where they come as near to the plate as any may.
         """
         cuts: list[float] = []
         highest = self.highest
@@ -227,7 +216,7 @@ class Search:
                 # With near as large as may be, depth is best off.
                 settings = self._settings(buffer, heights[0], heights)
                 wrong = self._views.depth_wrong(settings) / self.requirement.max_wrong
-                separation = self._views.separation(settings) * SEPARATION_MARGIN / self.separation
+                separation = self._separation_excess(self._views.separation(settings))
             if max(wrong, separation) <= 1:
                 one = self._with_largest_near(buffer, heights)
                 if one.holds:
@@ -243,7 +232,7 @@ class Search:
         return self._with_largest_near(buffer, best[1])
 
     def _judged(self, settings: DoubleFrustum) -> Attempt:
-        """Return what is to be expected of any settings: `judged`, which knows those that were asked for."""
+        """Return what is to be expected of any settings."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
         if not attempt.holds or self.requirement.SEEN_BY_EYES:
@@ -263,10 +252,9 @@ class Search:
         return min(balanced, key=lambda one: (one.missing, -one.settings.near))
 
     def _with_margin(self, largest: Attempt) -> Attempt:
-        """Return an attempt with the near that is farthest from the limits, up to `ENOUGH_MARGIN`.
+        """Return an attempt with the largest near that does no more than a tenth of what is allowed.
 
-        That is the largest near that does no more than a tenth of what is allowed, or, where depth would then
-        be worse off, the near at which both have the same margin.
+        Where depth would then be worse off, it is the near at which both have the same margin.
         """
         low, high, best = self.lowest, index_below(largest.settings.near), largest
         # Displacement grows with near, and what depth gets wrong falls with it: the interval is halved.
@@ -287,12 +275,16 @@ class Search:
     def _attempt(self, settings: DoubleFrustum, predicted: Quality) -> Attempt:
         by_pixels, by_eyes = self.requirement.by_pixels(predicted), self.requirement.by_eyes(settings)
         wrong = predicted.depth_wrong / self.requirement.max_wrong
+        ordered = self._separation_excess(predicted.separation)
         return Attempt(
             settings=settings,
             predicted=predicted,
             near_excess=max(by_pixels, by_eyes),
-            depth_excess=max(wrong, predicted.separation * SEPARATION_MARGIN / self.separation),
+            depth_excess=max(wrong, ordered),
         )
+
+    def _separation_excess(self, separation: float) -> float:
+        return separation * SEPARATION_MARGIN / self.separation
 
     def _with_largest_near(self, buffer: DepthBuffer, heights: tuple[float, ...]) -> Attempt:
         """Return settings with cuts at some heights, and the largest near that holds or else displaces.
@@ -329,15 +321,15 @@ class Search:
     ) -> Attempt:
         """Return an attempt with the largest length that holds; one that does not where none does.
 
-        `may_hold` is a cheap condition, true up to some length. What it does not know is asked of all
-        predictions, from the largest length that it allows downward.
+        `may_hold` is a cheap condition, true up to some length; all predictions are asked from there
+        downward.
         """
 
         def judged(length: float) -> Attempt:
             return self.judged(settings_with(length))
 
         def small_enough(length: float) -> bool:
-            """Return whether a length holds, or depth alone fails, which no smaller one would mend."""
+            # It holds, or depth alone fails, which no smaller length would mend.
             one = judged(length)
             return one.holds or (one.depth_excess > 1 and one.settings.near <= farthest)
 
@@ -353,12 +345,11 @@ class Search:
         return attempt if attempt.holds else largest
 
     def _is_tolerable(self, settings: DoubleFrustum) -> bool:
-        """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
-        # That depends on near and the first cut alone, whatever the depth buffer.
+        # What near displaces depends on it and the first cut alone, whatever the depth buffer.
         return self._tolerable(settings.near, settings.slabs[:1])
 
     def _displaces_little(self, near: float, first_cut: tuple[float, ...]) -> bool:
+        """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
         settings, tolerance = DoubleFrustum(near=near, slabs=first_cut), self.requirement.tolerance_px
-        if self.requirement.by_eyes(settings) > 1:
-            return False
-        return self._views.displaced(settings, tolerance) <= tolerance
+        unnoticed = self.requirement.by_eyes(settings) <= 1
+        return unnoticed and self._views.displaced(settings, tolerance) <= tolerance

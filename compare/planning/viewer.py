@@ -45,8 +45,8 @@ _HIDING = {
 class NearLimit:
     """One of the things that a viewer may notice of a near offset.
 
-    `largest_near` stays below it, three digits, scene units; None where every near does, and 0 where not even
-    the smallest does.
+    `largest_near` stays below it, three digits; None where every near does, 0 where not even the smallest
+    does.
     """
 
     name: str
@@ -57,11 +57,10 @@ class NearLimit:
 
 @dataclass(frozen=True, kw_only=True)
 class EyeRequirement(Requirement):
-    """Requirement of a viewer straight before the plate.
+    """Requirement of a viewer straight before the plate: pixels may be displaced by any length.
 
-    Pixels may be displaced by any length; sheets must be ordered where the viewer, or the display, tells
-    them apart. `separation_limit` is what limits the depths that can be told apart there, and their height z;
-    None where a separation was asked for.
+    Sheets must be ordered where the viewer, or the display, tells them apart. `separation_limit` is what
+    limits the depths that can be told apart there, and their height z; None where a separation was asked for.
     """
 
     SEEN_BY_EYES: ClassVar[bool] = True
@@ -75,8 +74,8 @@ class EyeRequirement(Requirement):
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
         """Return what may be noticed by name: how much there is, how much is not noticed, and what hides it.
 
-        Change of depth is left out where the length of the scene's unit is not known, and the crack where no
-        surface meets the plate.
+        Depth is left out where the scene's unit has no known length, the crack where no surface meets the
+        plate.
         """
         found = {}
         if self.display.millimeters is not None:
@@ -124,12 +123,15 @@ class EyeRequirement(Requirement):
     def limits_with(self, settings: DoubleFrustum) -> tuple[NearLimit, ...]:
         """Return what a viewer may notice of a near with the cuts and the pivot of some settings."""
         reach = self.display.frustum.longest_reach
-        low, highest = index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
+        low = index_below(SMALLEST_PER_REACH * reach)
         # Near makes sense up to the first cut, or to less than the reach.
-        end = settings.slabs[0] if settings.slabs else round_number(highest)
+        end = settings.slabs[0] if settings.slabs else round_number(index_below(reach, strictly=True))
+
+        def with_near(name: str, near: float) -> tuple[float, float, str]:
+            return self.noticed(replace(settings, near=near))[name]
 
         def unnoticed(name: str, near: float) -> bool:
-            there, allowed, _ = self.noticed(replace(settings, near=near))[name]
+            there, allowed, _ = with_near(name, near)
             return there / allowed <= 1
 
         found = []
@@ -139,7 +141,7 @@ class EyeRequirement(Requirement):
                 index = largest_index(low, index_below(end), partial(unnoticed, name))
                 near = 0.0 if index is None else round_number(index)
                 at = near or round_number(low)
-            _, allowed, hidden_by = self.noticed(replace(settings, near=at))[name]
+            _, allowed, hidden_by = with_near(name, at)
             found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
         return tuple(found)
 
@@ -166,22 +168,16 @@ def eye_requirement(
     """Return what a viewer requires of a plan for a scene whose plate was scouted.
 
     A separation of None is what can be told apart. `max_wrong` is the largest share of pixels wrong by depth:
-    eyes take a pixel of each hogel, so that the share is theirs.
-
-    Raises
-    ------
-    InputError
-        The length of the scene's unit is not known, or something is seen behind the viewer.
+    eyes take a pixel of each hogel, so that the share is theirs. Raises InputError where the length of the
+    scene's unit is not known, or something is seen behind the viewer.
     """
     display, content = Display.of(scouted.scene), seen_content(scouted)
     eyes_apart(viewer, display)
     require_before_viewer(scouted.scene, content, viewer)
     limit = None
-    if separation is None:
-        found = finest_separation(content.farthest, viewer, display)
-        if found is not None:
-            limit = found[0], found[2]
-            separation = min(found[1], scouted.scene.frustum.longest_reach)
+    if separation is None and (found := finest_separation(content.farthest, viewer, display)) is not None:
+        limit = found[0], found[2]
+        separation = min(found[1], scouted.scene.frustum.longest_reach)
     return EyeRequirement(
         separation=separation,
         max_wrong=max_wrong,

@@ -1,11 +1,10 @@
 """What a plan must keep, what some apertures truly show, and what any settings are predicted to make of it.
 
-A plan must hold when it is measured, over the pixels of the drawn picture. These do not show quite what the
-truth shows: at contours another surface, and everywhere points that belong farther out. So the closed form of
-displacement gives each of the truth's pixels the largest displacement of itself and its neighbors, since a
-picture that is displaced by less than a pixel shows nothing else there. What no pixel of the truth shows that
-form cannot know: a camera that has stepped back by n sees farther to the side than the true frustum where |z|
-is no larger than n. That is left to the reference, which traces the offset cameras themselves.
+A plan must hold when it is measured, over the pixels of the drawn picture, which at contours show another
+surface than the truth's. So the closed form of displacement gives each of the truth's pixels the largest
+displacement of itself and its neighbors: a picture displaced by less than a pixel shows nothing else there.
+What no pixel of the truth shows that form cannot know: a camera that has stepped back by n sees farther to
+the side where |z| is no larger than n. That is left to the reference, which traces the offset cameras.
 """
 
 from __future__ import annotations
@@ -74,9 +73,9 @@ class Quality(Errors):
     """How well some settings do, at the worst of some apertures: predicted, or measured.
 
     `misordered` is the share of pixels in which the wrong one of two parallel sheets shows, as far apart as
-    is asked for, at the farthest visible surface of each camera and slab; the worst. `separation` is the
-    smallest distance of sheets there, scene units, at which no more than `MAX_MISORDERED_FRACTION` are wrong;
-    the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+    is asked for, at the farthest visible surface of the worst camera and slab. `separation` is the smallest
+    distance of sheets there, scene units, at which no more than `MAX_MISORDERED_FRACTION` are wrong; 0 where
+    no two surfaces can be misordered.
     """
 
     misordered: float
@@ -87,10 +86,7 @@ class Quality(Errors):
 class Requirement:
     """What a picture must keep: pixels at their places, sheets in order, and few surfaces wrong by depth.
 
-    Raises
-    ------
-    InputError
-        A number is not positive, or the share is not below one.
+    Raises InputError where a number is not positive, or the share is not below one.
     """
 
     SEEN_BY_EYES: ClassVar[bool] = False
@@ -140,10 +136,8 @@ class Requirement:
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a larger near than the largest would do."""
-        return (
-            f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px, or show "
-            "the wrong surface"
-        )
+        moved = f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px"
+        return f"{moved}, or show the wrong surface"
 
     def separation_reason(self, units: str) -> str:
         """Say why sheets must be ordered that are so far apart; empty where it was asked for."""
@@ -154,11 +148,8 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
     """Return the 99th percentile of displacement that a drawn picture does not exceed, in pixels.
 
     It is 0 where the truth shows no surface, and infinite where more than one pixel in a hundred shows a
-    surface in the aperture itself: the true line ends there, and has no place for it on the film. Drawn is
-    what lies closer than n, whose displacement no n makes small.
+    surface in the aperture itself, whose displacement no n makes small.
 
-    Notes
-    -----
     With zf the height that is drawn exactly, a surface at |z| is displaced by u n / (|z| + n) (1 - |z| / zf)
     where it belongs (`displacements`), and where it is drawn by (1 + n / |z|) / (1 + n / zf) times that.
     """
@@ -217,9 +208,8 @@ class Views:
     ) -> Views:
         """Trace apertures; `done` is called with 1 after each."""
         views = []
-        for aperture in apertures:
-            truth, gaps = reference.trace(aperture), reference.gaps(aperture)
-            views.append(View(aperture=aperture, truth=truth, gaps=gaps))
+        for one in apertures:
+            views.append(View(aperture=one, truth=reference.trace(one), gaps=reference.gaps(one)))
             done(1)
         return cls(reference=reference, views=tuple(views))
 
@@ -260,8 +250,8 @@ class Views:
 
     def separation(self, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface of the worst camera and slab."""
-        found = (self.separation_in(slab, settings) for slab in slabs(self.scene.frustum, settings))
-        return max(found, default=0.0)
+        every = slabs(self.scene.frustum, settings)
+        return max((self.separation_in(slab, settings) for slab in every), default=0.0)
 
     def separation_in(self, slab: Slab, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface seen in a slab; 0 without any."""

@@ -1,22 +1,17 @@
 """Closed form of band limiting: how far a hogel's area blurs, and how many points stand for the area.
 
 A hogel shows the mean of the pictures of all points of its area, a box of one pitch p (paper, section 6).
-From point to point the picture of a surface at height z moves by 1/z - 1/Z, with the screen at Z, times the
-distance of the points: over the pitch by p |1/z - 1/Z| W/(2 t) pixels, the blur.
+Over the pitch the picture of a surface at height z moves by p |1/z - 1/Z| W/(2 t) pixels, the blur, with the
+screen at Z. Along straight contours, color across the blur is a sum of steps. The mean of a step over the box
+is the share of the box on one side of a line, the mean over N points the share of the points; the largest
+difference of both, over all lines, is the discrepancy D(N) of the points for half planes. So the mean over N
+points is off by at most V D(N), where V is the total change of color across the blur: the contrast of an
+edge.
 
-Where color changes across the blur along straight contours, as at an edge, it is a sum of steps. The mean of
-a step over the box is the share of the box on one side of a straight line; the mean over N points is the
-share of the points. The largest difference of both shares, over all lines, is the discrepancy D(N) of the
-points for half planes. So the mean over N points is off by at most V D(N), where V is the total change of
-color across the blur: the contrast of an edge, twice that of a thin line.
-
-For m x m points in rows and columns D = 1/(2 m), reached by lines along the rows. For the points of
-`sampling.sub_apertures`, of which few lie on one line, it is smaller from some 1,000 points on;
-`DISCREPANCY` has it.
-
-In the mean over a pixel's area an edge is a ramp, one pixel wide or wider. A blur of b pixels, the sum of
-both axes, changes that mean by at most V b/8, and where b < 1 the error of the points counts in a share b of
-the pixel only: band limiting is needed where V b/8 exceeds a level.
+For m x m points in rows and columns D = 1/(2 m); for those of `sampling.sub_apertures`, of which few lie on
+one line, it is smaller from some 1,000 points on. In the mean over a pixel's area an edge is a ramp, one
+pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean by at most V b/8, and where b
+< 1 the error of the points counts in a share b of the pixel only.
 """
 
 from __future__ import annotations
@@ -27,7 +22,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins
+from xfrustum.compare.extent import DepthBin, depth_bins, film_slopes
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -63,28 +58,17 @@ Two points are worse than one."""
 
 def blur_px(scene: Scene, z: float) -> tuple[float, float]:
     """Return columns and rows over which a hogel's area blurs what lies at a signed height z; 0: infinity."""
-    frustum, plate = scene.frustum, scene.plate
-    near = math.inf if z == 0 else 1 / z
-    screen = frustum.screen
-    moved = near if screen is None else near - 1 / screen.height
-    found = []
+    frustum, plate, screen = scene.frustum, scene.plate, scene.frustum.screen
+    moved = abs((math.inf if z == 0 else 1 / z) - (0.0 if screen is None else 1 / screen.height))
+    pixels = []
     for axis in (0, 1):
-        if screen is None:
-            assert frustum.fov is not None
-            half = math.tan(frustum.fov[axis] / 2)
-        else:
-            half = screen.size[axis] / 2 / abs(screen.height)
-        pitch = plate.size[axis] / plate.hogels[axis]
-        found.append(pitch * abs(moved) * frustum.resolution[axis] / (2 * half))
-    return found[0], found[1]
+        _, half = film_slopes(frustum, plate.middle, axis)
+        pixels.append(plate.size[axis] / plate.hogels[axis] * moved * frustum.resolution[axis] / (2 * half))
+    return pixels[0], pixels[1]
 
 
 def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float:
-    """Return the largest error of a mean over points of a hogel's area, as radiance.
-
-    `count` is a key of `DISCREPANCY`; `blur` has columns and rows, and `contrast` is the change of radiance
-    across it.
-    """
+    """Return the largest error, radiance, of a mean over so many points (a key of `DISCREPANCY`)."""
     error = contrast * min(1.0, sum(blur)) * DISCREPANCY[count]
     return min(error, contrast * sum(blur) / 8) if count == 1 else error
 
@@ -95,10 +79,7 @@ def sub_apertures_for(blur: tuple[float, float], contrast: float) -> int | None:
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
-    """Return the largest blur of the content of a bin, columns and rows, and the least of any of it.
-
-    The largest is infinite where content touches the plate; the least counts the larger of both axes.
-    """
+    """Return the largest blur of a bin's content, columns and rows, and the least of the larger axis."""
     sign, screen = -1.0 if content.behind else 1.0, scene.frustum.screen
     nearest, farthest = (blur_px(scene, sign * end) for end in (content.nearest, content.farthest))
     least = min(max(nearest), max(farthest))
@@ -108,11 +89,10 @@ def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
 
 
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:
-    """Return a bound of the change of radiance at an edge, from 0 to 1.
+    """Return a bound of the change of radiance at an edge, from 0 to 1, seen through apertures; None for all.
 
     It is the largest radiance that the materials of visible objects allow, against black, and at most one,
-    where pictures of 8 bits are clipped. Where a picture is brighter than that, its error may be larger by
-    the same factor. Apertures that are looked through are None for all of the plate.
+    where pictures of 8 bits are clipped.
     """
     region, environment = Region.true(scene, apertures), scene.appearance.environment
     lights = sum((np.array(light.color) for light in scene.appearance.lights), np.zeros(3))
@@ -131,10 +111,7 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
 
 
 def needed_sub_apertures(scene: Scene, apertures: Iterable[Aperture] | None = None) -> int:
-    """Return how many sub-apertures a scene's pictures need: the most over all depths.
-
-    Where the bound asks for more than the largest number that it is known for, this is that number.
-    """
+    """Return how many sub-apertures a scene's pictures need, at most the last key of `DISCREPANCY`."""
     chosen = None if apertures is None else tuple(apertures)
     contrast = contrast_of(scene, chosen)
     counts = [sub_apertures_for(blurs(scene, one)[0], contrast) for one in depth_bins(scene, chosen)]

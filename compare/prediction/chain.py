@@ -32,14 +32,13 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 class Chain(Brief):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
-    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5, where faces are
-    culled, lacks these; all traced and certified. R0 is rasterized with linear depth, R1 with the depth
-    buffer asked for. `subpixel_bits` are those of the device that drew both.
+    T0 is the true crossed frustum; T1 has the near offset; T2 pivot; T3 fit; T4 slabs; T5 lacks culled faces;
+    all traced and certified. R0 is rasterized with linear depth, R1 with the depth buffer asked for.
     """
 
     images: tuple[HogelImage, ...]
     settings: DoubleFrustum
-    subpixel_bits: int
+    subpixel_bits: int  #: of the device that drew both
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
@@ -73,10 +72,9 @@ def traced_models(
     *,
     shaded: bool = True,
 ) -> tuple[HogelImage, ...]:
-    """Return T1 to T4 of an aperture, and T5 where faces are culled.
+    """Return T1 to T4 of an aperture, and T5 where faces are culled; `shaded` ones have normals and color.
 
-    A link that changes no setting changes no image, and is not traced. `traced` has models of this aperture
-    that are traced already, by their settings; new ones are added. `shaded` models have normals and color.
+    `traced` has models of this aperture by their settings; new ones are added.
     """
     traced = {} if traced is None else traced
     links = [with_exact_depth(link) for link in traced_settings(settings, reference.scene.frustum)]
@@ -89,13 +87,7 @@ def traced_models(
 def make_chain(
     reference: Reference, rasterizer: Rasterizer, aperture: Aperture, settings: DoubleFrustum
 ) -> Chain:
-    """Trace and draw all images of the chain.
-
-    Raises
-    ------
-    InputError
-        The settings make no sense for the scene's frustum.
-    """
+    """Trace and draw all images of the chain; settings that make no sense raise InputError."""
     settings.check_against(reference.scene.frustum)
     traced = traced_models(reference, aperture, settings)
     links = (with_exact_depth(settings), settings)

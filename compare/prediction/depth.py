@@ -55,30 +55,15 @@ beyond rounding is the same for two depths so near to each other, and cancels.""
 def smallest_separation(
     w: Floats, near_plane: float, far_plane: float, depth: DepthFormat, mapping: DepthMapping
 ) -> Floats:
-    """Return the smallest separation of two surfaces that a depth buffer still orders.
+    """Return the smallest separation of two surfaces, in w and scene units, that a depth buffer still orders.
 
-    Depth resolution does not depend on which surface wins: at the same distance w from the camera the
-    separation is the same for C (nearest wins) and C* (farthest wins). C* keeps the surfaces of largest w,
-    where hyperbolic depth is coarsest.
+    `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At the
+    separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface, where equal depths count
+    as wrong. It is the same for C (nearest wins) and C* (farthest wins).
 
-    Parameters
-    ----------
-    w
-        Distances of the surfaces from the camera along its axis, scene units, between the planes.
-    near_plane, far_plane
-        Distances of the near and far plane from the camera: without slabs n, and n + the reach on the
-        camera's side.
-
-    Returns
-    -------
-    The difference of two surfaces' w, scene units, at which `MAX_MISORDERED_FRACTION` of the pixels still
-    show the wrong one, where equal depths count as wrong; the shape of `w`.
-
-    Notes
-    -----
-    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic
-    mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at
-    the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
+    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic mappings, w
+    ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at the stored value,
+    which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
@@ -217,26 +202,19 @@ def depth_wrong_share(
 ) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly, from 0 to 1.
 
-    These pixels are wrong with the given settings, and right with linear D32F depth (docs/method.md). With
-    `unlucky` all equal depths count, as if the wrong surface were always drawn first. Otherwise they count
-    half, because the draw order is unknown.
+    These are wrong with the given settings, and right with linear D32F depth (docs/method.md). With `unlucky`
+    all equal depths count, as if the wrong surface were always drawn first; else half of them.
 
-    Notes
-    -----
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
-    normal error of standard deviation e (`xfrustum.compare.prediction.depth`). A format with step q and a
-    phase that is uniformly distributed orders a difference x between -q and q wrongly with chance
-    (1 - x / q) / 2: the two are stored as equal with chance 1 - |x| / q, and are then wrong half the time.
-    The mean over the normal error is
+    normal error of standard deviation e. A format with step q and a uniformly distributed phase orders a
+    difference x between -q and q wrongly with chance (1 - x / q) / 2: the two are stored as equal with chance
+    1 - |x| / q, and are then wrong half the time. The mean over the normal error is
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    A surface is lost where its depth lies within half a step of the clear value, and is rounded to it. The
-    error of this one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both
-    lose it.
-
-    Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels: their surfaces
-    come too close to the far plane, or to each other, for any format.
+    A surface is lost where its depth lies within half a step of the clear value; the error of this one depth
+    has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it. Pixels that linear
+    depth gets wrong too are subtracted, as if they were the same pixels.
     """
     # Linear D32F depth stands for a depth buffer that adds no error of its own.
     control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
@@ -256,9 +234,9 @@ def depth_wrong_share(
 def chances(
     own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
 ) -> Floats:
-    """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
+    """Return the chance (N,) of each surface to be shown wrongly by the slabs of its camera.
 
-    `distance` and `gap` are as in `Stacks`. `order` is the ratio of the misordered share to that of an
+    `distance` and `gap` are as in `Stacks`; `order` is the ratio of the misordered share to that of an
     unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
     least = np.full(len(distance), np.inf)
@@ -297,10 +275,7 @@ def _chance(
 
 
 def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:
-    """Return how far apart in stored units the depths at w and at `other`, a gap away, are.
-
-    Each mapping's difference is written as a product with the gap, so that nothing cancels.
-    """
+    """Return how far apart in stored units the depths at w and at `other` are: products, nothing cancels."""
     n, f = slab.near, slab.far
     match mapping:
         case DepthMapping.LINEAR:
@@ -326,10 +301,7 @@ def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Table:
-    """The depth resolution of a slab's buffer for each bin of w, in stored units.
-
-    A bin is a float32's leading bits; the first row is the bin that holds the least w of a surface.
-    """
+    """The depth resolution of a slab's buffer, stored units, for each bin of w: a float32's leading bits."""
 
     first: int
     step: Floats  #: distance of neighboring stored values

@@ -1,7 +1,4 @@
-"""Closed form of displacement: where each point is drawn, from the truth alone.
-
-See docs/method.md, "The two cameras".
-"""
+"""Closed form of displacement: where each point is drawn, from the truth alone (docs/method.md)."""
 
 from __future__ import annotations
 
@@ -29,10 +26,9 @@ class TruePoints:
     @classmethod
     def of(cls, truth: HogelImage) -> TruePoints:
         """Return the points of all pixels, (H, W)."""
-        width, rows = truth.camera.resolution
         height = np.full(truth.triangle.shape, np.nan)
         np.copyto(height, truth.height, where=truth.off_plate)
-        from_middle = pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2]
+        from_middle = pixel_centers(truth.camera) - (np.asarray(truth.camera.resolution) - 1) / 2
         return cls(height=height, from_middle=from_middle, camera=truth.camera)
 
     @cached_property
@@ -59,19 +55,16 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
 
     NaN where there is no surface off the plate, and where no camera draws it: on the other side of the plate
-    when only one camera draws, and closer than n without an offset.
-
-    Notes
-    -----
-    Both cameras see a point at height z from a distance w = |z| + n. In coordinates sheared about
-    the aperture the point lies |z| t u off the axis, so that it is drawn at
+    when only one camera draws, and closer than n without an offset. Both cameras see a point at height z from
+    a distance w = |z| + n. In coordinates sheared about the aperture the point lies |z| t u off the axis, so
+    that it is drawn at
 
         u_d = u |z| / w                     pivot aperture, fit angle
         u_d = (u |z| - n k / t) / w         pivot camera, fit angle
 
     and fit zf multiplies both by (zf + n) / zf. In the second line the camera's own center misses the axis by
-    n k: C sees the point at x' - n k, and C* at -(x' + n k), which on its turned film is the same shift. True
-    minus drawn is therefore, written without a difference of nearly equal numbers,
+    n k: C sees the point at x' - n k, C* at -(x' + n k), on its turned film the same shift. True minus drawn
+    is therefore, written without a difference of nearly equal numbers,
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 

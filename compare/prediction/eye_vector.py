@@ -1,15 +1,13 @@
 """The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light").
 
-At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
-surface point is met. At one *surface point* the two lines differ: the eye vector bends. Its effect on
-highlights and reflections, to first order:
-
-With E the unit eye vector and d a line, E = -d / |d|. A bend D of the line (`eye_vector.bend`) turns E by
+At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another surface
+point is met. At one *surface point* the two lines differ. With E = -d / |d| the unit eye vector of a line d,
+a bend D of the line (`bend`) turns E by
 
     dE = - (D - (D.E) E) / |d|
 
-and turns the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE, of the same
-length. The specular term of a light from L then changes by
+and the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE. To first order the
+specular term of a light from L then changes by
 
     dC = I specular exponent (R.L)^(exponent - 1) (dR.L)      where N.L > 0 and R.L > 0
 
@@ -34,20 +32,14 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 def true_lines(position: NDArray[np.floating], aperture: Aperture) -> Floats:
-    """Return d = (.., .., -1) of the true line through each surface point, (..., 3).
-
-    NaN for points in the plate, through which no line in particular passes.
-    """
+    """Return d = (.., .., -1) of the true line through each surface point, (..., 3); NaN in the plate."""
     return _through(position, (aperture.x, aperture.y, 0.0))
 
 
 def drawn_lines(
     position: NDArray[np.floating], frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
 ) -> Floats:
-    """Return d = (.., .., -1) of the line on which each surface point is drawn, (..., 3).
-
-    NaN where no camera draws the point's height.
-    """
+    """Return d = (.., .., -1) of the line on which each point is drawn, (..., 3); NaN where none draws it."""
     lines = np.full(position.shape, np.nan)
     for camera in model_cameras(frustum, aperture, settings):
         low, high = camera.heights
@@ -60,8 +52,8 @@ def drawn_lines(
 def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
     """Return the drawn minus the true direction d of the line to each point, in closed form, (..., 3).
 
-    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle),
-    and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n) toward the middle of the film.
+    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle), and
+    pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n).
     """
     position = np.asarray(position, dtype=np.float64)
     d = true_lines(position, camera.aperture)
@@ -75,11 +67,7 @@ def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Fl
 def radiance_along(
     scene: Scene, shader: Shader, triangle: Numbers, position: Floats, lines: Floats
 ) -> Floats:
-    """Return linear RGB (N, 3), by the reference's shading, of surface points seen along any lines.
-
-    `triangle` (N,) are the triangles that the points `position` (N, 3) are on, and `lines` (N, 3) the
-    direction d of a line through each point, from the viewer to the back.
-    """
+    """Return linear RGB (N, 3), by the reference's shading, of points (N, 3) seen along lines d (N, 3)."""
     return np.broadcast_to(shader.radiance(triangle, position, lines), position.shape)
 
 
@@ -106,10 +94,7 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
 
 
 def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
-    """Return how much brighter highlights are drawn than they are, (N, 3) linear RGB.
-
-    The unit normals (N, 3) of the points on triangles (N,) are turned to the viewer; `eye` is E and dE.
-    """
+    """Return how much brighter highlights are drawn than they are, (N, 3); `eye` is E and dE."""
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
     exponent = np.array([m.exponent for m in scene.materials])[material][:, None]
@@ -145,10 +130,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
-    """Return, in closed form to first order, how much brighter the points of an image are drawn, (N, 3).
-
-    Both cameras step back by `near`, scene units (pivot aperture, fit angle, no slabs).
-    """
+    """Return to first order how much brighter points are drawn, (N, 3), cameras stepped back by `near`."""
     where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
     lines = true_lines(position, image.camera.aperture)
@@ -158,11 +140,7 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
 
 
 def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Floats:
-    """Return how much brighter a device drew the points of its image than they truly are, (N, 3).
-
-    The image has color, sampled once per pixel. The difference between its float32 and the shader's double
-    precision is part of the result.
-    """
+    """Return how much brighter a device drew its points than they truly are, (N, 3), rounding included."""
     assert drawn.color is not None
     where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)

@@ -22,10 +22,7 @@ from xfrustum.scenes.plate.frustum import Frustum
 
 @dataclass(frozen=True, kw_only=True)
 class Separations:
-    """The smallest separation that each camera's depth buffer orders at its farthest visible surface.
-
-    In scene units; None where the camera shows no surface.
-    """
+    """The smallest separation that each camera orders at its farthest visible surface, scene units."""
 
     c: float | None
     c_star: float | None
@@ -59,11 +56,7 @@ class LinkPrediction:
 
 
 class Predictor:
-    """All closed forms for the true image of one aperture.
-
-    `gaps` (H, W) are distances to the next surfaces, see `Reference.gaps`; `subpixel_bits` are those of the
-    device that draws.
-    """
+    """All closed forms for the true image of one aperture; `gaps` (H, W) are those of `Reference.gaps`."""
 
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
         self._truth, self._frustum = truth, frustum
@@ -75,20 +68,14 @@ class Predictor:
         self._without_depth: dict[DoubleFrustum, tuple[Prediction, tuple[LinkPrediction, ...]]] = {}
 
     def predict_links(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return the errors to be expected, and those of each link of the chain, in the order of `links_of`.
-
-        Rasterization and depth displace nothing except by the rounding of positions.
-        """
+        """Return the errors to be expected, and those of each link of the chain in order of `links_of`."""
         prediction, links = self.without_depth(settings)
         share = depth_wrong_share(self._stacks, self._frustum, settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
         return replace(prediction, depth=share, separation=self._separations(settings)), (*links, depth)
 
     def without_depth(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return the prediction without errors of depth, and those of all links but depth.
-
-        The depth buffers of the same cameras share it: it is found once for all of them.
-        """
+        """Return the same without errors of depth: found once for the depth buffers of the same cameras."""
         exact = with_exact_depth(settings)
         if exact not in self._without_depth:
             self._without_depth[exact] = self._predicted(exact)
@@ -131,11 +118,10 @@ class Predictor:
 
         fields = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
         found = [rms(fields[chain[0]])]
-        for before, after in pairwise(chain):
-            # Where nothing moves, what is drawn at all is the same for all links.
-            still = None if found[0] is None else 0.0
-            found.append(still if before == after else rms(fields[after] - fields[before]))
-        return found
+        # Where nothing moves, what is drawn at all is the same for all links.
+        still = None if found[0] is None else 0.0
+        pairs = pairwise(chain)
+        return found + [still if one == two else rms(fields[two] - fields[one]) for one, two in pairs]
 
     def _separations(self, settings: DoubleFrustum) -> Separations:
         height = self._points.height
@@ -163,13 +149,10 @@ def _spread(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Sp
 def outside_shares(points: TruePoints, frustum: Frustum, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
     """Return the share of all pixels from outside the film that each link of a chain is charged with.
 
-    Pixels are charged to the link from which on they show points from outside; links that change no setting
-    are charged with nothing. `points` are those of all pixels (H, W).
-
-    Notes
-    -----
-    A point on the border of the film that is drawn further in by d pixels leaves the d pixels between to
-    points from beyond the border. A pixel counts from its center on: of d pixels, those are floor(d + 1/2).
+    Pixels are charged to the link from which on they show points from outside. A point on the border of the
+    film that is drawn further in by d pixels leaves the d pixels between to points from beyond the border. A
+    pixel counts from its center on: of d pixels, those are floor(d + 1/2). `points` are those of all pixels
+    (H, W).
     """
     height, width = points.height.shape
     columns, rows = np.arange(width), np.arange(height) * width

@@ -1,22 +1,16 @@
 """Closed form of the surface error that displacement causes along silhouettes, and the contours of an image.
 
-A contour, where one surface ends before another, is found step by step between neighboring pixels. A single
-step runs along an axis; the normal of the contour there is averaged over the steps around it.
-
-A picture that is displaced as a whole shows no wrong surface. But where one surface ends before another, the
-two are displaced differently, and the contour is drawn elsewhere. Let x run in pixels across the contour,
-along its normal from the surface in front to the surface behind. The truth shows the front up to x = 0; the
-picture shows the front up to c = -d_front n; and from b = -d_back n on it shows the part of the back that the
-true frustum sees.
+A contour, where one surface ends before another, is found step by step between neighboring pixels; its normal
+is averaged over the steps around it. Let x run in pixels across the contour, along its normal from the
+surface in front to the surface behind. The truth shows the front up to x = 0; the picture shows the front up
+to c = -d_front n; and from b = -d_back n on it shows the part of the back that the true frustum sees.
 
  * Between 0 and c the picture shows another object, or a surface instead of none, or none instead of one.
  * Between c and b, where c < b, the picture shows a part that the front hides from the true frustum.
 
 Inside one object only the second interval is wrong. Where a surface is cut into slabs with cameras of their
-own nothing is hidden, but between c and b, where c < b, there is a gap.
-
-These are first-order statements: they are exact while displacement is small against the distance from one
-contour to the next, and against the length of a contour.
+own nothing is hidden, but between c and b, where c < b, there is a gap. These statements are of first order:
+exact while displacement is small against the distance and the length of contours.
 """
 
 from __future__ import annotations
@@ -73,8 +67,7 @@ class Kind(IntEnum):
 class Contours:
     """All contours of an image, as N steps between neighboring pixels.
 
-    Steps along both axes, weighted by their normals, add up to the contour's length, however it leans. At a
-    seam front and back are interchangeable.
+    Steps along both axes, weighted by their normals, add up to the contour's length, however it leans.
     """
 
     front: Indices  #: (N,) pixels of the flattened image: the surface nearer to the viewer
@@ -99,9 +92,8 @@ _NO_CONTOUR = -1
 class _Steps:
     """N steps along one axis.
 
-    `oriented` is +1 where the normal points on along the axis, -1 where it points back. The rule must stay
-    the same all along a contour. "From the front to the back" would not: where two objects meet, their
-    heights are equal, and rounding decides which is in front.
+    `oriented` is +1 where the normal points on along the axis, by a rule that stays the same all along a
+    contour: where two objects meet, their heights are equal, and rounding decides which is in front.
     """
 
     before: Indices  #: pixels of the flattened image
@@ -111,9 +103,8 @@ class _Steps:
 
 
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
-    """Find the contours of a true image.
+    """Find the contours of a true image from its objects, positions and normals.
 
-    Its objects, positions and normals count; how finely the objects are tessellated makes no difference.
     `slab` (H, W) has the pixels whose surface is drawn by other cameras than the other pixels'; the border of
     this region on a surface is a seam.
     """
@@ -199,10 +190,7 @@ def _occludes(truth: HogelImage, axis: int) -> Mask:
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Return the oriented steps around each step along either axis, (N, 2).
-
-    Steps of its kind are smoothed over `CONTOUR_SIGMA_PX`, and those around both of its pixels are added up.
-    """
+    """Return the oriented steps of its kind around each step along either axis, (N, 2), smoothed."""
     size = int(np.prod(shape))
     across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:
@@ -227,10 +215,7 @@ over points and directions is 0.390, by two million random edges."""
 
 
 class Silhouettes:
-    """The contours of a true image, and the wrong pixels that displacement makes along them.
-
-    `points` are its surface points, where they are known already.
-    """
+    """The contours of a true image, and the wrong pixels that displacement makes along them."""
 
     def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
         self._truth, self._frustum = truth, frustum
@@ -246,10 +231,9 @@ class Silhouettes:
         self._contours: dict[tuple[float, ...], tuple[Contours, TruePoints, TruePoints]] = {}
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
-        """Return the expected number of wrong pixels charged to each link of a chain of settings.
+        """Return the expected number of wrong pixels, without depth, charged to each link of a chain.
 
-        A pixel is charged to the first link from which on it is wrong to the end of the chain. The last
-        settings say where slabs are cut. Errors of depth are left out.
+        A pixel is charged to the first link from which on it is wrong to the end of the chain.
         """
         steps, *sides = self._contours_for(chain[-1])
         missing, between = self._not_shown(chain[-1]), steps.kind == Kind.OBJECTS
@@ -269,11 +253,10 @@ class Silhouettes:
         return tuple(np.diff([found[settings] for settings in chain], prepend=0.0).tolist())
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
-        """Return the expected number of judged pixels that show a wrong surface because edges snap.
+        """Return the expected number of judged pixels that show a wrong surface because edges snap, at most.
 
-        Between objects every moved point of the contour makes a wrong pixel. Inside one object only the half
-        of the contour that recedes does. The number is an upper estimate: where displacement has moved a
-        contour farther than snapping does, half of the pixels that change were wrong before.
+        Between objects every moved point of the contour makes a wrong pixel; inside one object only the half
+        of the contour that recedes does. Pixels that were wrong before are counted too.
         """
         (steps, *_), judged = self._contours_for(settings), self._judged.ravel()
         length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
@@ -281,10 +264,7 @@ class Silhouettes:
         return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
 
     def _contours_for(self, settings: DoubleFrustum) -> tuple[Contours, TruePoints, TruePoints]:
-        """Return the contours, and the points in front of and behind each step, shown at the contour.
-
-        They are found once for each height at which the first slab ends.
-        """
+        """Return contours, and the points before and behind each step, at the contour."""
         first = settings.slabs[:1]
         if first not in self._contours:
             slab = in_first_slab(self._points.height, self._frustum, settings) if first else None
@@ -307,8 +287,8 @@ class Silhouettes:
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
     """Return the expected number of wrong pixels, of maps (H, W).
 
-    `swept` is the share of each pixel that spans sweep over; areas swept twice are counted twice, and nothing
-    is smoothed. Pixels that are `missing` are wrong whatever sweeps over them; those that are `judged` count.
+    `swept` is the share of each pixel that spans sweep over, areas swept twice counted twice. Pixels that are
+    `missing` are wrong whatever sweeps over them; those that are `judged` count.
     """
     if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
         # No area is swept twice, and smoothing preserves the sum.
@@ -319,12 +299,9 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
 
 
 def _swept(steps: Contours, low: Floats, high: Floats) -> Floats:
-    """Return the share of each pixel that spans sweep over, (H, W); areas swept twice are counted twice.
-
-    The spans of neighboring steps overlap and leave gaps. The caller smooths the result over
-    `CONTOUR_SIGMA_PX`, the width over which steps form a contour, and then counts no pixel more than once.
-    """
+    """Return the share of each pixel that spans sweep over, (H, W); areas swept twice are counted twice."""
     width, height = steps.resolution
+    # Neighboring spans overlap and leave gaps, which smoothing over `CONTOUR_SIGMA_PX` evens out.
     # Spans are clipped to the film's diagonal, beyond which nothing is counted.
     farthest = float(np.hypot(width, height))
     low, high = (np.clip(side, -farthest, farthest) for side in (low, high))

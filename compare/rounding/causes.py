@@ -44,10 +44,7 @@ HEADINGS = ("edge", "order", "lost", "unexplained")
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Causes(Brief):
-    """Pixels that show another triangle than expected, each under one heading.
-
-    They are listed, because they are few: masks are made when they are first asked for.
-    """
+    """Pixels that show another triangle than expected, each under one heading: a list, for they are few."""
 
     shape: tuple[int, ...]  #: H, W
     pixels: Indices  #: (N,) flat numbers of the pixels
@@ -93,17 +90,9 @@ def find_causes(
 ) -> Causes:
     """Find the cause of every wrong pixel: those, by flat numbers (N,), at which the images differ.
 
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) corners of the scene's triangles.
-    cameras
-        All cameras that may have drawn the picture.
-    expected
-        What the cameras show without rounding, or with another depth buffer. Its ties need no exception:
-        they lie on an edge, or at one depth.
-    shown
-        The picture. It may name triangles that the scene does not have.
+    `cameras` are all that may have drawn the picture of `triangles` (F, 3, 3). `expected` is what they show
+    without rounding, or with another depth buffer; its ties need no exception: they lie on an edge, or at one
+    depth. `shown` may name triangles that the scene does not have.
     """
     shape = shown.triangle.shape
     if not len(pixels):
@@ -143,15 +132,9 @@ def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown
 def _drawn_by(
     triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
 ) -> PixelTriangles:
-    """Return the triangles at pixels that each camera may have drawn.
+    """Return the triangles at pixels (N,) that each camera may have drawn, one or both of two at a cut.
 
-    A surface that lies in a cut between two slabs may have been drawn by the cameras on either side of it.
-
-    Parameters
-    ----------
-    images, pixels
-        Images of one size, and flat numbers (N,) of pixels. What is found of a pixel depends on no other, and
-        small arrays cost calls alone: slots of the result are those of an array (cameras, images, N).
+    Small arrays cost calls alone: slots of the result are those of an array (cameras, images, N).
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     # `take` would copy all of the heights, which lie apart in memory.
@@ -184,10 +167,7 @@ def _marks(
 def _stored(
     drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], chosen: Mask
 ) -> list[Depths]:
-    """Return the depths (cameras, N) that each image's triangles have in the cameras' buffers.
-
-    Pixels that are not `chosen` (N,) have none.
-    """
+    """Return the depths (cameras, N) that each image's triangles have in buffers at `chosen` pixels (N,)."""
     shape = len(cameras), len(images), len(chosen)
     kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
     return depths(kept).at(kept.slots, shape)

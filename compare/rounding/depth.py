@@ -107,16 +107,9 @@ def _mapped(
 ) -> tuple[Floats, Floats, Floats]:
     """Return depth, its derivative by 1 / w, and the bound of its float32 roundings.
 
-    Parameters
-    ----------
-    inverse
-        (N,) 1 / w at the pixel.
-    ends
-        (2, N) 1 / w at the nearest and farthest corner, or where near plane and reach cut.
-    extent
-        (N,) by how much 1 / w changes over the image.
-    n, f
-        (N,) distances of the near and far plane.
+    `inverse` (N,) is 1 / w at the pixel; `ends` (2, N) at the nearest and farthest corner, or where near
+    plane and reach cut; `extent` (N,) by how much it changes over the image; `n` and `f` are distances of the
+    planes.
     """
     match mapping:
         case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:

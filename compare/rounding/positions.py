@@ -27,17 +27,9 @@ FLOAT32_ROUNDING = 2.0**-24
 
 
 def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
-    """Return the distance within which drawn surface points are known, (N,), scene units.
+    """Return the distance within which drawn surface points (N, 3) are known, (N,), scene units.
 
-    Parameters
-    ----------
-    scene
-        What they are on.
-    triangle
-        (N,) the triangles that they are on; where that is not known, `NOTHING`, the point's own
-        coordinates stand for its triangle's.
-    position
-        (N, 3) the points.
+    They are on triangles (N,); where that is `NOTHING`, the point's own coordinates stand for its triangle's.
     """
     known = triangle != NOTHING
     if known.all():

@@ -73,10 +73,7 @@ three planes (near and two sides) makes new vertices, each with three more: 9. O
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmTriangles:
-    """Triangles on the films of cameras that draw equally exactly.
-
-    The triangles of all cameras lie side by side in one array: small arrays cost calls alone.
-    """
+    """Triangles on the films of cameras that draw equally exactly, those of all cameras side by side."""
 
     precision: Precision
     resolution: tuple[int, int]  #: W, H of their films in pixels
@@ -147,10 +144,7 @@ class FilmTriangles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PixelTriangles:
-    """One triangle at each of some pixels.
-
-    Most triangles are shown at many pixels, and what depends on a triangle alone is found once for each.
-    """
+    """One triangle at each of some pixels; what depends on a triangle alone is found once for each."""
 
     film: FilmTriangles  #: The triangles, each once for each camera
     which: Indices  #: (N,) place of each pixel's triangle among these
@@ -168,12 +162,8 @@ class PixelTriangles:
     ) -> PixelTriangles:
         """Take the triangles that each of some cameras may have drawn out of those of a scene (F, 3, 3).
 
-        Parameters
-        ----------
-        number, pixels
-            (P,) triangles, all of which exist where they are asked for, and the pixels that show them.
-        slots
-            (N,) places that are asked for: k P + p is that of pixel p drawn by camera k.
+        `number` and `pixels` (P,) are triangles, all of which exist where they are asked for, and the pixels
+        that show them. `slots` (N,) are asked for: k P + p is that of pixel p drawn by camera k.
         """
         camera, place = np.divmod(slots, max(len(number), 1))
         drawn = camera * len(triangles) + number.take(place)

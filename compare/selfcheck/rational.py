@@ -3,11 +3,9 @@
 This module is independent of the reference on purpose. The two share only the definition of the line of a
 pixel (`Pencil`). Here a line is intersected with a triangle's plane first; then the point is compared with
 the three edges in two dimensions, seen along the axis that the plane faces most. All doubles are integers
-over a common power of two, so that nothing is ever rounded. Bounding boxes, widened by more than rounding,
-leave out triangles that a line surely misses.
-
-Conventions (CONVENTIONS.md): triangles are closed, a line that lies in a triangle's plane does not
-meet the triangle, the first s within the reach wins, and equal s is a tie.
+over a common power of two, so that nothing is ever rounded. Conventions (CONVENTIONS.md): triangles are
+closed, a line that lies in a triangle's plane does not meet the triangle, the first s within the reach wins,
+and equal s is a tie.
 """
 
 from __future__ import annotations
@@ -70,17 +68,13 @@ def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> Exac
 
 
 def _boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> tuple[Indices, Indices, Floats]:
-    """Return all pairs of a pixel and a triangle (N,) except those that surely do not meet.
+    """Return pairs (N,) of a pixel and a triangle that may meet, and a lower bound of s for each.
 
-    A point of the line has x - cx = s dx and s = cz - z. If the point lies in a triangle, s lies between the
-    least and the largest s of the corners. Therefore s dx lies in the interval between these two times dx,
-    and x - cx in the interval of the corners. The two intervals must overlap, for x and for y alike. Boxes
-    are widened by `BOX_MARGIN`, so that rounding loses no pair.
-
-    Returns
-    -------
-    Pixel number (W times the row within the given rows, plus the column), triangle number, and a lower bound
-    of s; sorted by pixel, then by this bound.
+    Pixels are numbered within the given rows; pairs are sorted by pixel, then by this bound. A point of the
+    line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the least and the largest
+    s of the corners: s dx lies in the interval between these two times dx, and x - cx in the interval of the
+    corners. The two must overlap, for x and for y alike. Boxes are widened by `BOX_MARGIN`, so that rounding
+    loses no pair.
     """
     center, slopes = np.asarray(pencil.center), (pencil.dx, pencil.dy[rows.start : rows.stop])
     steepest = max(np.abs(one).max() for one in slopes)
@@ -195,9 +189,9 @@ class _ExactLines:
         }
 
     def first(self, row: int, column: int, pairs: list[tuple[int, float]]) -> tuple[list[int], float]:
-        """Return the triangles met first, in ascending order, and the double nearest to their s.
+        """Return the triangles met first, ascending, and the double nearest to their s.
 
-        `pairs` are the numbers of the candidates, and a lower bound of s for each, in ascending order of it.
+        `pairs` are the candidates' numbers and a lower bound of s for each, in ascending order of it.
         """
         length_bits, slope_bits = self._bits
         d = (self._dx[column], self._dy[row], -(1 << slope_bits))

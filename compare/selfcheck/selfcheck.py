@@ -30,13 +30,11 @@ MAX_TASK_PIXELS = 1 << 13
 """Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
 
 VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
-"""Approximate numbers of pixels in each view of a scene. With the larger one, the views of built-in scenes
-that show anything have 1.4 million pixels together. Hard cases keep their own resolution, at which their
+"""Approximate numbers of pixels in each view of a scene; hard cases keep their own resolution, at which their
 lines are aimed."""
 
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
-"""Places of the apertures as shares of the plate's columns and rows: the middle, a place off center on both
-axes, and two corners."""
+"""Places of the apertures as shares of the plate's columns and rows: middle, off center, and two corners."""
 
 MAX_LISTED = 5
 """Largest number of disagreements of one image that are described one by one."""
@@ -47,9 +45,9 @@ UNIT_ROUNDOFF = 2.0**-53
 PLANE_ROUNDINGS = 16
 """Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
 products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1 for the
-product, and 1 for the difference of two products. The product with q, which is a difference itself, has 2
-more, and the sum of three products 2 more: 8, in whatever order they are computed. The number is doubled to
-cover terms of second order and the rounding of this bound itself."""
+product, and 1 for the difference of two products. The product with q, a difference itself, has 2 more, and
+the sum of three products 2 more: 8, in whatever order. The number is doubled to cover terms of second order
+and the rounding of this bound itself."""
 
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
@@ -99,9 +97,8 @@ class ViewCheck:
 class SphereCheck:
     """Lines from a sphere's center through its vertices and the middles of its edges.
 
-    A miss is a line that meets nothing; those of the tracer are in float32 alone, in its robust mode. Wrong
-    is a line that does not meet the right triangles: at a vertex all its triangles and no others, at s = 1;
-    in the middle of an edge one of its two triangles or both.
+    Misses of the tracer are in float32. Wrong is a line that does not meet the right triangles: at a vertex
+    all its triangles and no others, at s = 1; in the middle of an edge one of its two triangles or both.
     """
 
     triangles: int
@@ -175,21 +172,9 @@ def selfcheck(
 ) -> SelfCheck:
     """Compare the reference with exact brute force on every pixel of many images.
 
-    Parameters
-    ----------
-    names
-        Scene files or built-in scenes; none for all of them and the sphere.
-    quick
-        Whether smaller images and a coarser sphere suffice.
-    progress
-        Whether to show a progress bar on standard error.
-    processes
-        Number of processes that compute; None for one per processor, 1 for this one alone.
-
-    Raises
-    ------
-    InputError
-        There is no such scene, or it is a giant.
+    `names` are scene files or built-in scenes; none for all of them and the sphere. `quick` takes smaller
+    images and a coarser sphere. `processes` compute; None for one per processor, 1 for this one alone. Raises
+    InputError where there is no such scene, or it is a giant.
     """
     started = time.perf_counter()
     views = [view for name in names or default_names() for view in _views(name, quick)]
@@ -220,10 +205,7 @@ def default_names() -> list[str]:
 
 
 def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
-    """Yield the images of a scene or hard case that are checked, small enough for integers.
-
-    Quickly, views of scenes have fewer pixels, and hard cases only the apertures that they name.
-    """
+    """Yield the images of a scene or hard case that are checked, small enough for integers."""
     case = hard_cases.CASES.get(name)
     if case is not None and case.giant:
         raise InputError(f"{name} is a giant, which integers take hours for: leave it out of the self-check")
@@ -294,17 +276,11 @@ def disagreements(
 ) -> tuple[Mask, tuple[Disagreement, ...]]:
     """Compare every pixel of a traced image with the exact answer for all its rows.
 
-    A pixel is wrong in each of these cases:
-
-    * its triangle is another one, or none where the line meets one, or one where the line meets none;
-    * a tie is not called one, a pixel without a tie is called one, or the pixel was not examined;
-    * its tie has other companions;
-    * its position is off its line, or farther from the exact position along the line than
-      `position_bound`; where the reference claims rational arithmetic, farther than one rounding.
-
-    Returns
-    -------
-    (H, W) pixels with any disagreement, and descriptions of the first few.
+    A pixel is wrong where its triangle is another one; where a tie is not called one, a pixel without a tie
+    is called one, or it was not examined; where its tie has other companions; and where its position is off
+    its line, or farther from the exact position along it than `position_bound`, than one rounding where the
+    reference claims rational arithmetic. Returns (H, W) pixels with any disagreement, and descriptions of the
+    first few.
     """
     assert image.certainty is not None and image.companions is not None
     shape = exact.triangle.shape
@@ -359,8 +335,8 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     """Return the largest error (N,) of an s that was computed in double precision.
 
     `corners` (N, 3, 3) are those of the triangles met, relative to the center; d (N, 3) the directions, and s
-    (N,) the exact values, rounded to the nearest double. Where rounding leaves the sign of d . n in doubt,
-    only rational arithmetic can decide s: there the bound is that of a rounded exact s.
+    (N,) the exact values, rounded. Where rounding leaves the sign of d . n in doubt, only rational arithmetic
+    can decide s: there the bound is that of a rounded exact s.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     magnitude = np.stack(
@@ -379,11 +355,7 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
 
 
 def check_sphere(*, quick: bool = False) -> SphereCheck:
-    """Ask the reference about every vertex and every edge of a sphere about the origin.
-
-    No line through the center may miss the closed mesh, least of all at its corners. In float32 and without
-    its robust mode, Embree misses a quarter of them.
-    """
+    """Ask the reference about every vertex and edge of a sphere about the origin: no line may miss it."""
     started = time.perf_counter()
     mesh = trimesh.creation.icosphere(subdivisions=QUICK_SUBDIVISIONS if quick else SUBDIVISIONS)
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
