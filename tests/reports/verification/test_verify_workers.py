@@ -67,17 +67,32 @@ def files_of(out: Path) -> dict[str, bytes]:
     return {name: (out / name).read_bytes() for name in FILES if (out / name).exists()}
 
 
-def test_parts_of_a_right_plate_make_the_verification_between_them(right_path: Path, tmp_path: Path) -> None:
-    pattern, out = pattern_of(right_path), tmp_path / "verified"
+def test_parts_of_a_right_plate_make_the_verification_between_them(
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, out = shutil.copytree(right_path.parent, tmp_path / "images"), tmp_path / "verified"
+    pattern, folder = str(images / "{i}x{j}.exr"), out / "verification.parquet"
     assert verified(right_path, tmp_path / "alone", pattern) == 0
     assert verified(right_path, out, pattern, "--part", "2/2") == 0
     assert files_of(out) == {}
+    # What another diagnosis judged is not put together.
+    question = (folder / QUESTION).read_bytes()
+    (folder / QUESTION).write_bytes(question + b" ")
+    assert verified(right_path, out, pattern, "--part", "1/2") == 2
+    assert "was judged by another diagnosis than the rest" in capsys.readouterr().err
+    (folder / QUESTION).write_bytes(question)
+    for path in folder.glob("part-*[024].parquet"):
+        path.unlink()
     assert verified(right_path, out, pattern, "--part", "1/2") == 0
     assert files_of(out) == files_of(tmp_path / "alone") != {}
     # Pictures would fill the disk of a large plate: only those of the worst hogels of all are made.
-    parts = sorted((out / "verification.parquet").glob("part-*"))
-    kept = [str(pq.read_table(path).to_pylist()) for path in parts]
+    kept = [str(pq.read_table(path).to_pylist()) for path in sorted(folder.glob("part-*"))]
     assert len(kept) == 6 and not any("data:image" in text for text in kept)
+    # Images that were drawn again are another verification.
+    shutil.copy(images / "0x0.exr", images / "2x1.exr")
+    assert verified(right_path, out, pattern, "--part", "1/6") == 2
+    line = capsys.readouterr().err
+    assert "begun with another state of the images" in line and f"delete {folder} to begin anew" in line
 
 
 def command_of(path: Path, folder: Path) -> tuple[Path, tuple[str, str]]:
@@ -89,41 +104,34 @@ def command_of(path: Path, folder: Path) -> tuple[Path, tuple[str, str]]:
     return module, ("--command", f"{script} {{i}} {{j}} {{out}}")
 
 
-def test_a_command_that_was_judged_to_the_end_is_judged_anew(
+def test_a_command_is_judged_again_where_hogels_were_missing_and_anew_when_all_is_there(
     right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module, words = command_of(right_path, tmp_path)
     out = tmp_path / "verified"
-    assert verified(right_path, out, *words, "--part", "1/1") == 0
-    first = files_of(out)
-    capsys.readouterr()
+
+    def times() -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in out.glob("verification.parquet/part-*")}
+
+    assert verified(right_path, out, *words, "--part", "1/3") == 0
+    module.write_text('case "$1x$2" in 1x0) exit 3;; esac\n')
+    assert verified(right_path, out, *words, "--part", "2/3") == 0
+    before = times()
+    module.write_text("")
+    assert verified(right_path, out, *words, "--part", "2/3") == 0
+    after = times()
+    assert [name for name in sorted(before) if after[name] != before[name]] == ["part-0000001.parquet"]
+    assert verified(right_path, out, *words, "--part", "3/3") == 0
+    # There are six blocks: a part that has none of them does not begin them anew.
+    whole = times()
+    assert verified(right_path, out, *words, "--part", "7/7") == 0
+    assert times() == whole and (out / "inspect.html").exists()
     module.write_text("exit 3\n")
+    capsys.readouterr()
     assert verified(right_path, out, *words, "--part", "1/1") == 1
     found = json.loads(capsys.readouterr().out)
     assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 6
     assert not (out / "inspect.html").exists()
-    module.write_text("")
-    assert verified(right_path, out, *words, "--part", "1/1") == 0
-    assert files_of(out) == first
-    assert (out / "inspect.html").exists()
-
-
-def test_blocks_with_hogels_that_could_not_be_had_are_judged_again(right_path: Path, tmp_path: Path) -> None:
-    module, words = command_of(right_path, tmp_path)
-    out = tmp_path / "verified"
-    assert verified(right_path, out, *words, "--part", "1/3") == 0
-    module.write_text('case "$1x$2" in 1x0) exit 3;; esac\n')
-    assert verified(right_path, out, *words, "--part", "2/3") == 0
-    parts = out / "verification.parquet"
-    before = {path.name: path.stat().st_mtime_ns for path in parts.glob("part-*")}
-    module.write_text("")
-    assert verified(right_path, out, *words, "--part", "2/3") == 0
-    after = {path.name: path.stat().st_mtime_ns for path in parts.glob("part-*")}
-    assert [name for name in sorted(before) if after[name] != before[name]] == ["part-0000001.parquet"]
-    assert verified(right_path, out, *words, "--part", "3/3") == 0
-    # There are six blocks: a part that has none of them does not begin them anew.
-    assert verified(right_path, out, *words, "--part", "7/7") == 0
-    assert json.loads((out / "verification.json").read_text())["verdict"] == "pass"
 
 
 def state_of(command: str, folder: Path) -> str:
@@ -154,18 +162,6 @@ def test_a_command_runs_in_the_folder_of_the_caller(
 def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
     script = "import sys; " * 100
     assert state_of(f"sh -c '{script}'", tmp_path) == state_of("sh", tmp_path)
-
-
-def test_what_another_diagnosis_judged_is_not_put_together(
-    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "verified"
-    words = (pattern_of(right_path), "--part")
-    assert verified(right_path, out, *words, "1/2") == 0
-    question = out / "verification.parquet" / QUESTION
-    question.write_bytes(question.read_bytes() + b" ")
-    assert verified(right_path, out, *words, "2/2") == 2
-    assert "was judged by another diagnosis than the rest" in capsys.readouterr().err
 
 
 def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
@@ -217,9 +213,8 @@ def test_parts_of_a_job_array_make_the_verification_between_them(
 def test_workers_and_single_hogels_say_what_one_process_says(
     scene_path: Path, words: tuple[str, ...], tmp_path: Path
 ) -> None:
-    plain = [word for word in words if word not in ("--workers", "2", "--part", "1/1")]
     pattern = pattern_of(scene_path)
-    assert verified(scene_path, tmp_path / "one", pattern, *plain) == 1
+    assert verified(scene_path, tmp_path / "one", pattern, *words[2:]) == 1
     assert verified(scene_path, tmp_path / "several", pattern, *words) == 1
     assert files_of(tmp_path / "several") == files_of(tmp_path / "one") != {}
 
@@ -228,30 +223,13 @@ def test_workers_and_single_hogels_say_what_one_process_says(
 def test_workers_run_a_command_and_notice_another_program(
     scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    script = tmp_path / "render"
-    script.write_text(f"#!/bin/sh\nexec cp {scene_path.parent}/$1x$2.exr $3\n")
-    script.chmod(0o755)
-    words = ("--command", f"{script} {{i}} {{j}} {{out}}")
+    module, words = command_of(scene_path, tmp_path)
     assert verified(scene_path, tmp_path / "one", *words) == 1
     assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 1
     assert files_of(tmp_path / "two") == files_of(tmp_path / "one") != {}
-    script.write_text(script.read_text() + "# another\n")
+    module.with_name("render").write_text(module.with_name("render").read_text() + "# another\n")
     assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 2
     assert "begun with another state of the images" in capsys.readouterr().err
-
-
-def test_images_that_were_drawn_again_are_another_verification(
-    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    images = shutil.copytree(right_path.parent, tmp_path / "images")
-    words = (str(images / "{i}x{j}.exr"), "--part", "1/6")
-    out = tmp_path / "verified"
-    assert verified(right_path, out, *words) == 0
-    shutil.copy(images / "0x0.exr", images / "2x1.exr")
-    assert verified(right_path, out, *words) == 2
-    line = capsys.readouterr().err
-    assert "begun with another state of the images" in line
-    assert f"delete {out / 'verification.parquet'} to begin anew" in line
 
 
 def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
