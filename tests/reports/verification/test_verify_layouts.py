@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, table
 from xfrustum.reports.verification.verification import verify
-from xfrustum.scenes import InputError, Plate, Scene, Screen
+from xfrustum.scenes import Aperture, HogelImage, InputError, Plate, Scene, Screen
 from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.files.layouts import Naming, layout_for
 from xfrustum.scenes.files.plate_files import Plates, Target, write_files
@@ -34,38 +35,27 @@ def packed(triangle: np.ndarray) -> np.ndarray:
     return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
 
 
-def true_plate(scene: Scene) -> Plates:
-    reference = Reference(scene)
+def plate_of(scene: Scene, image: Callable[[Aperture], HogelImage]) -> Plates:
     columns, rows = scene.plate.hogels
-    pixels = [
-        [packed(reference.trace(scene.plate.aperture(i, j)).triangle) for i in range(columns)]
-        for j in range(rows)
-    ]
-    return Plates(pixels=np.asarray(pixels), levels=255)
+    apertures = [[scene.plate.aperture(i, j) for i in range(columns)] for j in range(rows)]
+    return Plates(
+        pixels=np.asarray([[packed(image(a).triangle) for a in row] for row in apertures]), levels=255
+    )
 
 
-@pytest.fixture(scope="module")
-def full() -> tuple[Scene, Plates]:
-    scene = scene_of((20, 20))
-    return scene, true_plate(scene)
+SHAPES = {
+    "full": ((20, 20), (3, 3)),
+    "horizontal": ((48, 1), (7, 7)),
+    "wide": ((24, 16), (3, 3)),
+    "tiled": ((40, 1), (7, 7)),
+}
+"""Pixels of hogels, and hogels of plates."""
 
 
-@pytest.fixture(scope="module")
-def horizontal() -> tuple[Scene, Plates]:
-    scene = scene_of((48, 1), (7, 7))
-    return scene, true_plate(scene)
-
-
-@pytest.fixture
-def wide() -> tuple[Scene, Plates]:
-    scene = scene_of((24, 16))
-    return scene, true_plate(scene)
-
-
-@pytest.fixture
-def tiled() -> tuple[Scene, Plates]:
-    scene = scene_of((40, 1), (7, 7))
-    return scene, true_plate(scene)
+@cache
+def plated(name: str) -> tuple[Scene, Plates]:
+    scene = scene_of(*SHAPES[name])
+    return scene, plate_of(scene, Reference(scene).trace)
 
 
 def written(plate: Plates, name: str, folder: Path) -> Path:
@@ -86,19 +76,19 @@ slow = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    ("name", "plated"),
+    ("name", "shape"),
     [
         *(("hogels", "full"), ("views", "full")),
-        *(pytest.param(name, "full", marks=slow) for name in ("burnett", "hocking", "mosaic")),
-        *(pytest.param(name, "full", marks=slow) for name in ("stanford", "pleno", "hci")),
+        *(
+            pytest.param(name, "full", marks=slow)
+            for name in ("burnett", "hocking", "mosaic", "stanford", "pleno", "hci")
+        ),
         *(pytest.param(name, "horizontal", marks=slow) for name in ("hocking-columns", "quilt")),
     ],
 )
-def test_a_true_plate_is_right_in_every_layout(
-    name: str, plated: str, request: pytest.FixtureRequest, tmp_path: Path
-) -> None:
-    scene, plate = request.getfixturevalue(plated)
-    found = asked(scene, written(plate, name, tmp_path), name if plated == "horizontal" else None)
+def test_a_true_plate_is_right_in_every_layout(name: str, shape: str, tmp_path: Path) -> None:
+    scene, plate = plated(shape)
+    found = asked(scene, written(plate, name, tmp_path), name if shape == "horizontal" else None)
     assert found.passed
     assert f"layout {name}" in found.source
 
@@ -138,19 +128,11 @@ MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
     ),
     # Where there are as many rows as columns, it may as well be a transposed picture.
     "s before t": (
-        "full",
-        "pleno",
-        exchanged,
-        None,
-        {"orientation"},
+        *("full", "pleno", exchanged, None, {"orientation"}),
         "transposed (rows and columns exchanged)",
     ),
     "s before t, fewer rows": (
-        "wide",
-        "pleno",
-        exchanged,
-        "pleno",
-        {"layout"},
+        *("wide", "pleno", exchanged, "pleno", {"layout"}),
         "numbers of its names exchanged",
     ),
     "not mirrored": (
@@ -171,13 +153,13 @@ MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
         "view 0 of the leftmost eye at the bottom left",
     ),
 }
-FAST = ("columns before rows, upright", "rows before columns")
+FAST = ("views as hogels", "rows before columns")
 
 
 @pytest.mark.parametrize("case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD])
-def test_a_wrong_reading_is_named(case: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    plated, layout, change, read, named, told = MISREAD[case]
-    scene, plate = request.getfixturevalue(plated)
+def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
+    shape, layout, change, read, named, told = MISREAD[case]
+    scene, plate = plated(shape)
     of_plate = change in (exchanged, mirrored)
     written(change(plate) if of_plate else plate, layout, tmp_path)
     if change is not None and not of_plate:
@@ -214,12 +196,8 @@ def test_what_the_program_of_a_layout_draws_otherwise(
 ) -> None:
     scene = small("asymmetric", 48)
     with Faulty(scene=scene, **program) as renderer:
-        columns, rows = scene.plate.hogels
-        pixels = [
-            [packed(renderer(scene, scene.plate.aperture(i, j)).triangle) for i in range(columns)]
-            for j in range(rows)
-        ]
-    found = asked(scene, written(Plates(pixels=np.asarray(pixels), levels=255), layout, tmp_path))
+        plate = plate_of(scene, partial(renderer, scene))
+    found = asked(scene, written(plate, layout, tmp_path))
     assert f"layout {layout}" in found.source
     assert not found.passed
     assert faults(found) == named
@@ -231,7 +209,7 @@ def test_rows_of_hogels_as_videos(kept: bool, tmp_path: Path) -> None:
     """Numbers survive in a video that keeps every bit, and are named lost in one that does not."""
     av = pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
     scene = scene_of((32, 32))
-    plate = true_plate(scene)
+    plate = plate_of(scene, Reference(scene).trace)
     for row in range(3):
         with av.open(str(tmp_path / f"HogelRow_{row}.avi"), "w", format="avi") as video:
             stream = video.add_stream("ffv1" if kept else "mjpeg", rate=25)
@@ -266,8 +244,9 @@ def sheared_views(scene: Scene, factor: float) -> Plates:
     screen = scene.frustum.screen
     assert screen is not None
     (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
-    apertures = np.array([[(a.x, a.y, 0.0) for a in (scene.plate.aperture(i, j) for i in range(columns))]
-                          for j in range(rows)])  # fmt: skip
+    apertures = np.zeros((rows, columns, 3))
+    for i, j in np.ndindex(columns, rows):
+        apertures[j, i, :2] = scene.plate.aperture(i, j).x, scene.plate.aperture(i, j).y
     pixels = np.zeros((rows, columns, 1, width, 3), dtype=np.uint8)
     for c in range(width):
         # On a screen before the plate the film is mirrored.
@@ -279,9 +258,8 @@ def sheared_views(scene: Scene, factor: float) -> Plates:
     return Plates(pixels=pixels, levels=255)
 
 
-@pytest.mark.parametrize(
-    "factor", [pytest.param(1.0, marks=pytest.mark.slow), pytest.param(0.83, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 0.83])
 def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
     """A vendor's sample shears by 0.83 of what its focal plane needs at its default angle, 45 degrees."""
     scene = scene_of((48, 1), (7, 7))
@@ -296,41 +274,32 @@ def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("layout", ["hogels", "burnett"])
-def test_openexr_files_keep_their_numbers_points_and_turns(
-    layout: str, full: tuple[Scene, Plates], tmp_path: Path
-) -> None:
-    scene, _ = full
-    aperture = scene.plate.aperture(2, 0)
-    truth = Reference(scene).trace(aperture)
+def test_openexr_files_keep_their_numbers_points_and_turns(layout: str, tmp_path: Path) -> None:
+    scene, _ = plated("full")
+    truth = Reference(scene).trace(scene.plate.aperture(2, 0))
     turn = slice(None, None, -1 if layout == "burnett" else 1)
-    turned = replace(
-        truth,
+    turned = HogelImage(
+        camera=truth.camera,
         triangle=truth.triangle[turn, turn],
         object=truth.object[turn, turn],
         position=truth.position[turn, turn],
-        normal=None,
-        color=None,
-        certainty=None,
-        companions=None,
-        second_opinion=None,
     )
     write_image(tmp_path / ("hogel_2x0.exr" if layout == "hogels" else "Hogel_0x2.exr"), turned)
     found = verify(scene, str(tmp_path), layout=layout, apertures=[(2, 0)])
-    assert found.passed
-    assert found.as_found is not None
-    assert found.as_found.wrong == 0
+    assert found.passed and found.as_found is not None and found.as_found.wrong == 0
 
 
-def test_a_missing_view_is_missing_in_every_hogel(full: tuple[Scene, Plates], tmp_path: Path) -> None:
-    scene, plate = full
+def test_a_missing_view_is_missing_in_every_hogel(tmp_path: Path) -> None:
+    scene, plate = plated("full")
     (written(plate, "views", tmp_path) / "3_4.png").unlink()
     found = asked(scene, tmp_path)
     assert {hogel.problem for hogel in found.hogels} == {f"{tmp_path}: has no file such as 3_4.png"}
 
 
-def test_files_that_do_not_fit_a_stated_layout(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+def test_files_that_do_not_fit_a_stated_layout(tmp_path: Path) -> None:
+    scene, plate = plated("full")
     with pytest.raises(InputError, match="cannot be read in the layout views"):
-        asked(full[0], written(full[1], "hocking", tmp_path), "views")
+        asked(scene, written(plate, "hocking", tmp_path), "views")
 
 
 def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:
