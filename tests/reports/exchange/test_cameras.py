@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,42 +66,36 @@ def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 def stored_depth(function: str, w: np.ndarray, n: float, f: float) -> np.ndarray:
     """Return the depth that a file's formula gives."""
-    values: dict[str, np.ndarray] = {
-        "ln(w/n) / ln(f/n)": np.log(w / n) / np.log(f / n),
-        "n (f - w) / (w (f - n))": n * (f - w) / (w * (f - n)),
-        "f (w - n) / (w (f - n))": f * (w - n) / (w * (f - n)),
-    }
-    return values[function]
+    formula = re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", function).replace("ln", "log")
+    return np.asarray(eval(formula, {"log": np.log, "w": w, "n": n, "f": f}))
 
 
 def small_view(name: str) -> Scene:
-    scene = view(name, (40, 30))
-    return replace(scene, frustum=replace(scene.frustum, resolution=(40, 30)))
+    scene = view(name, (28, 21))
+    return replace(scene, frustum=replace(scene.frustum, resolution=(28, 21)))
+
+
+REVERSED = {"depth": DepthFormat.D32F, "mapping": DepthMapping.REVERSED}
+slow = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
     ("name", "settings", "index"),
     [
-        (
-            "asymmetric-recentered",
-            DoubleFrustum(near=3.0, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
-            (5, 50),
+        ("asymmetric-recentered", DoubleFrustum(near=3.0, slabs=(20.0,), **REVERSED), (5, 50)),
+        pytest.param(
+            *("asymmetric-recentered", DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN), (70, 3)),
+            marks=slow,
         ),
         pytest.param(
-            "asymmetric-recentered",
-            DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN),
-            (70, 3),
-            marks=pytest.mark.slow,
+            *("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC), (40, 30)), marks=slow
         ),
-        ("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC, slabs=(20.0,)), (40, 30)),
         pytest.param(
-            "asymmetric",
-            DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR),
-            (0, 0),
-            marks=pytest.mark.slow,
+            *("asymmetric", DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR), (0, 0)),
+            marks=slow,
         ),
     ],
-    ids=["reversed", "pivot and fit", "slabs", "no offset"],
+    ids=["reversed slabs", "pivot and fit", "logarithmic", "no offset"],
 )
 def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     name: str, settings: DoubleFrustum, index: tuple[int, int], tmp_path: Path
@@ -119,7 +114,7 @@ def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     moved = [pixels[other] + (x * JITTER_PX, y * JITTER_PX) for x in (-1, 1) for y in (-1, 1)]
     # Only where its own picture changes within the jitter does a pixel lie on an edge.
     assert np.any([draw(cameras, scene.triangles, some) != mine[other] for some in moved], axis=0).all()
-    assert (drawn >= 0).sum() > 30
+    assert (drawn >= 0).mean() > 0.025
 
 
 def test_the_file_says_where_cameras_stand_and_what_their_films_are(tmp_path: Path) -> None:
@@ -148,12 +143,8 @@ def through_the_file(one: Any, points: np.ndarray) -> np.ndarray:
 
 def points_before(one: Any, count: int = 40) -> np.ndarray:
     """Return random points of the film's frustum between a pass's planes."""
-    rng = np.random.default_rng(2)
-    u, v, depth = (
-        rng.uniform(-1, 1, count),
-        rng.uniform(-1, 1, count),
-        rng.uniform(one["near"], one["far"], count),
-    )
+    low, high = (-1, -1, one["near"]), (1, 1, one["far"])
+    u, v, depth = np.random.default_rng(2).uniform(low, high, (count, 3)).T
     w = np.stack((u, v, np.ones(count)), axis=-1) * depth[:, None]
     matrix = np.array(one["clip_from_scene"])[[0, 1, 3]]
     return np.linalg.solve(matrix[:, :3], (w - matrix[:, 3]).T).T
@@ -164,8 +155,9 @@ SETTINGS = DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN, slabs=(40
 
 def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any]:
     apertures: list[Aperture] = [scene.plate.aperture(5, 50), scene.plate.aperture(70, 3)]
-    write_cameras(scene, "json", tmp_path, SETTINGS, apertures)
-    files = write_cameras(scene, other, tmp_path, SETTINGS, apertures).files
+    settings = SETTINGS if scene.frustum.screen is not None else replace(SETTINGS, fit=None)
+    write_cameras(scene, "json", tmp_path, settings, apertures)
+    files = write_cameras(scene, other, tmp_path, settings, apertures).files
     passes = [one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]]
     return passes, read(files[0])
 
@@ -173,9 +165,7 @@ def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path) -> None:
     scene = small_view(name)
-    passes, document = (
-        both_files(scene, "gltf", tmp_path) if name != "asymmetric" else _centered(scene, tmp_path)
-    )
+    passes, document = both_files(scene, "gltf", tmp_path)
     assert len(document["nodes"]) == len(document["cameras"]) == len(passes)
     for one, node in zip(passes, document["nodes"], strict=True):
         lens = document["cameras"][node["camera"]]["perspective"]
@@ -194,15 +184,6 @@ def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path
         assert (lens["znear"], lens["zfar"]) == (one["near"], one["far"])
         assert np.isclose(max(-left, right), 1)
         assert np.isclose(max(-bottom, top), 1)
-
-
-def _centered(scene: Scene, tmp_path: Path) -> tuple[list[Any], Any]:
-    settings = replace(SETTINGS, fit=None)
-    write_cameras(scene, "json", tmp_path, settings)
-    files = write_cameras(scene, "gltf", tmp_path, settings).files
-    return [one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]], read(
-        files[0]
-    )
 
 
 def test_mitsuba_sees_along_the_same_lines(tmp_path: Path) -> None:
