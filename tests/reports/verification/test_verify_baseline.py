@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from click import Context
 
+from tests.conftest import CHECKOUT
 from tests.reports.verification.synthetic import verification
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.app import cli
@@ -22,8 +23,6 @@ from xfrustum.cli.main import main
 
 # This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
-
-ACTION = Path(__file__).resolve().parents[3] / "action.yml"
 
 SCENE = (
     named("a sphere", "mm")
@@ -53,28 +52,21 @@ def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(
         "xfrustum.reports.verification.verification.verify", lambda *_, **__: verification(wrong)
     )
 
-    def told(*more: str) -> tuple[int, str]:
-        status = main([*KEPT, *more])
-        return status, capsys.readouterr().out
+    def told(status: int, *more: str) -> str:
+        assert main([*KEPT, *more]) == status
+        return capsys.readouterr().out
 
-    status, text = told()
-    assert status == 1
-    assert "Baseline: nothing is accepted yet that could be compared; --approve accepts" in text
-    status, text = told("--approve")
-    assert status == 0
-    assert "these measures are the first that are accepted" in text
-    status, text = told()
-    assert status == 0
+    assert "Baseline: nothing is accepted yet that could be compared; --approve accepts" in told(1)
+    assert "these measures are the first that are accepted" in told(0, "--approve")
+    text = told(0)
     assert "Baseline: as accepted (compared exactly, with one accepted run)." in text
     assert "Not right" in text and "exit status 0: nothing is worse" in text
-    assert told("--max-wrong", "1%")[0] == 1
+    told(1, "--max-wrong", "1%")
     wrong[2, 0] = None
-    status, text = told("--json")
-    assert status == 1
-    assert json.loads(text)["baseline"]["changes"][0]["measure"] == "missing"
+    assert json.loads(told(1, "--json"))["baseline"]["changes"][0]["measure"] == "missing"
     wrong[2, 0] = 4
-    assert told("--baseline-tolerance", "50%")[0] == 0
-    assert told("--baseline-tolerance", "10%")[0] == 1
+    told(0, "--baseline-tolerance", "50%")
+    told(1, "--baseline-tolerance", "10%")
 
 
 @pytest.mark.parametrize("largest", [0, 512, 64 << 10])
@@ -110,14 +102,12 @@ def test_options_that_mean_nothing_are_refused_before_any_work(
     line: list[str], words: str, toy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(line) == 2
-    printed = capsys.readouterr()
-    assert words in " ".join(printed.err.split())
+    assert words in " ".join(capsys.readouterr().err.split())
     assert not (toy / "kept").exists()
 
 
-def action() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load(ACTION.read_text())
-    return found
+ACTION: dict[str, Any] = yaml.safe_load((CHECKOUT / "action.yml").read_text())
+verify = cli.get_command(Context(cli), "verify")
 
 
 def inputs_used(value: Any) -> set[str]:
@@ -125,20 +115,16 @@ def inputs_used(value: Any) -> set[str]:
     return set(re.findall(r"inputs\.([\w-]+)", json.dumps(value)))
 
 
-def test_the_action_declares_every_input_that_it_uses_and_uses_every_one() -> None:
-    found = action()
-    assert inputs_used([found["runs"], found["outputs"]]) == set(found["inputs"])
-    assert found["runs"]["using"] == "composite"
-    assert all(("uses" in step) != ("shell" in step and "run" in step) for step in found["runs"]["steps"])
-    assert all("${{" not in step.get("run", "") for step in found["runs"]["steps"])
-
-
-def test_every_option_of_baselines_is_an_input_of_the_action() -> None:
-    verify = cli.get_command(Context(cli), "verify")
+def test_the_action_has_every_input_that_it_uses_and_every_option_of_baselines() -> None:
+    runs = ACTION["runs"]
+    assert inputs_used([runs, ACTION["outputs"]]) == set(ACTION["inputs"])
+    assert runs["using"] == "composite"
+    assert all(("uses" in step) != ("shell" in step and "run" in step) for step in runs["steps"])
+    assert all("${{" not in step.get("run", "") for step in runs["steps"])
     assert verify is not None
     options = {one.name for one in verify.params if "--baseline" in f"{one.opts} {getattr(one, 'help', '')}"}
     assert {"baseline", "approve", "renderer", "device"} <= options
-    assert {str(name).removeprefix("baseline_") for name in options} <= set(action()["inputs"])
+    assert {str(name).removeprefix("baseline_") for name in options} <= set(ACTION["inputs"])
 
 
 @pytest.mark.parametrize(
@@ -173,9 +159,8 @@ def test_every_option_of_baselines_is_an_input_of_the_action() -> None:
 def test_the_command_line_of_the_action_is_one_that_verify_accepts(
     given: dict[str, str], expected: dict[str, object], tmp_path: Path
 ) -> None:
-    found = action()
-    (step,) = [step for step in found["runs"]["steps"] if step.get("name") == "Verify"]
-    defaults = {name: str(one.get("default", "")) for name, one in found["inputs"].items()}
+    (step,) = [step for step in ACTION["runs"]["steps"] if step.get("name") == "Verify"]
+    defaults = {name: str(one.get("default", "")) for name, one in ACTION["inputs"].items()}
     values = {**defaults, "scene": "scene.toml", "device": "Linux-X64", **given}
     asked = {variable: values[inputs_used(text).pop()] for variable, text in step["env"].items()}
     stand_in = tmp_path / "xfrustum"
@@ -192,9 +177,7 @@ def test_the_command_line_of_the_action_is_one_that_verify_accepts(
     )
     assert done.returncode == 1, "the exit status of verify is that of the step"
     words = json.loads((tmp_path / "words.json").read_text())
-    assert words[0] == "verify"
-    verify = cli.get_command(Context(cli), "verify")
-    assert verify is not None
+    assert words[0] == "verify" and verify is not None
     context = verify.make_context("verify", words[1:])
     assert context.params["scene"] == "scene.toml"
     assert (context.params["device"], str(context.params["baseline"])) == ("Linux-X64", "xfrustum-baseline")
