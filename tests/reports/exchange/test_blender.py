@@ -60,70 +60,42 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
         assert np.allclose([shear, half], [true_shear, true_half], rtol=1e-14)
 
 
-def test_files_of_plain_python_are_read_by_libraries() -> None:
+def test_files_of_plain_python_are_read_by_libraries(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
-    content = render.png(pixels)
-    assert np.array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
-
-
-def test_openexr_of_plain_python_is_read_by_the_library_and_by_itself(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    planes = {
-        "P.X": rng.random((5, 7), np.float32),
-        "id.triangle": rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32),
-    }
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(render.png(pixels)))), pixels)
+    number = rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32)
+    planes = {"P.X": rng.random((5, 7), np.float32), "id.triangle": number}
     content = render.exr(planes)
     (tmp_path / "hogel.exr").write_bytes(content)
     file = OpenEXR.InputFile(str(tmp_path / "hogel.exr"))
-    for name, dtype in (("P.X", np.float32), ("id.triangle", np.uint32)):
-        assert np.array_equal(np.frombuffer(file.channel(name), dtype).reshape(5, 7), planes[name])
-        assert np.array_equal(render.exr_planes(content)[name], planes[name].astype(np.float32))
+    for name, plane in planes.items():
+        assert np.array_equal(np.frombuffer(file.channel(name), plane.dtype).reshape(5, 7), plane)
+        assert np.array_equal(render.exr_planes(content)[name], plane.astype(np.float32))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--out", "h", "--apertures", "x"], "is not a list of column,row"),
-        (["--out", "h", "--apertures", "81,0"], "lies outside the plate"),
-    ],
-)
-def test_the_script_tells_mistakes_in_one_line(
-    arguments: list[str],
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    plate_of(small(), tmp_path)
-    monkeypatch.setattr(render, "HERE", tmp_path)
-    assert render.main(arguments) == 2
-    error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") == 1
-
-
-def test_ctrl_c_is_noted_and_ends_nothing_by_itself() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        pressed = render.interruptions()
-        signal.raise_signal(signal.SIGINT)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert pressed == [signal.SIGINT]
-
-
-def test_the_script_ends_with_130_when_it_is_interrupted(
+def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> int:
+    def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
     plate_of(small(), tmp_path)
     monkeypatch.setattr(render, "HERE", tmp_path)
+    for apertures, told in (("x", "is not a list of column,row"), ("81,0", "lies outside the plate")):
+        assert render.main(["--out", "h", "--apertures", apertures]) == 2
+        error = capsys.readouterr().err
+        assert told in error and error.count("\n") == 1
     monkeypatch.setattr(render, "render_hogels", interrupted)
     assert render.main(["--out", str(tmp_path / "hogels")]) == 130
     assert capsys.readouterr().err == "render.py: interrupted; call again to go on\n"
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        pressed = render.interruptions()
+        signal.raise_signal(signal.SIGINT)  # is noted, and ends nothing by itself
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert pressed == [signal.SIGINT]
 
 
 def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,20 +122,13 @@ def run(folder: Path, arguments: str) -> str:
 def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
     scene = small(name)
     write_cameras(scene, "blender", tmp_path)
-    found = verify(
-        scene,
-        command=f"{BLENDER}"
-        f" {tmp_path}/render.py --encoding triangle-id --apertures {{i}},{{j}} --out {{out}}",
-        encoding="triangle-id",
-        apertures=[(0, 0), (40, 30)],
-    )
-    assert found.passed
-    assert found.diagnosis.faults == ()
+    options = "--encoding triangle-id --apertures {i},{j} --out {out}"
+    command = f"{BLENDER} {tmp_path}/render.py {options}"
+    found = verify(scene, command=command, encoding="triangle-id", apertures=[(0, 0), (40, 30)])
     whole = found.as_found
-    assert whole is not None
+    assert found.passed and found.diagnosis.faults == () and whole is not None
     # Blender has vertices and rays in 32 bits: a pixel's center within a millionth of an edge may differ.
-    assert whole.wrong <= 2
-    assert whole.shown > 500
+    assert whole.wrong <= 2 and whole.shown > 500
 
 
 @needs_blender
@@ -179,8 +144,7 @@ def test_openexr_has_numbers_points_and_normals(tmp_path: Path) -> None:
     assert np.array_equal(image.object[same], truth.object[same])
     shown = same & truth.covered
     assert np.allclose(image.position[shown], truth.position[shown], atol=1e-3)
-    assert image.normal is not None
-    assert truth.normal is not None
+    assert image.normal is not None and truth.normal is not None
     assert np.allclose(image.normal[shown], truth.normal[shown], atol=1e-5)
     assert np.isnan(image.position[same & ~truth.covered]).all()
 
@@ -194,14 +158,8 @@ def test_it_goes_on_where_it_was_in_every_layout_of_hogels(layout: str, tmp_path
     options = f"--out {tmp_path}/hogels --layout {layout}"
     assert "1 hogels to render, 0 found" in run(tmp_path, f"--apertures 5,50 {options}")
     assert "1 hogels to render, 1 found" in run(tmp_path, f"--apertures '5,50;70,3' {options}")
-    found = verify(
-        scene,
-        str(tmp_path / "hogels"),
-        layout=layout,
-        encoding="triangle-id",
-        apertures=[(5, 50), (70, 3)],
-    )
-    assert found.passed
+    hogels, apertures = str(tmp_path / "hogels"), [(5, 50), (70, 3)]
+    assert verify(scene, hogels, layout=layout, encoding="triangle-id", apertures=apertures).passed
 
 
 MOVE = """
