@@ -148,6 +148,7 @@ def test_no_hogel_that_is_there_is_left_out(tmp_path: Path, capsys: pytest.Captu
         (["plate.zarr", "out", "--array", "triangle", "--to", "views"], "no array triangle"),
         (["plate.zarr", "out", "--to", "polaroid"], "'polaroid' is not one of"),
         (["mosaic.png", "out", "--to", "views"], "--hogels"),
+        (["damaged", "out", "--to", "views"], "000_000.ppm: the image is damaged"),
     ],
 )
 def test_bad_input_is_told_in_one_line_and_leaves_nothing(
@@ -162,6 +163,8 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     group(Path(), "uint8")
     Image.new("RGB", (4, 4)).save("mosaic.png")
+    Path("damaged").mkdir()
+    Path("damaged", "000_000.ppm").write_bytes(b"P6\n4 3\n1023\n12")
     before = sorted(Path().iterdir())
     assert main(["convert", *arguments]) == 2
     error = capsys.readouterr().err

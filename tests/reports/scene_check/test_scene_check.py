@@ -57,11 +57,7 @@ def test_check_says_of_each_object_where_it_lies_and_who_sees_it(
     assert content["seen"] is True and content["files"] == []
     assert "object 2 (box) spans 8,000 to 9,000 mm behind the plate" in printed.err
     assert printed.err.count("\n") == len(content["warnings"])
-
-
-def test_check_exits_with_one_where_no_aperture_sees_anything(
-    scene: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+    # Where no aperture sees anything, the exit status is 1.
     text = Path(scene).read_text()
     Path(scene).write_text(text.replace("-60.0]", "-800.0]").replace("60.0]\n[[", "900.0]\n[["))
     assert main(["check", scene]) == 1
@@ -73,25 +69,17 @@ def test_check_writes_two_views_that_name_what_they_show(scene: str, tmp_path: P
     assert main(["check", scene, "--out", str(tmp_path / "views")]) == 0
     files = sorted((tmp_path / "views").iterdir())
     assert [file.name for file in files] == ["side.svg", "top.svg"]
+    expected = {"plate", "viewer", "reach 150", "reach 100", "0 sphere", "1 torus"}
+    expected |= {"behind the plate: camera C", "viewer's side: camera C*"}
     for file in files:
-        found = words(file.read_text())
-        for expected in (
-            "plate",
-            "viewer",
-            "reach 150",
-            "reach 100",
-            "behind the plate: camera C",
-            "viewer's side: camera C*",
-            "0 sphere",
-            "1 torus",
-            "8,000 to 9,000 mm behind the plate",
-        ):
-            assert expected in found
+        assert expected | {"8,000 to 9,000 mm behind the plate"} <= set(words(file.read_text()))
         assert "http" not in file.read_text().replace("http://www.w3.org/2000/svg", "")
 
 
 @pytest.mark.parametrize("side", View)
-def test_the_outline_of_a_sphere_is_a_circle_where_the_sphere_is(side: View, scene: str) -> None:
+def test_the_outline_of_a_sphere_is_a_circle_and_that_of_a_ring_has_a_hole_from_above(
+    side: View, scene: str
+) -> None:
     opened = open_scene(scene)
     frame = PictureFrame.of(opened, side)
     (loop,) = outlines(opened.objects[0], frame, side)
@@ -102,17 +90,11 @@ def test_the_outline_of_a_sphere_is_a_circle_where_the_sphere_is(side: View, sce
     x, y = np.array(loop).T
     area = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     assert area / frame.scale**2 == pytest.approx(math.pi * 30**2, rel=0.04)
+    # The ring lies flat.
+    assert len(outlines(opened.objects[1], frame, side)) == (2 if side is View.TOP else 1)
 
 
-def test_a_ring_that_lies_flat_has_its_hole_from_above_and_none_from_the_side(scene: str) -> None:
-    opened = open_scene(scene)
-    loops = {side: outlines(opened.objects[1], PictureFrame.of(opened, side), side) for side in View}
-    assert {side: len(found) for side, found in loops.items()} == {View.SIDE: 1, View.TOP: 2}
-
-
-@pytest.mark.parametrize(
-    "name", ["car-recentered", "empty", "hard/screen-near-plate", "hard/huge", "hard/tiny"]
-)
+@pytest.mark.parametrize("name", ["empty", "hard/screen-near-plate", "hard/huge", "hard/tiny"])
 def test_every_kind_of_scene_has_both_views(name: str) -> None:
     for side in View:
         svg = draw_view(open_scene(name), side)
@@ -120,14 +102,14 @@ def test_every_kind_of_scene_has_both_views(name: str) -> None:
         assert "plate" in words(svg)
 
 
-def mesh(
-    folder: Path, extents: tuple[float, float, float], at: tuple[float, float, float], name: str
-) -> Path:
+Triple = tuple[float, float, float]
+
+
+def mesh(folder: Path, name: str, extents: Triple = (2.0, 1.0, 0.5), at: Triple = (0.0, 0.0, 0.0)) -> Path:
     solid = trimesh.creation.box(extents=extents)
     solid.apply_translation(at)
-    path = folder / name
-    solid.export(path)
-    return path
+    solid.export(folder / name)
+    return folder / name
 
 
 def assert_fits(scene: Scene) -> None:
@@ -150,15 +132,15 @@ def assert_fits(scene: Scene) -> None:
 )
 def test_a_new_scene_fits_a_mesh_of_any_size_anywhere(
     tmp_path_factory: pytest.TempPathFactory,
-    sides: tuple[float, float, float],
-    at: tuple[float, float, float],
+    sides: Triple,
+    at: Triple,
     power: int,
     place: str,
     size: float | None,
 ) -> None:
-    folder = tmp_path_factory.mktemp("new")
-    unit = 10.0**power
-    solid = mesh(folder, tuple(unit * s for s in sides), tuple(unit * a for a in at), "box.ply")  # type: ignore[arg-type]
+    folder, unit = tmp_path_factory.mktemp("new"), 10.0**power
+    extents, center = (tuple(unit * one for one in some) for some in (sides, at))
+    solid = mesh(folder, "box.ply", extents, center)  # type: ignore[arg-type]
     written = xfrustum.new_scene(solid, folder / "box.toml", place=place, size=size)
     scene = open_scene(str(written.path))
     assert_fits(scene)
@@ -173,7 +155,7 @@ def test_new_writes_a_file_that_opens_from_anywhere_and_says_what_fits(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()
-    mesh(tmp_path, (2.0, 1.0, 0.5), (7.0, 0.0, 0.0), 'a "quoted" näme.obj')
+    mesh(tmp_path, 'a "quoted" näme.obj', at=(7.0, 0.0, 0.0))
     arguments = ["new", 'a "quoted" näme.obj', "--out", "scenes/new.toml", "--size", "100", "--units", "mm"]
     assert main(arguments) == 0
     said = capsys.readouterr().out
@@ -188,7 +170,7 @@ def test_new_replaces_nothing_unless_told_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.stl")
+    mesh(tmp_path, "part.stl")
     Path("part.toml").write_text("mine")
     assert main(["new", "part.stl"]) == 2
     assert "part.toml: exists already" in capsys.readouterr().err
@@ -196,7 +178,7 @@ def test_new_replaces_nothing_unless_told_to(
     assert main(["new", "part.stl", "--force"]) == 0
     assert_fits(open_scene("part.toml"))
     # The unit of glTF is the meter.
-    glb = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "other.glb")
+    glb = mesh(tmp_path, "other.glb")
     assert open_scene(str(xfrustum.new_scene(glb).path)).units == "m"
 
 
@@ -210,7 +192,7 @@ def test_new_replaces_nothing_unless_told_to(
     ],
 )
 def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: Path) -> None:
-    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.obj")
+    solid = mesh(tmp_path, "part.obj")
     if said == "one point":
         solid.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
     with pytest.raises(InputError, match=said):
@@ -223,7 +205,7 @@ def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: 
 TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\n"
 
 
-@pytest.mark.parametrize("off", ["0", "1e-7", "-1e-15"])
+@pytest.mark.parametrize("off", ["1e-7", "-1e-15"])
 def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
     off: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -244,7 +226,7 @@ def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
 
 def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_path: Path) -> None:
     """A solid across the plate has no triangle in it; and a distance that single precision holds is one."""
-    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.obj")
+    solid = mesh(tmp_path, "part.obj")
     assert xfrustum.new_scene(solid, tmp_path / "a.toml").warning is None
     (tmp_path / "near.toml").write_text(
         film((80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(50.0, 50.0))
