@@ -75,7 +75,7 @@ def small_view(name: str) -> Scene:
     return replace(scene, frustum=replace(scene.frustum, resolution=(28, 21)))
 
 
-REVERSED = {"depth": DepthFormat.D32F, "mapping": DepthMapping.REVERSED}
+REVERSED: dict[str, Any] = {"depth": DepthFormat.D32F, "mapping": DepthMapping.REVERSED}
 slow = pytest.mark.slow
 
 
