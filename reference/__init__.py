@@ -20,31 +20,26 @@ memory       Bands of rows, which bound what an image takes, and arrays that ker
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+import lazy_loader
+
 if TYPE_CHECKING:
-    from xfrustum.reference.averages import Converged
-    from xfrustum.reference.certify.occlusion import SurfacePoints
-    from xfrustum.reference.tracers.tracer import TRACERS
-    from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
-    from xfrustum.reference.truth import Reference
+    from xfrustum.reference.averages import Converged as Converged
+    from xfrustum.reference.certify.occlusion import SurfacePoints as SurfacePoints
+    from xfrustum.reference.tracers.tracer import TRACERS as TRACERS
+    from xfrustum.reference.transport.transport import PathTracer as PathTracer
+    from xfrustum.reference.transport.transport import RadianceEstimate as RadianceEstimate
+    from xfrustum.reference.truth import Reference as Reference
 
-__all__ = ["TRACERS", "Converged", "PathTracer", "RadianceEstimate", "Reference", "SurfacePoints"]
-
-_MODULES = {
-    "TRACERS": "tracers.tracer",
-    "Converged": "averages",
-    "PathTracer": "transport.transport",
-    "RadianceEstimate": "transport.transport",
-    "Reference": "truth",
-    "SurfacePoints": "certify.occlusion",
-}
-"""Module of each name. They are imported when first used: `explain` answers from the scene alone, and must
-not load ray tracers and statistics for that."""
-
-
-def __getattr__(name: str) -> object:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'xfrustum.reference' has no attribute {name!r}")
-    return getattr(import_module(f"xfrustum.reference.{_MODULES[name]}"), name)
+# They are imported when first used: `explain` answers from the scene alone, and must not load ray tracers.
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "averages": ["Converged"],
+        "certify.occlusion": ["SurfacePoints"],
+        "tracers.tracer": ["TRACERS"],
+        "transport.transport": ["PathTracer", "RadianceEstimate"],
+        "truth": ["Reference"],
+    },
+)

@@ -120,6 +120,17 @@ def mitsuba_backend() -> MitsubaBackend:
     return MitsubaBackend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
 
 
+def vector_backend() -> MitsubaBackend:
+    """Return Mitsuba; InputError where its variant traces one ray, and not many, at a time."""
+    found = mitsuba_backend()
+    if found.scalar:
+        raise InputError(
+            f"Mitsuba's variant {found.variant} traces one ray at a time (LLVM {found.llvm}): its rays and "
+            "light transport need an LLVM or CUDA variant"
+        )
+    return found
+
+
 @cache
 def prepare_llvm() -> str:
     """Name an accepted LLVM to Dr.Jit, unless that is imported; return its path, or why there is none."""

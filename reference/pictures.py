@@ -150,36 +150,19 @@ class Pictures:
         colored: bool = True,
     ) -> HogelImage:
         """Return what decided layers of some rows show, in drawing order, the last on top."""
-        found = [decided for _, decided in layers]
-        certainty, companions = overlaid_certainty(found, rows.start)
-        triangle, objects, position, normal, color = self._shown(
-            layers, rows, normals=normals, colored=colored
-        )
-        return HogelImage(
-            camera=camera,
-            triangle=triangle,
-            object=objects,
-            position=position,
-            normal=normal,
-            color=color,
-            certainty=certainty,
-            companions=companions,
-        )
-
-    def _shown(
-        self, layers: Sequence[Decided], rows: range, *, normals: bool, colored: bool
-    ) -> tuple[Any, Any, Any, Any, Any]:
-        """Return triangle, object, position, normal and color of `image`."""
+        certainty, companions = overlaid_certainty([decided for _, decided in layers], rows.start)
         shape = len(rows), layers[0][0].resolution[0]
+        points = (*shape, 3)
         if not len(self._scene.faces):
-            nothing, nowhere = np.full(shape, NOTHING, dtype=np.int32), np.full((*shape, 3), np.nan)
-            black = np.zeros((*shape, 3), dtype=np.float32)
-            return (
-                nothing,
-                nothing.copy(),
-                nowhere,
-                nowhere.copy() if normals else None,
-                black if colored else None,
+            return HogelImage(
+                camera=camera,
+                triangle=np.full(shape, NOTHING, dtype=np.int32),
+                object=np.full(shape, NOTHING, dtype=np.int32),
+                position=np.full(points, np.nan),
+                normal=np.full(points, np.nan) if normals else None,
+                color=np.zeros(points, dtype=np.float32) if colored else None,
+                certainty=certainty,
+                companions=companions,
             )
         with recording():
             number: Any = Int32(NOTHING)
@@ -206,11 +189,14 @@ class Pictures:
                 light = [Float32(dr.select(covered, part, 0.0)) for part in found]
             # All in one kernel: they share the places of the points.
             dr.eval(number, objects, position, normal, light)
-            return (
-                number.numpy().reshape(shape),
-                objects.numpy().reshape(shape),
-                interleaved(position, (*shape, 3)),
-                interleaved(normal, (*shape, 3)) if normals else None,
+            return HogelImage(
+                camera=camera,
+                triangle=number.numpy().reshape(shape),
+                object=objects.numpy().reshape(shape),
+                position=interleaved(position, points),
+                normal=interleaved(normal, points) if normals else None,
                 # Gray has one channel.
-                interleaved(light if len(light) == 3 else light * 3, (*shape, 3)) if colored else None,
+                color=interleaved(light if len(light) == 3 else light * 3, points) if colored else None,
+                certainty=certainty,
+                companions=companions,
             )

@@ -72,7 +72,7 @@ def bounding_boxes(
     """
     found: list[Boxes] = []
     seen_from = Viewpoint.of(pencil)
-    film = [_FilmAxis.of(pencil, axis, margin, border) for axis in range(2)]
+    film = [FilmAxis(pencil, axis, margin, border) for axis in range(2)]
     sides = [side for side in (1, -1) if side * pencil.s_range[side > 0] > 0]
     height = pencil.resolution[1] + 2 * border
     most = max(1, MAX_ROWS // height)
@@ -124,49 +124,37 @@ def pixel_slack(pencil: Pencil, axis: int) -> float:
     return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _FilmAxis:
+class FilmAxis:
     """The map from slopes to columns or rows, (slope - shear) scale + middle, known to within `slack`.
 
-    Boxes begin at `first` or after the last pixel, and end before the first pixel or at `last`.
+    With a margin, `slack` is wider, see `bounding_boxes`. Boxes reach `border` pixels beyond the film's ends;
+    `steepest` is the largest slope.
     """
 
-    shear: Any
-    scale: Any
-    middle: Any
-    slack: Any
-    count: Any
-    first: Any
-    last: Any
-    border: Any
-
-    @classmethod
-    def of(cls, pencil: Pencil, axis: int, margin: float, border: int) -> _FilmAxis:
-        """Return the map of one axis of a film; see `bounding_boxes`."""
+    def __init__(self, pencil: Pencil, axis: int, margin: float = 0.0, border: int = 0) -> None:
         count, slack = pencil.resolution[axis], pixel_slack(pencil, axis)
         slack = margin + 2 * slack if margin else slack
+        steepest = float(np.abs((pencil.dx, pencil.dy)[axis]).max())
         scale = count / (2 * pencil.half_extent[axis])
-        names = "shear", "scale", "middle", "slack", "count", "first", "last", "border"
-        numbers = (
-            pencil.shear[axis],
-            scale,
-            (count - 1) / 2,
-            slack,
-            count,
-            -border,
-            count - 1 + border,
-            border,
+        self.shear, self.scale, self.middle, self.slack, self.steepest = constants(
+            [pencil.shear[axis], scale, (count - 1) / 2, slack, steepest]
         )
-        return cls(**dict(zip(names, constants([float(one) for one in numbers]), strict=True)))
+        self.count, self.border, self.last = constants([count, border, count - 1 + border])
+
+    def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
+        """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
+        first = (low - self.shear) * self.scale + self.middle - self.slack
+        last = (high - self.shear) * self.scale + self.middle + self.slack
+        return tuple(dr.minimum(dr.maximum(end, -1.0), self.count) for end in (first, last))
 
     def pixels(self, low: Any, high: Any) -> list[Any]:
-        """Return the first and the last pixel between two places."""
-        first = dr.minimum(dr.maximum(low - self.slack, self.first), self.count)
+        """Return the first and the last pixel between two places, counted from the border."""
+        first = dr.minimum(dr.maximum(low - self.slack, -self.border), self.count)
         last = dr.minimum(dr.maximum(high + self.slack, -1.0), self.last)
         return [Int32(dr.ceil(first) + self.border), Int32(dr.floor(last) + self.border)]
 
 
-def _box(corners: list[list[Any]], film: Sequence[_FilmAxis], side: int) -> list[Any]:
+def _box(corners: list[list[Any]], film: Sequence[FilmAxis], side: int) -> list[Any]:
     """Return first and last column, first and last row of the part of triangles on one side."""
     x, y, z = corners
     s = [-height for height in z]

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, constants, dr, on_device, recording
-from xfrustum.reference.certify.boxes import Boxes, bounding_boxes, pixel_slack
+from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, dr, on_device, recording
+from xfrustum.reference.certify.boxes import Boxes, FilmAxis, bounding_boxes
 from xfrustum.reference.certify.cone import (
     ROUNDING,
     UNIT_ROUNDOFF,
@@ -132,7 +132,7 @@ class Filter:
         self._triangles, self._pencil = triangles, pencil
         with recording():
             self._boxes = bounding_boxes(triangles, pencil, exact)
-            self._film = _FilmRow.of(pencil)
+            self._film = FilmAxis(pencil, 0)
             self._seen_from = Viewpoint.of(pencil)
             self._dx, self._dy = on_device(pencil.dx), on_device(pencil.dy)
             self._width = dr.opaque(UInt32, pencil.resolution[0])
@@ -315,40 +315,7 @@ def _reduce(operation: Any, target: Any, value: Any, index: Any, active: Any) ->
     dr.scatter_reduce(operation, target, value, index, active, mode=dr.ReduceMode.Direct)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _FilmRow:
-    """The map from slopes dx to columns, (dx - shear) scale + middle, known to within `slack`.
-
-    `steepest` is the largest |dx|, and `width` the number of columns.
-    """
-
-    steepest: Any
-    shear: Any
-    scale: Any
-    middle: Any
-    slack: Any
-    width: Any
-
-    @classmethod
-    def of(cls, pencil: Pencil) -> _FilmRow:
-        """Return the map of a pencil's film."""
-        width = pencil.resolution[0]
-        names = "steepest", "shear", "scale", "middle", "slack", "width"
-        steepest, scale = float(np.abs(pencil.dx).max()), width / (2 * pencil.half_extent[0])
-        numbers = steepest, pencil.shear[0], scale, (width - 1) / 2, pixel_slack(pencil, 0), width
-        return cls(**dict(zip(names, constants(numbers), strict=True)))
-
-    def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
-        """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
-        first = (low - self.shear) * self.scale + self.middle - self.slack
-        last = (high - self.shear) * self.scale + self.middle + self.slack
-        return (
-            dr.minimum(dr.maximum(first, -1.0), self.width),
-            dr.minimum(dr.maximum(last, -1.0), self.width),
-        )
-
-
-def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: _FilmRow) -> tuple[Any, Any, Any, Any]:
+def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[Any, Any, Any, Any]:
     """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
 
     Along a row, each edge function is E(dx) = slope dx + rest, turned to be positive inside; so each edge

@@ -16,7 +16,6 @@ be met.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -40,7 +39,7 @@ from xfrustum.reference.backend import (
     vectors_on_device,
 )
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
-from xfrustum.reference.certify.boxes import bounding_boxes
+from xfrustum.reference.certify.boxes import FilmAxis, bounding_boxes
 from xfrustum.reference.certify.cone import ROUNDING, UNDERFLOW, Cones, Planes, Triangles, Viewpoint, in_range
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import Pencil
@@ -208,7 +207,15 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
     """Return the lines to points, up to half a tolerance before them: nearer is their own surface."""
     positions = [*vectors_on_device(points.position), on_device(points.tolerance)]
     own, point = on_device(points.triangle), dr.arange(UInt32, len(points.position))
-    s, (dx, dy), places = _film_places(pencil, positions)
+    center = constants(pencil.center)
+    s = center[2] - positions[2]
+    dx, dy = ((positions[axis] - center[axis]) / s for axis in range(2))
+    film = [FilmAxis(pencil, axis) for axis in range(2)]
+    # Rows count down.
+    places = [
+        (slope - axis.shear) * (sign * axis.scale) + axis.middle
+        for slope, axis, sign in zip((dx, dy), film, (1.0, -1.0), strict=True)
+    ]
     end = s - positions[3] / (2 * dr.sqrt(dx * dx + dy * dy + 1.0))
     column, row = (
         UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
@@ -230,20 +237,6 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
     dr.scatter(sorted_point, point, target)
     dr.eval(line, sorted_point, start)
     return _Lines(line=line, point=sorted_point, start=start, positions=positions)
-
-
-def _film_places(pencil: Pencil, points: Sequence[Any]) -> tuple[Any, tuple[Any, Any], tuple[Any, Any]]:
-    """Return s of points (x, y, z), the slopes dx and dy of their lines, and their columns and rows."""
-    center = constants(pencil.center)
-    s = center[2] - points[2]
-    slopes, places = [], []
-    for axis, sign in enumerate((1, -1)):
-        pixels = pencil.resolution[axis]
-        scale = sign * pixels / (2 * pencil.half_extent[axis])
-        shear, scale, middle = constants((pencil.shear[axis], scale, (pixels - 1) / 2))
-        slopes.append((points[axis] - center[axis]) / s)
-        places.append((slopes[axis] - shear) * scale + middle)
-    return s, (slopes[0], slopes[1]), (places[0], places[1])
 
 
 def _walk(

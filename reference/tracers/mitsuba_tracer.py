@@ -1,8 +1,4 @@
-"""Mitsuba as tracer: a second, independent proposal, on all processors or a GPU.
-
-The scalar variant, which is the fallback without LLVM, makes a call from Python for every ray: its
-answers are the same, but it is some twenty times slower.
-"""
+"""Mitsuba as tracer: a second, independent proposal, on all processors or a GPU."""
 
 from __future__ import annotations
 
@@ -11,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
@@ -33,47 +29,26 @@ class MitsubaTracer:
     name = "mitsuba"
 
     def __init__(self, scene: Scene) -> None:
-        self._backend = mitsuba_backend()
+        self._backend = vector_backend()
         mi = self._backend.mitsuba
         # The classes are kept, so that this tracer outlives a change of Mitsuba's variant.
         self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
-        self._int, self._float = mi.Int, mi.Float
+        self._int = mi.Int
         self.scale = unit_scale(scene.vertices)
-        self._scene = None
-        if len(scene.faces):
-            self._scene = robust_scene(scene, self.scale)
+        self._scene = robust_scene(scene, self.scale) if len(scene.faces) else None
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._scene is None:
             return hits
-        trace = self._one_by_one if self._backend.scalar else self._together
+        dr = self._backend.drjit
         for start in range(0, len(origins), RAYS_PER_CALL):
             part = slice(start, start + RAYS_PER_CALL)
-            hits[part] = trace(
-                (origins[part] * self.scale).astype(np.float32), directions[part].astype(np.float32)
-            )
-        return hits
-
-    def _together(self, origins: Singles, directions: Singles) -> Numbers:
-        dr = self._backend.drjit
-        assert self._scene is not None
-        ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
-        met = self._scene.ray_intersect_preliminary(ray, coherent=True)
-        hits: Numbers = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
-        return hits
-
-    def _one_by_one(self, origins: Singles, directions: Singles) -> Numbers:
-        assert self._scene is not None
-        trace = self._scene.ray_intersect_preliminary
-        hits = np.full(len(origins), NOTHING, dtype=np.int32)
-        # One ray at a time: as Python objects, all rays together would take a hundred times the memory.
-        for i in range(len(origins)):
-            ray = self._ray(origins[i].tolist(), directions[i].tolist())
-            met = trace(ray)
-            if met.is_valid():
-                hits[i] = met.prim_index
+            point = self._point(_coordinates((origins[part] * self.scale).astype(np.float32)))
+            ray = self._ray(point, self._vector(_coordinates(directions[part].astype(np.float32))))
+            met = self._scene.ray_intersect_preliminary(ray, coherent=True)
+            hits[part] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
         return hits
 
 

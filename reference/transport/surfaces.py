@@ -13,34 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.llvm import MitsubaBackend, mitsuba_backend
+from xfrustum.reference.llvm import mitsuba_backend, vector_backend
 from xfrustum.reference.memory import padded
 from xfrustum.reference.shading.surroundings import LINEAR
 from xfrustum.scenes.appearance.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Numbers
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
 MIN_SQUARED_AREA = 2.0**-1000
 """Smallest squared area that is divided by: it takes the place of that of a triangle without area."""
 
 
-def path_backend() -> MitsubaBackend:
-    """Return Mitsuba; InputError where its variant traces one ray, and not many light paths, at a time."""
-    found = mitsuba_backend()
-    if found.scalar:
-        raise InputError(
-            f"Mitsuba's variant {found.variant} traces one ray at a time (LLVM {found.llvm}): light "
-            "transport needs an LLVM or CUDA variant"
-        )
-    return found
-
-
 class Table:
     """Numbers, or rows of three, looked up by index."""
 
     def __init__(self, entries: NDArray[Any]) -> None:
-        mi = path_backend().mitsuba
+        mi = vector_backend().mitsuba
         kinds = {"float64": mi.Float64, "float32": mi.Float32, "int32": mi.Int32, "uint32": mi.UInt32}
         self._array = kinds[str(entries.dtype)](padded(entries, entries.dtype))
         self._vector = mi.Vector3f if entries.dtype == np.float32 else mi.Vector3d

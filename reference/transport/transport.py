@@ -7,7 +7,7 @@ takes; the only differences are light transport and noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -67,13 +67,19 @@ class PathTracer:
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
         if len(self.scene.faces):
             starts = _PathStarts(self.scene, aperture, self._paths.scale)
+
+            def path(pixel: Any, sampler: Any) -> Any:
+                found, line = starts.seen(self._paths, pixel, sampler)
+                return self._paths.radiance(found, line, transport, sampler)
+
             for number, first in enumerate(range(0, height * width, PATHS_AT_ONCE)):
                 pixels = range(first, min(first + PATHS_AT_ONCE, height * width))
                 moments = _Moments(len(pixels))
-                for colors in self._launches(
-                    starts, transport, pixels, np.random.default_rng((seed, number))
-                ):
-                    moments.add(colors)
+                random, left = np.random.default_rng((seed, number)), transport.samples
+                while left:
+                    together = min(left, max(1, PATHS_AT_ONCE // len(pixels)))
+                    moments.add(_together(path, pixels, together, int(random.integers(1 << 32))))
+                    left -= together
                 part = slice(pixels.start, pixels.stop)
                 mean[part], variance[part] = moments.mean, moments.variance_of_mean
         return RadianceEstimate(
@@ -81,21 +87,6 @@ class PathTracer:
             variance_of_mean=variance.reshape(height, width, 3),
             samples=transport.samples,
         )
-
-    def _launches(
-        self, starts: _PathStarts, transport: Transport, pixels: range, random: np.random.Generator
-    ) -> Iterator[Floats]:
-        """Yield colors (pixels, paths, 3) until each pixel has had its paths."""
-
-        def path(pixel: Any, sampler: Any) -> Any:
-            found, line = starts.seen(self._paths, pixel, sampler)
-            return self._paths.radiance(found, line, transport, sampler)
-
-        left = transport.samples
-        while left:
-            together = min(left, max(1, PATHS_AT_ONCE // len(pixels)))
-            yield _together(path, pixels, together, int(random.integers(1 << 32)))
-            left -= together
 
 
 class _PathStarts:

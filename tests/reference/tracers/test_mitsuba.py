@@ -168,20 +168,6 @@ class TestTracer:
         monkeypatch.setattr("xfrustum.reference.tracers.mitsuba_tracer.RAYS_PER_CALL", 1000)
         np.testing.assert_array_equal(tracer.first_hits(o, d), hits)
 
-    def test_a_tracer_outlives_its_variant(self) -> None:
-        scene = scene_at("asymmetric", 64, 48)
-        o, d = rays(scene, scene.plate.middle)
-        mi = mitsuba_backend().mitsuba
-        before = mi.variant()
-        tracer = MitsubaTracer(scene)
-        hits = tracer.first_hits(o, d)
-        mi.set_variant("scalar_rgb")
-        try:
-            np.testing.assert_array_equal(tracer.first_hits(o, d), hits)
-            np.testing.assert_array_equal(MitsubaTracer(scene).first_hits(o, d), hits)
-        finally:
-            mi.set_variant(before)
-
     def test_nothing_is_met_where_there_is_nothing(self) -> None:
         tracer = MitsubaTracer(open_scene("empty"))
         assert tracer.first_hits(np.zeros((3, 3)), np.ones((3, 3))).tolist() == [NOTHING] * 3
@@ -389,17 +375,6 @@ class TestLlvm:
         assert named_version(tmp_path / "libLLVM.so") == 15
 
 
-HITS = """
-import sys
-import numpy as np
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
-from xfrustum.scenes import open_scene
-rays = np.load(sys.argv[1])
-tracer = MitsubaTracer(open_scene("asymmetric"))
-np.savez(sys.argv[2], hits=tracer.first_hits(rays["o"], rays["d"]), **mitsuba_versions())
-"""
-
-
 def python(code: str, *arguments: str, llvm: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, LLVM_VARIABLE: llvm}
     return subprocess.run(
@@ -416,18 +391,6 @@ def refused_llvm() -> str:
 
 
 class TestFallback:
-    def test_without_llvm_rays_are_traced_one_by_one(self, tmp_path: Path) -> None:
-        scene = scene_at("asymmetric", 64, 48)
-        o, d = rays(scene, scene.plate.middle)
-        np.savez(tmp_path / "rays.npz", o=o, d=d)
-        files = (str(tmp_path / "rays.npz"), str(tmp_path / "hits.npz"))
-        done = python(HITS, *files, llvm=str(tmp_path / "libLLVM.so.19.1"))
-        assert done.returncode == 0, done.stderr
-        answer = np.load(tmp_path / "hits.npz")
-        assert answer["mitsuba variant"] == "scalar_rgb"
-        assert str(answer["llvm"]).startswith("none")
-        np.testing.assert_array_equal(answer["hits"], MitsubaTracer(scene).first_hits(o, d))
-
     def test_an_llvm_that_ends_the_process_is_loaded_by_dr_jit_but_not_used(self) -> None:
         code = "from xfrustum.reference import llvm; b = llvm.mitsuba_backend(); print(b.variant, b.llvm)"
         done = python(code, llvm=refused_llvm())
