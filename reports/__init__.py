@@ -11,11 +11,11 @@ exchange/         The exchange with other programs: plates in layouts of files, 
                   renderers
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
-eye/              What a viewer sees, as a page and as files
+eye               What eyes see of a scene, of its replayed truth and of hogels, as a page and as files
 figure7           The paper's figure 7 as a page
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
 parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
-planning          Which settings to draw with, what they keep, and the command that draws so
+planning          Which settings to draw with, what they keep, what a viewer notices, and the command
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scout             What people see of the scout of a plate: chosen apertures with their reasons, and a map

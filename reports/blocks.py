@@ -212,8 +212,14 @@ class Workers(ABC):
 
         try:
             for block, _ in self.map(job, _make, unfinished()):
-                if self.elsewhere:
-                    _see(job, block)
+                end = time.monotonic() + SEEN_S
+                while self.elsewhere and not job.finished(block):
+                    if time.monotonic() > end:
+                        raise InputError(
+                            f"--out: workers call {job.words(block)} finished, and it is not there; give a "
+                            "folder on a file system that the command and all workers share"
+                        )
+                    time.sleep(SEEN_POLL_S)
                 bar.update(job.size(block))
         except WorkerLostError as error:
             raise InputError(f"{job.words(error.item)}: {error}") from error
@@ -228,24 +234,15 @@ def _answer(session: Session, question: tuple[Callable[..., Answer], tuple[Any, 
     return function(session, *arguments)
 
 
-def _see(job: Job, block: Any) -> None:
-    """Wait until a block that another machine has finished is seen in the store."""
-    end = time.monotonic() + SEEN_S
-    while not job.finished(block):
-        if time.monotonic() > end:
-            raise InputError(
-                f"--out: workers call {job.words(block)} finished, and it is not there; give a folder on a "
-                "file system that the command and all workers share"
-            )
-        time.sleep(SEEN_POLL_S)
-
-
 @contextmanager
 def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator[Workers]:
     """Open the workers that make so many blocks at first, with OpenGL or without, for a `with` block."""
     if engine.scheduler is not None:
-        with _cluster(engine.scheduler) as cluster:
-            yield cluster
+        client = _connect(engine.scheduler)
+        try:
+            yield _Cluster(client, engine.scheduler)
+        finally:
+            client.close(timeout=CONNECT_S)
         return
     devices = engine.devices or (_gpus() if draws else ())
     count = engine.process_count(blocks, len(devices) if draws else 0)
@@ -263,10 +260,8 @@ def open_workers(engine: Engine, blocks: int, *, draws: bool = True) -> Iterator
         with _OpenSession() as opened:
             yield _ThisProcess(opened)
     finally:
-        if before is not None:
-            os.environ[DEVICE_VARIABLE] = before
-        else:
-            os.environ.pop(DEVICE_VARIABLE, None)
+        os.environ.pop(DEVICE_VARIABLE, None)
+        os.environ.update({} if before is None else {DEVICE_VARIABLE: before})
 
 
 class _OpenSession(ExitStack):
@@ -326,27 +321,23 @@ class _Processes(Workers):
             process.wait()
             connection.close()
 
-    def _start(self, place: int, job: bytes) -> None:
-        ours, theirs = Pipe()
-        with theirs:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,  # standard output belongs to the command
-                env=self._environments[place],
-                pass_fds=[theirs.fileno()],
-            )
-        self._running[place] = process, ours
-        ours.send_bytes(job)
-
     def _give(self, place: int, job: bytes, request: object) -> Connection[Any, Any]:
-        """Hand something over to a process; return where the answer will come from."""
-        starts = 0
-        while starts < ATTEMPTS:
+        """Hand something over to a process, started if need be; return where the answer will come from."""
+        for _ in range(ATTEMPTS + (place in self._running)):
             with suppress(BrokenPipeError, ConnectionResetError):  # it has died since
                 if place not in self._running:
-                    starts += 1
-                    self._start(place, job)
+                    ours, theirs = Pipe()
+                    with theirs:
+                        serving = f"from {__name__} import serve; serve({theirs.fileno()})"
+                        process = subprocess.Popen(
+                            [sys.executable, "-P", "-c", serving],
+                            stdin=subprocess.DEVNULL,
+                            stdout=subprocess.DEVNULL,  # standard output belongs to the command
+                            env=self._environments[place],
+                            pass_fds=[theirs.fileno()],
+                        )
+                    self._running[place] = process, ours
+                    ours.send_bytes(job)
                 connection = self._running[place][1]
                 connection.send(request)
                 return connection
@@ -438,26 +429,21 @@ def _portable(error: Exception) -> Exception:
     return error
 
 
-@contextmanager
-def _cluster(address: str) -> Iterator[_Cluster]:
-    """Connect to a Dask scheduler that exists."""
+def _connect(address: str) -> Any:
+    """Return a client of a Dask scheduler that exists."""
     try:
         from distributed import Client  # noqa: PLC0415 - a second that no other work may pay for
+
+        return Client(address, timeout=CONNECT_S, set_as_default=False)
     except ImportError as error:
         raise InputError(
             "--scheduler needs Dask: pip install '.[cluster]' in the checkout of xfrustum"
         ) from error
-    try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"--scheduler {address}: no scheduler answers there ({' '.join(str(error).split())[:200]}); "
             "start one with `dask scheduler`, and give its address, such as tls://host:8786"
         ) from error
-    try:
-        yield _Cluster(client, address)
-    finally:
-        client.close(timeout=CONNECT_S)
 
 
 class _Cluster(Workers):

@@ -14,13 +14,19 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tests.support.moved_scene import MovedScene, moved_scene
 
-from xfrustum.compare.eye.loss import LossMaps, Views, display_loss, renderer_loss
+from xfrustum.compare.eye.loss import (
+    Collector,
+    LossMaps,
+    Views,
+    collected,
+    display_loss,
+    film_parts,
+    renderer_loss,
+)
 from xfrustum.compare.eye.noticeable import Viewer
-from xfrustum.compare.eye.shown import Collector, collected, film_parts
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.eye.pictures import shown
-from xfrustum.reports.eye.view import Drawing
+from xfrustum.reports.eye import Drawing, shown
 from xfrustum.reports.planning import make_plan, make_viewer_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask

@@ -1,28 +1,206 @@
-"""The loss on the way to an eye: the display's (A against B) and the renderer's (B against C).
+"""The way to an eye: pixels of hogels that it is shown, and what the display and the renderer lose on it.
 
-Two eyes lose disparity besides: surface points are seen at other depths than their own.
+The display's loss is that of the replayed truth against the true view (A against B), the renderer's that of
+drawn hogels against true ones (B against C). Two eyes lose disparity besides: they see surface points at
+other depths than their own.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.radiance import perceptual_difference
 from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.rays import hogel_lines
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reference.lines.lines import pixel_places
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.reference.lines.lines import model_cameras, pixel_places
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.eye import Eye, EyeImage, Replay
+from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief, digits
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+T = TypeVar("T")
+
+LEVELS = 255
+"""Value that stands for radiance one where color is stored in 8 bits."""
+
+DEFAULT_COLOR = ColorType.FLOAT16
+"""Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""
+
+HEIGHT_TOLERANCE = 2.0**-16
+"""Distance beyond a camera's ends at which a point still counts as drawn by it, as a part of the reach: cuts
+are made in float32, on slopes that make a rounding of 2^-24 some hundred times as large."""
+
+
+def drawn_points(scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, triangle: Numbers) -> Floats:
+    """Return surface points (H, W, 3) of triangle numbers (H, W), scene units; NaN where nothing is shown.
+
+    Each lies where the line of the camera that drew it meets the plane of its triangle. Of several cameras
+    between whose ends that is, the one drawn last shows.
+    """
+    found = np.full((*triangle.shape, 3), np.nan)
+    rows, columns = np.nonzero(triangle != NOTHING)
+    if not len(rows):
+        return found
+    corners = scene.triangles[triangle[rows, columns]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
+    points = np.full((len(rows), 3), np.nan)
+    across = _camera_lines(scene, settings, pixels.hogel_column, pixels.film_column, 0)
+    down = _camera_lines(scene, settings, pixels.hogel_row, pixels.film_row, 1)
+    for (x, dx, height, ends), (y, dy, _, _) in zip(across, down, strict=True):
+        center = np.stack((x[columns], y[rows], np.full(len(rows), height)), axis=-1)
+        direction = np.stack((dx[columns], dy[rows], np.full(len(rows), -1.0)), axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            s = np.einsum("ij,ij->i", corners[:, 0] - center, normal)
+            s /= np.einsum("ij,ij->i", direction, normal)
+            met = center + s[:, None] * direction
+            drawn: Mask = (met[:, 2] >= ends[0] - slack) & (met[:, 2] <= ends[1] + slack)
+        points[drawn] = met[drawn]
+    found[rows, columns] = points
+    return found
+
+
+def _camera_lines(
+    scene: Scene, settings: DoubleFrustum, hogel: Indices, pixel: Indices, axis: int
+) -> list[tuple[Floats, Floats, float, tuple[float, float]]]:
+    """Return for each camera in drawing order its place and slopes along an axis, its height and its ends."""
+    used = np.unique(hogel[pixel >= 0]).tolist()
+    lines: list[tuple[Floats, Floats, float, tuple[float, float]]] = []
+    for number in used:
+        aperture = scene.plate.aperture(*((number, 0) if axis == 0 else (0, number)))
+        here = np.flatnonzero((hogel == number) & (pixel >= 0))
+        for index, camera in enumerate(model_cameras(scene.frustum, aperture, settings)):
+            pencil = camera.pencil
+            if index == len(lines):
+                none = np.full(len(hogel), np.nan)
+                lines.append((none, none.copy(), pencil.center[2], camera.heights))
+            lines[index][0][here] = pencil.center[axis]
+            lines[index][1][here] = (pencil.dx, pencil.dy)[axis][pixel[here]]
+    return lines
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnHogel:
+    """The image of one hogel by any renderer; None for what it does not say."""
+
+    index: tuple[int, int]  #: column and row on the plate
+    color: NDArray[Any] | None = None  #: (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance
+    triangle: Numbers | None = None
+    object: Numbers | None = None
+    position: NDArray[np.floating] | None = None  #: (H, W, 3) surface points, scene units
+
+
+class Collector:
+    """What one eye is shown of its pixels of hogels, filled in hogel by hogel.
+
+    Pixels have their triangles' surface points by the cameras' settings, where these are known.
+    """
+
+    def __init__(self, scene: Scene, eye: Eye, taken: Replay, settings: DoubleFrustum | None) -> None:
+        self._scene, self._eye, self._taken, self._settings = scene, eye, taken, settings
+        width, height = eye.resolution
+        self._triangle = np.full((height, width), NOTHING, dtype=np.int32)
+        self._object = self._triangle.copy()
+        self._position = np.full((height, width, 3), np.nan)
+        self._color = np.zeros((height, width, 3))
+        self._colored = False
+        self.numbered = False  # whether any hogel said which triangle or object its pixels show
+
+    def add(self, hogel: DrawnHogel) -> None:
+        """Take the pixels of a hogel that the eye is shown."""
+        here, there = _blocks(self._taken.shown, hogel.index)
+        if hogel.triangle is not None:
+            self._triangle[here] = hogel.triangle[there]
+            self.numbered = True
+        if hogel.object is not None:
+            self._object[here] = hogel.object[there]
+            self.numbered = True
+        if hogel.position is not None:
+            self._position[here] = hogel.position[there]
+        if hogel.color is not None:
+            self._colored = True
+            scale = 1 / LEVELS if hogel.color.dtype == np.uint8 else 1.0
+            for pixels in self._taken.colors:
+                here, there = _blocks(pixels, hogel.index)
+                weight = pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
+                self._color[here] += (scale * weight)[..., None] * hogel.color[there].astype(np.float64)
+
+    def finish(self) -> EyeImage:
+        """Return the picture of all hogels that were added."""
+        known = np.append(self._scene.object_of_triangle, np.int32(NOTHING))
+        named = self._triangle != NOTHING
+        self._object[named] = known[self._triangle[named]]
+        position: Floats = self._position
+        if self._settings is not None:
+            points = drawn_points(self._scene, self._settings, self._taken.shown, self._triangle)
+            position = np.where(np.isfinite(position), position, points)
+        return EyeImage(
+            eye=self._eye,
+            triangle=self._triangle,
+            object=self._object,
+            position=position,
+            color=self._color.astype(np.float32) if self._colored else None,
+        )
+
+
+def _blocks(
+    pixels: HogelPixels, index: tuple[int, int]
+) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
+    """Return the places of a hogel's pixels in the eye's picture, and in the hogel's."""
+    rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
+    columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
+    return (rows[:, None], columns[None]), (pixels.film_row[rows][:, None], pixels.film_column[columns][None])
+
+
+def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> list[EyeImage]:
+    """Return the pictures of some eyes, each hogel looked at once."""
+    for hogel in hogels:
+        for collector in collectors:
+            collector.add(hogel)
+    return [collector.finish() for collector in collectors]
+
+
+def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
+    """Return column and row of all hogels that any of some eyes is shown, row by row."""
+    every = {index for taken in takes for index in taken.hogels}
+    return sorted(every, key=lambda index: (index[1], index[0]))
+
+
+def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
+    """Return the part of each hogel's film that holds all pixels that some eyes are shown."""
+    ranges: tuple[dict[int, tuple[int, int]], dict[int, tuple[int, int]]] = ({}, {})
+    every = list(takes)
+    for one in (pixels for taken in every for pixels in (taken.shown, *taken.colors)):
+        across = one.hogel_column[one.columns], one.film_column[one.columns]
+        down = one.hogel_row[one.rows], one.film_row[one.rows]
+        for known, (hogel, pixel) in zip(ranges, (across, down), strict=True):
+            for number in np.unique(hogel).tolist():
+                here = pixel[hogel == number].tolist()
+                ends = known.get(number, (here[0], here[0]))
+                known[number] = min(*here, *ends), max(*here, *ends)
+    columns, rows = ranges
+    return {(i, j): FilmPart(columns=columns[i], rows=rows[j]) for i, j in hogels_of(every)}
+
+
+def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    """Draw parts of hogels and yield them in order; pixels outside of the parts mean nothing."""
+    plate = renderer.scene.plate
+    for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
+        yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
+
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
@@ -42,12 +220,6 @@ class Quantiles:
     p99: float
     max: float
 
-    @classmethod
-    def of(cls, values: Floats) -> Self | None:
-        """Return the quantiles of the finite ones of some values; None where there are none."""
-        known = values[np.isfinite(values)]
-        return cls(*map(float, np.percentile(known, [50, 99, 100]))) if known.size else None
-
 
 @dataclass(frozen=True)
 class DepthShift:
@@ -57,11 +229,11 @@ class DepthShift:
     p50: float
     p99: float
 
-    @classmethod
-    def of(cls, values: Floats) -> Self | None:
-        """Return the distribution of the finite ones of some values; None where there are none."""
-        known = values[np.isfinite(values)]
-        return cls(*map(float, np.percentile(known, [1, 50, 99]))) if known.size else None
+
+def _spread(kind: type[T], values: Floats, *percents: float) -> T | None:
+    """Return percentiles of the finite ones of some values; None where there are none."""
+    known = values[np.isfinite(values)]
+    return kind(*map(float, np.percentile(known, percents))) if known.size else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +266,8 @@ class LossMaps(Brief):
             judged=judged,
             wrong=wrong,
             fraction=None if wrong is None else wrong / judged if judged else 0.0,
-            displacement_arcmin=Quantiles.of(self.displacement_arcmin[self.judged]),
-            depth_error=Quantiles.of(self.depth_error[self.judged]),
+            displacement_arcmin=_spread(Quantiles, self.displacement_arcmin[self.judged], 50, 99, 100),
+            depth_error=_spread(Quantiles, self.depth_error[self.judged], 50, 99, 100),
             flip=None if self.flip is None else float(self.flip.mean()),
         )
 
@@ -126,7 +298,7 @@ def display_loss(reference: EyeReference, views: Views) -> LossMaps:
     wrong = (true.object != shown.object) | _hidden(reference, shown)
     rays = reference.pencil(views.eye).directions()
     moved = _angle(rays, shown.position - np.array(views.eye.position))
-    return _maps(reference.scene, (true, shown), _untied(true, shown), wrong, moved)
+    return _maps(reference.scene, (true, shown), np.ones_like(wrong), wrong, moved)
 
 
 def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
@@ -147,14 +319,24 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
         wrong = (true.object != shown.object) | hidden
     eye, at = np.array(views.eye.position), shown_at(reference.scene, views.taken, shown)
     moved = _angle(at - eye, shown.position - eye)
-    return _maps(reference.scene, (true, shown), _untied(true, shown) & met, wrong, moved)
+    return _maps(reference.scene, (true, shown), met, wrong, moved)
 
 
 def _maps(
-    scene: Scene, pair: tuple[EyeImage, EyeImage], judged: Mask, wrong: Mask | None, moved: Floats
+    scene: Scene,
+    pair: tuple[EyeImage, EyeImage],
+    asked: Mask,
+    wrong: Mask | None,
+    moved: Floats,
 ) -> LossMaps:
-    """Return all maps of an expected and a shown view, given those in which the losses differ."""
+    """Return all maps of an expected and a shown view, given those in which the losses differ.
+
+    Pixels that are asked for are judged unless they are ties.
+    """
     expected, shown = pair
+    judged = asked
+    for one in pair:
+        judged = judged if one.certainty is None else judged & (one.certainty != Certainty.TIE)
     same = (expected.object == shown.object) & (expected.object != NOTHING)
     flip = None
     if expected.color is not None and shown.color is not None:
@@ -181,10 +363,7 @@ def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
 def pixels_per_degree(scene: Scene, eye: Eye) -> float:
     """Return how many of an eye's pixels a degree of its view holds, in the middle of the plate's width.
 
-    Raises
-    ------
-    InputError
-        The eye sees the plate under so small an angle that there are more than `MAX_PIXELS_PER_DEGREE`.
+    InputError where there are more than `MAX_PIXELS_PER_DEGREE`: it sees the plate under too small an angle.
     """
     x, _, height = eye.position
     half = scene.plate.size[0] / 2
@@ -195,14 +374,6 @@ def pixels_per_degree(scene: Scene, eye: Eye) -> float:
             f"degrees, with more than {MAX_PIXELS_PER_DEGREE:,} pixels a degree: bring it nearer"
         )
     return eye.resolution[0] / seen
-
-
-def _untied(one: EyeImage, other: EyeImage) -> Mask:
-    untied = np.ones(one.triangle.shape, dtype=np.bool_)
-    for image in (one, other):
-        if image.certainty is not None:
-            untied &= image.certainty != Certainty.TIE
-    return untied
 
 
 def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
@@ -238,12 +409,8 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
 
     The error of one eye is the slope under which it is shown a point minus that of the point itself; for the
     renderer it is measured along the lines of hogels' pixels, so that pitch and pixels are not in it. The
-    difference of both eyes' errors is that of disparity.
-
-    Raises
-    ------
-    InputError
-        The eyes are not side by side: at one height, and at different x.
+    difference of both eyes' errors is that of disparity. InputError where the eyes are not side by side: at
+    one height, and at different x.
     """
     (x, y, height), other = left.eye.position, right.eye.position
     if not (x < other[0] and y == other[1] and height == other[2]):
@@ -262,11 +429,8 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
         own = slope(views, replayed.position, replayed.position)
         by_display.append((replayed, reference.pencil(views.eye).dx - own))
         if drawn is not None:
-            at, own = (
-                shown_at(reference.scene, views.taken, drawn),
-                slope(views, drawn.position, drawn.position),
-            )
-            by_renderer.append((drawn, slope(views, at, drawn.position) - own))
+            at, own = shown_at(reference.scene, views.taken, drawn), drawn.position
+            by_renderer.append((drawn, slope(views, at, own) - slope(views, own, own)))
     eyes = left.eye, right.eye
     lost = _disparity(reference, eyes, by_display)
     return lost, _disparity(reference, eyes, by_renderer) if len(by_renderer) == len(eyes) else None
@@ -295,7 +459,7 @@ def _disparity(
         seen = base / (base / distance + error)
     return Disparity(
         matched=int(np.isfinite(error).sum()),
-        disparity_arcmin=Quantiles.of(np.abs(error) * ARCMIN_PER_RADIAN),
-        depth=DepthShift.of(np.where(seen > 0, seen - distance, np.nan)),
-        change_arcsec=DepthShift.of(60 * ARCMIN_PER_RADIAN * error),
+        disparity_arcmin=_spread(Quantiles, np.abs(error) * ARCMIN_PER_RADIAN, 50, 99, 100),
+        depth=_spread(DepthShift, np.where(seen > 0, seen - distance, np.nan), 1, 50, 99),
+        change_arcsec=_spread(DepthShift, 60 * ARCMIN_PER_RADIAN * error, 1, 50, 99),
     )

@@ -23,12 +23,11 @@ import numpy as np
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN, SAME_PLACE
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arguments import real, settle
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
 
 
 def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> Floats:
@@ -43,7 +42,11 @@ def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustu
     fitted = settings.fitted_height(frustum)
     if fitted is not None:
         moved = moved * (fitted / (fitted + settings.near))
-    return np.where(distance <= _first_cut(settings), moved, distance)
+    return np.where(_in_first_slab(distance, settings), moved, distance)
+
+
+def _in_first_slab(distance: Floats, settings: DoubleFrustum) -> Mask:
+    return distance <= (settings.slabs[0] if settings.slabs else np.inf)
 
 
 def replayed_shifts(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> tuple[Floats, Floats]:
@@ -51,29 +54,8 @@ def replayed_shifts(distance: Floats, frustum: Frustum, settings: DoubleFrustum)
     moved = replayed_distance(distance, frustum, settings) - distance
     if settings.pivot is Pivot.CAMERA and settings.offset is Offset.PLATE:
         # The shear about the camera's own center draws points of the first slab a further k n aside.
-        return moved, np.where(distance <= _first_cut(settings), moved - settings.near, moved)
+        return moved, np.where(_in_first_slab(distance, settings), moved - settings.near, moved)
     return moved, moved
-
-
-def replayed_points(
-    points: Floats, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, side: int
-) -> Floats:
-    """Return P', on the lines on which an aperture replays drawn points, at the distance at which they cross.
-
-    The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind the plate,
-    where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer sees the points there.
-    """
-    shear, _ = film_window(frustum, aperture)
-    distance = -side * points[:, 2]
-    _, aside = replayed_shifts(distance, frustum, settings)
-    moved = points.copy()
-    moved[:, :2] += side * aside[:, None] * shear
-    moved[:, 2] = -side * replayed_distance(distance, frustum, settings)
-    return moved
-
-
-def _first_cut(settings: DoubleFrustum) -> float:
-    return settings.slabs[0] if settings.slabs else np.inf
 
 
 def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
@@ -82,18 +64,15 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
     return not frustum.recentered or straight or settings.offset is Offset.NONE
 
 
-ACUITY_ARCMIN = 1.0
-"""Smallest angle that a good eye resolves."""
-
-STEREO_ACUITY_ARCSEC = 20.0
-"""Smallest difference of disparity that most people tell from none."""
+ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
+"""Smallest angle that a good eye resolves, smallest difference of disparity that most people tell from none,
+and distance of two eyes."""
 
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Length of the units that are known by name."""
 
-EYES_APART_MM, PUPIL_MM, GREEN_MM = 65.0, 4.0, 550e-6
-"""Distance of two eyes, diameter of a pupil, and a wavelength to which eyes are most sensitive."""
-
+GREEN_MM = 550e-6
+"""A wavelength to which eyes are most sensitive."""
 
 ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
 
@@ -104,10 +83,7 @@ DEPTH_SAMPLES = 33
 def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
     """Return a length, a number and the name of its unit or None for the scene's own, in scene units.
 
-    Raises
-    ------
-    InputError
-        It has a unit, and either this unit or that of the scene is not known.
+    InputError where it has a unit, and either this unit or that of the scene is not known.
     """
     value, unit = length
     if unit is None or unit == scene.units:
@@ -127,17 +103,14 @@ def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
 class Viewer:
     """A pair of eyes straight before the plate, at a distance from it in scene units.
 
-    Raises
-    ------
-    InputError
-        A number is not positive and finite.
+    InputError where a number is not positive and finite.
     """
 
     distance: float
-    acuity_arcmin: float = ACUITY_ARCMIN  #: smallest angle
-    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC  #: and smallest difference of disparity that it tells
+    acuity_arcmin: float = ACUITY_ARCMIN
+    stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC
     eyes_apart_mm: float = EYES_APART_MM
-    pupil_mm: float = PUPIL_MM
+    pupil_mm: float = 4.0  #: diameter
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -178,23 +151,22 @@ class Display:
 class DisplayLimits:
     """What the display can show to a viewer, and which near offset he cannot see; lengths in scene units.
 
-    Content at the depth z is seen under |z|/R of `pixel_arcmin`. `behind` and `before` are depths of field:
-    distances from the plate up to which the display shows as fine as its hogels, or the viewer, allow,
-    infinite where pixels are fine enough for any depth. `near_stereo` is the largest near offset whose gap
-    changes the disparity across the plate by no more than stereo acuity; `near_crack` that whose gap opens no
-    crack that the viewer resolves, and that is wider than a hogel, in surfaces that run through the plate,
-    seen through its corners with pivot `aperture`; infinite where the corners are seen along the shear. What
-    depends on the length of the scene's unit is None where that is not known.
+    What depends on the length of the scene's unit is None where that is not known.
     """
 
     viewer: Viewer
-    pixel_arcmin: float  #: angle between the directions of neighboring pixels of a hogel
+    pixel_arcmin: float  #: angle between a hogel's neighboring pixels; |z|/R of it for content at the depth z
     pitch_arcmin: float  #: angle under which a hogel is seen
     diffraction_arcmin: float | None  #: no hogel holds finer angles
+    #: Depths of field: distances from the plate up to which the display shows as fine as its hogels, or the
+    #: viewer, allow; infinite where pixels are fine enough for any depth
     behind: float
     before: float
     rays_per_pupil: float | None  #: pixels of a hogel that a pupil catches along an axis
-    near_stereo: float | None
+    near_stereo: float | None  #: largest near whose gap changes disparity across the plate by stereo acuity
+    #: Largest near whose gap opens no crack that the viewer resolves, and that is wider than a hogel, in
+    #: surfaces that run through the plate, seen through its corners with pivot `aperture`; infinite where the
+    #: corners are seen along the shear
     near_crack: float
 
 
@@ -231,14 +203,10 @@ def gap_slope(display: Display, distance: float, aside: float = 1.0) -> float:
     aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of its corners. The c is
     `aside`: 1 with pivot `aperture`, 0 with pivot `camera`.
     """
-    slopes, screen = [], display.frustum.screen
-    for x in (-0.5, 0.5):
-        for y in (-0.5, 0.5):
-            corner, shear = np.array([x, y]) * display.size, np.zeros(2)
-            if screen is not None:
-                shear = (np.array(screen.center) - corner) / -screen.height
-            slopes.append(float(np.linalg.norm(aside * shear - corner / distance)))
-    return max(slopes)
+    corners = np.array([(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * display.size
+    screen = display.frustum.screen
+    shears = 0.0 * corners if screen is None else (np.array(screen.center) - corners) / -screen.height
+    return float(np.linalg.norm(aside * shears - corners / distance, axis=1).max())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,21 +218,16 @@ class Content:
     through: bool  #: whether a surface runs through the plate
 
     @property
-    def _sides(self) -> list[tuple[float, tuple[float, float]]]:
-        """Sign of the height, and the ends, of each side on which something is seen."""
-        sides = ((1.0, self.before), (-1.0, self.behind))
-        return [(sign, ends) for sign, ends in sides if ends is not None]
-
-    @property
     def heights(self) -> Floats:
-        """Heights z between the ends of both sides, scene units."""
-        sides = [sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in self._sides]
-        return np.concatenate([np.zeros(0), *sides])
+        """Heights z between the ends of both sides, scene units; the farthest of a side come last."""
+        sides = ((1.0, self.before), (-1.0, self.behind))
+        found = [sign * np.linspace(*ends, DEPTH_SAMPLES) for sign, ends in sides if ends is not None]
+        return np.concatenate([np.zeros(0), *found])
 
     @property
     def farthest(self) -> tuple[float, ...]:
         """Heights z of the farthest surfaces on each side, scene units."""
-        return tuple(sign * ends[1] for sign, ends in self._sides)
+        return tuple(self.heights[DEPTH_SAMPLES - 1 :: DEPTH_SAMPLES].tolist())
 
 
 def runs_through_plate(scene: Scene) -> bool:
@@ -300,13 +263,7 @@ def require_before_viewer(scene: Scene, content: Content, viewer: Viewer) -> Non
 
 
 def eyes_apart(viewer: Viewer, display: Display) -> float:
-    """Return the distance of a viewer's eyes, scene units.
-
-    Raises
-    ------
-    InputError
-        The length of the scene's unit is not known.
-    """
+    """Return the distance of a viewer's eyes, scene units; InputError where it is not known."""
     if display.millimeters is None:
         raise InputError(
             "what two eyes see depends on their distance: name the scene's units, one of "
@@ -318,15 +275,12 @@ def eyes_apart(viewer: Viewer, display: Display) -> float:
 def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings: DoubleFrustum) -> Floats:
     """Return by how much the disparity of points at some heights changes, arc seconds; less where farther.
 
-    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
-
-    Notes
-    -----
-    The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as `moved` has
-    it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss behind the plate. The eye
-    e at the height L sees it through that aperture a for which all three lie on one line. With K = sigma c/ss
-    and S = L + s + sigma m, the slope of this line falls with e as -(1 + K)/(S + L K), and that of the true
-    line as -1/(L + s). Both are linear in e: what is said of the disparity of two eyes is exact.
+    The heights z are below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it. The point
+    P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as `moved` has it: m in
+    depth, c times the shear k = (middle - a)/ss aside, with the screen ss behind the plate. The eye e at the
+    height L sees it through that aperture a for which all three lie on one line. With K = sigma c/ss and
+    S = L + s + sigma m, the slope of this line falls with e as -(1 + K)/(S + L K), and that of the true line
+    as -1/(L + s). Both are linear in e: what is said of the disparity of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
     # The zero at which the side before the plate begins is another one than that of the side behind it.
@@ -396,9 +350,8 @@ def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> f
     Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times `gap_slope`.
     """
     moved, aside = (float(one[0]) for one in replayed_shifts(np.zeros(1), display.frustum, settings))
-    if settings.offset is Offset.NONE:
-        # What is nearer than n is clipped on both sides.
-        moved = settings.near
+    # Without an offset what is nearer than n is clipped on both sides.
+    moved = settings.near if settings.offset is Offset.NONE else moved
     if not moved:
         return 0.0
     slope = gap_slope(display, viewer.distance, aside / moved)
@@ -419,8 +372,7 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
 def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) -> tuple[str, float, float]:
     """Return what hides a crack, how wide it may be, and how wide it is, arc minutes.
 
-    Its edges are seen in front of and behind the plate, as far as halves are moved: there the display has the
-    blurs of its pixels and of diffraction.
+    Its edges are seen as far from the plate as halves are moved: there pixels and diffraction blur.
     """
     edge = -float(replayed_shifts(np.zeros(1), display.frustum, settings)[0][0])
     blurs = {"acuity": viewer.acuity_arcmin, **blur_arcmin(edge, viewer, display)}
@@ -431,8 +383,8 @@ def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) ->
 def resolved_separation(height: float, viewer: Viewer, display: Display) -> tuple[str, float]:
     """Return what limits the depths that can be told apart at a height, and their smallest difference.
 
-    Two eyes tell two surfaces apart whose disparities differ by more than stereo acuity, and by more than the
-    display's own blur there: pitch, pixels, diffraction. The difference is in scene units.
+    Two eyes tell surfaces apart whose disparities differ by more than stereo acuity, and by more than the
+    display's own blur there. The difference is in scene units.
     """
     angles = {"stereo acuity": viewer.stereo_acuity_arcsec / 60, **blur_arcmin(height, viewer, display)}
     name, angle = max(angles.items(), key=lambda item: item[1])
@@ -446,9 +398,6 @@ def resolved_separation(height: float, viewer: Viewer, display: Display) -> tupl
 def finest_separation(
     heights: Iterable[float], viewer: Viewer, display: Display
 ) -> tuple[str, float, float] | None:
-    """Return the smallest separation that can be told apart at some heights, what limits it, and the height.
-
-    None where there are no heights.
-    """
+    """Return what limits the smallest separation that is told apart at some heights, it, and its height."""
     found = [(*resolved_separation(height, viewer, display), height) for height in heights]
     return min(found, key=lambda one: one[1]) if found else None

@@ -32,7 +32,7 @@ from xfrustum.reports.blocks import HERE, Engine, open_workers
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
-from xfrustum.reports.eye.plan_replay import ReplayWorkbench
+from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.model.scene import Scene

@@ -23,8 +23,8 @@ from .reports.exchange.convert import ConversionOptions as ConversionOptions
 from .reports.exchange.convert import convert as convert
 from .reports.explain import EffectsPlan as EffectsPlan
 from .reports.explain import explain as explain
-from .reports.eye.view import SceneView as SceneView
-from .reports.eye.view import view as view
+from .reports.eye import SceneView as SceneView
+from .reports.eye import view as view
 from .reports.planning import make_plan as make_plan
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles

@@ -1,4 +1,4 @@
-"""A scene that a viewer sees where cameras step back (`compare.eye.noticeable`): cut and moved triangles."""
+"""What a viewer sees where cameras step back (`compare.eye.noticeable`): moved points, and a moved scene."""
 
 from __future__ import annotations
 
@@ -6,9 +6,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
-from xfrustum.scenes import DoubleFrustum, Frustum, Offset, Scene, SceneObject
+from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance, replayed_shifts
+from xfrustum.reference.lines.lines import film_window
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Offset, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices, Mask
+
+
+def replayed_points(
+    points: Floats, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, side: int
+) -> Floats:
+    """Return P', on the lines on which an aperture replays drawn points, at the distance at which they cross.
+
+    The points (N, 3), scene units, are all on one side of the plate or in it: `side` is 1 behind the plate,
+    where C draws, and -1 before it. Where P' does not depend on the aperture, a viewer sees the points there.
+    """
+    shear, _ = film_window(frustum, aperture)
+    distance = -side * points[:, 2]
+    _, aside = replayed_shifts(distance, frustum, settings)
+    moved = points.copy()
+    moved[:, :2] += side * aside[:, None] * shear
+    moved[:, 2] = -side * replayed_distance(distance, frustum, settings)
+    return moved
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,14 +10,18 @@ import pytest
 
 from tests.support.moved_scene import moved_scene
 from tests.support.views import reversed_d32f, view
-from xfrustum.compare.eye.loss import Views, disparity, display_loss, renderer_loss, shown_at
-from xfrustum.compare.eye.shown import (
+from xfrustum.compare.eye.loss import (
     DEFAULT_COLOR,
     Collector,
     DrawnHogel,
+    Views,
     collected,
+    disparity,
+    display_loss,
     drawn_hogels,
     film_parts,
+    renderer_loss,
+    shown_at,
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.moved_scene import moved_scene
+from tests.support.moved_scene import moved_scene, replayed_points
 from tests.support.views import at, reversed_d32f, view
-from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance, replayed_points
+from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
 from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.reference import Reference

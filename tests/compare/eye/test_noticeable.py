@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.moved_scene import replayed_points
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
@@ -24,7 +25,6 @@ from xfrustum.compare.eye.noticeable import (
     crack_arcmin,
     disparity_changes,
     display_limits,
-    replayed_points,
     resolved_crack,
     resolved_separation,
     runs_through_plate,

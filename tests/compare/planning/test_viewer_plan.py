@@ -15,15 +15,16 @@ from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding
 from xfrustum.compare.planning.views import Quality, Requirement
 from xfrustum.compare.sampling import RandomSample
-from xfrustum.reports.eye.plan_replay import (
+from xfrustum.reports.planning import (
     PlannedRecord,
     Replayed,
     exceeded,
+    make_viewer_plan,
     planned_record,
     planned_table,
     replayed_plan,
+    table,
 )
-from xfrustum.reports.planning import make_viewer_plan, table
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 
 

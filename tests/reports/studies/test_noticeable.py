@@ -20,7 +20,7 @@ from xfrustum.compare.eye.noticeable import (
     surface_content,
 )
 from xfrustum.compare.sampling import share_at_most
-from xfrustum.reports.eye.plan_replay import ReplayWorkbench
+from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies import noticeable
 from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns, rule_near
 from xfrustum.reports.studies.sweep import read_rows
