@@ -11,7 +11,6 @@ exchange/         The exchange with other programs: plates in layouts of files, 
                   renderers
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
-eye               What eyes see of a scene, of its replayed truth and of hogels, as a page and as files
 figure7           The paper's figure 7 as a page
 inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
 parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
@@ -23,4 +22,5 @@ studies/          Two studies of many scenes: when to split, and what viewers no
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trace             The truth of one aperture to a file, in the memory of a band
 verification/     The verification of foreign renderers: sources, verdict, files
+view              What eyes see of a scene, of its replayed truth and of hogels, as a page and as files
 """

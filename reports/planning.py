@@ -41,7 +41,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
-from xfrustum.reports.eye import Drawing, stereo_eyes
+from xfrustum.reports.view import Drawing, stereo_eyes
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.eye import Eye

@@ -26,8 +26,8 @@ from xfrustum.compare.eye.loss import (
 from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.eye import Drawing, shown
 from xfrustum.reports.planning import make_plan, make_viewer_plan
+from xfrustum.reports.view import Drawing, shown
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage

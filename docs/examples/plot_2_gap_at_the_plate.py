@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum import DoubleFrustum, Eye, open_scene, view
-from xfrustum.reports.eye import Drawing
+from xfrustum.reports.view import Drawing
 
 # %%
 # A scene with parts on both sides of the plate, seen from 600 mm. To make the gap

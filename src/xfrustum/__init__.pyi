@@ -23,8 +23,6 @@ from .reports.exchange.convert import ConversionOptions as ConversionOptions
 from .reports.exchange.convert import convert as convert
 from .reports.explain import EffectsPlan as EffectsPlan
 from .reports.explain import explain as explain
-from .reports.eye import SceneView as SceneView
-from .reports.eye import view as view
 from .reports.planning import make_plan as make_plan
 from .reports.planning import plan as plan
 from .reports.plate.plate import PlateFiles as PlateFiles
@@ -42,6 +40,8 @@ from .reports.verification.baseline import baseline as baseline
 from .reports.verification.verdict import Verification as Verification
 from .reports.verification.verification import VerifyOptions as VerifyOptions
 from .reports.verification.verification import verify as verify
+from .reports.view import SceneView as SceneView
+from .reports.view import view as view
 from .scenes import Aperture as Aperture
 from .scenes import Camera as Camera
 from .scenes import Cull as Cull

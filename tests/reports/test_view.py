@@ -14,7 +14,7 @@ from PIL import Image
 
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.eye import eyes_on_path
+from xfrustum.reports.view import eyes_on_path
 from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye

@@ -11,7 +11,7 @@ from xfrustum.cli.light import light_options
 from xfrustum.cli.options import FOLDER, POSITIVE, RESOLUTION, TEXT, TILES, choice, option, several
 
 if TYPE_CHECKING:
-    from xfrustum.reports.eye import Source
+    from xfrustum.reports.view import Source
     from xfrustum.scenes.model.eye import Eye
     from xfrustum.scenes.model.scene import Scene
 
@@ -49,7 +49,7 @@ class _Asked(options.Measured):
 
     def eyes(self) -> tuple[Eye, ...]:
         """Return the eyes, along the path if there is one."""
-        from xfrustum.reports.eye import eyes_on_path
+        from xfrustum.reports.view import eyes_on_path
         from xfrustum.scenes.model.eye import Eye
 
         film = options.present(**self.film)
@@ -57,7 +57,7 @@ class _Asked(options.Measured):
 
     def source(self, scene: Scene) -> Source | None:
         """Return where the hogels come from; None where none are asked for."""
-        from xfrustum.reports.eye import Drawing, Images, StoredPlate
+        from xfrustum.reports.view import Drawing, Images, StoredPlate
         from xfrustum.scenes.files.foreign_images import Encoding
 
         if self.settings is not None:
@@ -83,8 +83,8 @@ def view(asked: _Asked) -> None:
     if asked.encoding is not None and asked.images is None:
         raise click.UsageError("--encoding says what pixels of --images hold: give both")
     opened = asked.light.applied(options.open_scene(asked.scene))
-    from xfrustum.reports.eye import file_names, quilt_names, table, write_quilt, write_view
-    from xfrustum.reports.eye import view as viewed
+    from xfrustum.reports.view import file_names, quilt_names, table, write_quilt, write_view
+    from xfrustum.reports.view import view as viewed
 
     eyes = asked.eyes()
     if quilt is not None and (out is None or len(eyes) > 1 or stereo is not None):

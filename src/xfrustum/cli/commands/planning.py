@@ -117,8 +117,7 @@ def plan(asked: _Plan) -> None:
     how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
     if asked.eyes:
         from xfrustum.compare.eye.noticeable import Viewer, scene_length
-        from xfrustum.reports.planning import planned_record, planned_table, replayed_plan
-        from xfrustum.reports.planning import make_viewer_plan
+        from xfrustum.reports.planning import make_viewer_plan, planned_record, planned_table, replayed_plan
 
         distance = scene_length(asked.eyes.pop("viewer"), opened)
         viewer = Viewer(distance=distance, **{_VIEWER_FIELDS[name]: it for name, it in asked.eyes.items()})
