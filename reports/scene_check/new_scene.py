@@ -14,7 +14,7 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.files.patches import load_patches
+from xfrustum.scenes.geometry.tessellation import load_patches
 
 FOV_DEG, RESOLUTION = 60.0, 512
 """Full angle of both axes, and pixels along each side of a hogel image, as in the built-in scenes."""

@@ -2,11 +2,9 @@
 
 layouts           Layouts: the ways in which people store the pictures of a plate, as a table
 meshes            Mesh files through trimesh: geometry, colors and textures, and nothing that it makes up
-patches           Bezier patch files (`.bpt`), tessellated to a chord tolerance
 exr               Hogel images and other pictures as OpenEXR files
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
 pictures          Pictures, videos and environment maps as arrays
 plate_files       The pixels of a plate in files of any layout: found, read row by row, and written
-scene_content     The content of a scene file: its checked tables turned into objects, materials and lights
 scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, checked key by key
 """

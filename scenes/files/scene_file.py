@@ -1,6 +1,6 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-What can be checked without arrays is checked here, before what reads meshes is loaded (`scene_content`).
+What can be checked without the files that it names is checked before the first mesh is read.
 """
 
 from __future__ import annotations
@@ -13,12 +13,20 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
+from types import MappingProxyType
+from typing import Annotated, Any, Self, get_args
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from xfrustum.scenes.appearance.appearance import LARGEST_COEFFICIENT, DirectionalLight, Material
+from xfrustum.scenes.appearance.appearance import (
+    DEFAULT_LIGHT,
+    LARGEST_COEFFICIENT,
+    Appearance,
+    DirectionalLight,
+    Material,
+)
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
 from xfrustum.scenes.disk.input_files import (
     SCENE_FILE_SIZE,
@@ -29,11 +37,11 @@ from xfrustum.scenes.disk.input_files import (
 )
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry import SHAPE_NAMES
+from xfrustum.scenes.geometry.operations import magnification, place, placement, smoothed
+from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
-
-if TYPE_CHECKING:
-    from xfrustum.scenes.model.scene import Scene
 
 Location = tuple[int | str, ...]
 
@@ -59,39 +67,29 @@ Color = Annotated[tuple[Coefficient, Coefficient, Coefficient], BeforeValidator(
 ColorShare = Annotated[tuple[Share, Share, Share], BeforeValidator(_gray)]
 
 
-class Table(BaseModel):
-    """A table of a scene file, which refuses unknown keys."""
-
+class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class PlateTable(Table):
-    """The table `[plate]`."""
-
+class _PlateTable(_Table):
     size: tuple[Positive, Positive]
     hogels: tuple[Count, Count]
 
 
-class ScreenTable(Table):
-    """The table `frustum.screen`."""
-
+class _ScreenTable(_Table):
     height: Number
     center: Pair
     size: Pair
 
 
-class FrustumTable(Table):
-    """The table `[frustum]`; its field of view or its screen."""
-
+class _FrustumTable(_Table):
     resolution: tuple[Count, Count]
     fov_deg: tuple[Angle, Angle] | None = None
-    screen: ScreenTable | None = None
+    screen: _ScreenTable | None = None
     reach: tuple[Positive, Positive]
 
 
-class ObjectTable(Table):
-    """One table `[[object]]`."""
-
+class _ObjectTable(_Table):
     mesh: Text | None = None
     shape: Text | None = None
     transform: tuple[Row, Row, Row, Row] | None = None
@@ -120,13 +118,10 @@ class ObjectTable(Table):
 
     @property
     def is_patches(self) -> bool:
-        """Whether the mesh file holds Bezier patches."""
         return self.mesh is not None and self.mesh.lower().endswith(".bpt")
 
 
-class MaterialTable(Table):
-    """One table `[material.NAME]`; its defaults are those of `Material`."""
-
+class _MaterialTable(_Table):
     ambient: Color = Material.ambient
     diffuse: Color = Material.diffuse
     specular: Color = Material.specular
@@ -134,60 +129,59 @@ class MaterialTable(Table):
     reflectivity: ColorShare = Material.reflectivity
 
 
-class LightTable(Table):
-    """One table `[[light]]`."""
-
+class _LightTable(_Table):
     direction: Triple
     color: Color = DirectionalLight.color
 
 
-class EnvironmentTable(Table):
-    """The table `[environment]`."""
-
+class _EnvironmentTable(_Table):
     map: Text
     strength: Annotated[Number, Field(ge=0)] = 1.0
 
 
-class SamplingTable(Table):
-    """The table `[sampling]`."""
-
+class _SamplingTable(_Table):
     supersample: Samples = Sampling.supersample
     multisample: Samples = Sampling.multisample
     aperture: Samples = Sampling.aperture
 
 
-class TransportTable(Table):
-    """The table `[transport]`."""
-
+class _TransportTable(_Table):
     shadows: Switch = Transport.shadows
     interreflection: Switch = Transport.interreflection
     samples: Annotated[int, Field(strict=True, ge=2, le=MAX_SAMPLES)] = Transport.samples
 
 
-class SceneTables(Table):
-    """All tables of a scene file."""
-
+class _SceneTables(_Table):
     name: Text | None = None
     units: Text = "units"
-    plate: PlateTable
-    frustum: FrustumTable
-    objects: list[ObjectTable] = Field([], alias="object")
-    material: dict[str, MaterialTable] = {}
-    lights: list[LightTable] | None = Field(None, alias="light")
-    environment: EnvironmentTable | None = None
-    sampling: SamplingTable = SamplingTable()
-    transport: TransportTable = TransportTable()
+    plate: _PlateTable
+    frustum: _FrustumTable
+    objects: list[_ObjectTable] = Field([], alias="object")
+    material: dict[str, _MaterialTable] = {}
+    lights: list[_LightTable] | None = Field(None, alias="light")
+    environment: _EnvironmentTable | None = None
+    sampling: _SamplingTable = _SamplingTable()
+    transport: _TransportTable = _TransportTable()
 
 
 def read_scene(path: Path) -> Scene:
     """Read a scene file, its meshes and its map; InputError names the file, the key, and the fault."""
     file, plate, frustum = checked(path)
-    from xfrustum.scenes.files.scene_content import scene_of  # noqa: PLC0415 - loads NumPy
+    return Scene(
+        name=file.name or path.stem,
+        units=file.units,
+        plate=plate,
+        frustum=frustum,
+        objects=tuple(_object(path, entry, index) for index, entry in enumerate(file.objects)),
+        # An absolute path, so that an image can be compared from another folder.
+        source=str(path.absolute()),
+        appearance=_appearance(path, file),
+        sampling=Sampling(**file.sampling.model_dump()),
+        transport=Transport(**file.transport.model_dump()),
+    )
 
-    return scene_of(path, file, plate, frustum)
 
-
-def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
+def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
     try:
         tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
@@ -197,7 +191,7 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
     except RecursionError as error:
         raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
     try:
-        file = SceneTables.model_validate(tables)
+        file = _SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
         check_hogels(*plate.hogels)
         screen, fov_deg = file.frustum.screen, file.frustum.fov_deg
@@ -208,7 +202,7 @@ def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
             screen=None if screen is None else Screen(**screen.model_dump()),
         )
     except ValidationError as error:
-        raise InputError(f"{path}: {described(error, SceneTables)}") from error
+        raise InputError(f"{path}: {described(error, _SceneTables)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     # Names of materials and files that there are not are refused before the first mesh is read.
@@ -245,8 +239,12 @@ def described(error: ValidationError, tables: type[BaseModel]) -> str:
     key = dotted(location)
     if problem["type"] == "extra_forbidden":
         *table, unknown = location
-        valid = [field.alias or name for name, field in _table_at(tables, location).model_fields.items()]
-        nearest = difflib.get_close_matches(str(unknown), valid, n=1, cutoff=0.0)
+        for part in (*table, None):
+            fields = {field.alias or name: field for name, field in tables.model_fields.items()}
+            # Numbers count tables of a list, and other parts that are no keys name one table out of many.
+            if part in fields:
+                tables = next(_models_in(fields[str(part)].annotation), tables)
+        nearest = difflib.get_close_matches(str(unknown), list(fields), n=1, cutoff=0.0)
         return f"unknown key {key}; the nearest valid key is {dotted((*table, *nearest))}"
     if problem["type"] == "missing":
         return f"{key} is missing"
@@ -267,19 +265,67 @@ def dotted(location: Location) -> str:
     return "".join(keys).removeprefix(".")
 
 
-def _table_at(table: type[BaseModel], location: Location) -> type[BaseModel]:
-    """Return the model of the table in which a location lies."""
-    for part in location[:-1]:
-        fields = {field.alias or name: field for name, field in table.model_fields.items()}
-        # Numbers count tables of a list, and other parts that are no keys name one table out of many.
-        if part in fields:
-            table = next(_models_in(fields[str(part)].annotation), table)
-    return table
-
-
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the models inside an annotation such as `list[ObjectTable]` or `ScreenTable | None`."""
+    """Yield the models inside an annotation such as `list[_ObjectTable]` or `_ScreenTable | None`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for argument in get_args(annotation):
         yield from _models_in(argument)
+
+
+def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
+    if entry.transform is not None:
+        matrix = np.array(entry.transform, dtype=np.float64)
+        linear, fault = matrix[:3, :3], ""
+        # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor overflows.
+        largest = np.abs(linear).max()
+        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            fault = f"its last row is {matrix[3].tolist()}"
+        elif largest == 0 or np.linalg.matrix_rank(linear / largest) < 3:
+            fault = "its upper left 3 x 3 numbers are singular"
+        if fault:
+            raise InputError(
+                f"{path}: object[{index}].transform must be four rows of four numbers, the last [0, 0, 0, 1],"
+                f" and not singular: {fault}"
+            )
+    else:
+        origin = (0.0, 0.0, 0.0)
+        matrix = placement(entry.scale or 1.0, entry.rotate_deg or origin, entry.translate or origin)
+    with named(path, f"object[{index}].{'shape' if entry.mesh is None else 'mesh'}"):
+        if entry.mesh is None:
+            part = build_shape(str(entry.shape), material=entry.material)
+        elif entry.is_patches:
+            from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415 - loads SciPy's graphs
+
+            # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
+            tolerance = entry.chord_tolerance
+            own = None if tolerance is None else tolerance / magnification(matrix)
+            part = load_patches(path.parent / entry.mesh, chord_tolerance=own, material=entry.material)
+        else:
+            from xfrustum.scenes.files.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
+
+            part = load_mesh(path.parent / entry.mesh, material=entry.material)
+        return place(smoothed(part) if entry.smooth else part, matrix)
+
+
+def _appearance(path: Path, file: _SceneTables) -> Appearance:
+    """Return materials and lights; a file that names neither a light nor an environment gets one light."""
+    materials = {name: Material(**table.model_dump()) for name, table in file.material.items()}
+    lights, environment = [], None
+    for index, table in enumerate(file.lights or ()):
+        try:
+            lights.append(DirectionalLight(**table.model_dump()))
+        except InputError as error:
+            raise InputError(f"{path}: light[{index}].{error}") from error
+    if file.environment is not None:
+        from xfrustum.scenes.files.pictures import read_environment  # noqa: PLC0415 - loads OpenEXR
+
+        with named(path, "environment.map"):
+            map_file, strength = path.parent / file.environment.map, file.environment.strength
+            environment = read_environment(map_file, strength=strength)
+    unlit = file.lights is None and file.environment is None
+    return Appearance(
+        materials=MappingProxyType(materials),
+        lights=(DEFAULT_LIGHT,) if unlit else tuple(lights),
+        environment=environment,
+    )

@@ -20,8 +20,8 @@ from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, inp
 from xfrustum.scenes.files.exr import read_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.files.patches import load_patches
 from xfrustum.scenes.files.pictures import read_environment, read_rgb
+from xfrustum.scenes.geometry.tessellation import load_patches
 
 GIBIBYTE = 1 << 30
 FILM = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))

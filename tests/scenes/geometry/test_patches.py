@@ -16,12 +16,13 @@ from scipy.spatial import cKDTree
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.files.patches import load_patches, read_patches
 from xfrustum.scenes.geometry.tessellation import (
     cut,
     evenly,
+    load_patches,
     matched_steps,
     normals,
+    read_patches,
     second_derivative_bounds,
     steps_for,
     surface,
