@@ -84,10 +84,24 @@ def read_picture(path: Path) -> Picture:
         pixels, _ = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
         half = pixels.dtype == np.float16
         return Picture(pixels=pixels if half else pixels.astype(np.float32), levels=None)
-    if _P6_HEADER.match(head):
-        return _read_ppm(path)
-    rgb, lossy = read_rgb(path)
-    return Picture(pixels=rgb, lossy=lossy)
+    if not _P6_HEADER.match(head):
+        rgb, lossy = read_rgb(path)
+        return Picture(pixels=rgb, lossy=lossy)
+    with bounded_memory(path):
+        content = path.read_bytes()
+    found = _P6_HEADER.match(content)
+    assert found is not None
+    width, height, levels = (int(number) for number in found.groups())
+    if not 0 < levels < 1 << 16:
+        raise InputError(f"{path}: the image is damaged (largest level {levels})")
+    dtype = np.dtype(">u2" if levels > BYTE_LEVELS else np.uint8)
+    if len(content) - found.end() < 3 * width * height * dtype.itemsize:
+        raise InputError(f"{path}: the image is damaged (it ends too early)")
+    stored = np.frombuffer(content, dtype, count=3 * width * height, offset=found.end())
+    native = stored.astype(dtype.newbyteorder("="))
+    if native.max(initial=0) > levels:
+        raise InputError(f"{path}: the image is damaged (a level lies above {levels})")
+    return Picture(pixels=native.reshape(height, width, 3), levels=levels)
 
 
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
@@ -113,24 +127,6 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         raise InputError(
             f"{path}: cannot hold {pixels.dtype.name}; .png holds 8 bits, .ppm integers, .exr floating point"
         )
-
-
-def _read_ppm(path: Path) -> Picture:
-    with bounded_memory(path):
-        content = path.read_bytes()
-    found = _P6_HEADER.match(content)
-    assert found is not None
-    width, height, levels = (int(number) for number in found.groups())
-    if not 0 < levels < 1 << 16:
-        raise InputError(f"{path}: the image is damaged (largest level {levels})")
-    dtype = np.dtype(">u2" if levels > BYTE_LEVELS else np.uint8)
-    if len(content) - found.end() < 3 * width * height * dtype.itemsize:
-        raise InputError(f"{path}: the image is damaged (it ends too early)")
-    stored = np.frombuffer(content, dtype, count=3 * width * height, offset=found.end())
-    native = stored.astype(dtype.newbyteorder("="))
-    if native.max(initial=0) > levels:
-        raise InputError(f"{path}: the image is damaged (a level lies above {levels})")
-    return Picture(pixels=native.reshape(height, width, 3), levels=levels)
 
 
 def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Bytes, bool]:
@@ -255,17 +251,16 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative or not
     finite.
     """
-    openexr = head_of(path, "environment map", len(MAGIC)) == MAGIC
     with bounded_memory(path):
-        radiance = _of_openexr(path) if openexr else _of_radiance(path)
-        return Environment(radiance=radiance, strength=strength, name=str(path))
-
-
-def _of_openexr(path: Path) -> Singles:
-    radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
-    if str(header["dataWindow"]) != str(header["displayWindow"]):
-        raise InputError(f"{path}: is a part of a picture only; an environment map has all directions")
-    return radiance.astype(np.float32)
+        if head_of(path, "environment map", len(MAGIC)) == MAGIC:
+            radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
+            if str(header["dataWindow"]) != str(header["displayWindow"]):
+                raise InputError(
+                    f"{path}: is a part of a picture only; an environment map has all directions"
+                )
+        else:
+            radiance = _of_radiance(path)
+        return Environment(radiance=radiance.astype(np.float32), strength=strength, name=str(path))
 
 
 def _of_radiance(path: Path) -> Singles:

@@ -65,15 +65,12 @@ def refine(scene: Scene, levels: int) -> Scene:
     Triangle t becomes 4 t to 4 t + 3. A middle has the mean of its ends' normals, colors and texture
     coordinates, not made a unit vector: interpolation over a triangle is then the same over its parts.
     """
-    objects = scene.objects
     for _ in range(levels):
-        objects = tuple(_in_four(part) for part in objects)
-    return replace(scene, objects=objects)
+        scene = replace(scene, objects=tuple(map(_in_four, scene.objects)))
+    return scene
 
 
 def _in_four(part: SceneObject) -> SceneObject:
-    """Split every triangle of an object in four, sharing the new vertices of shared edges."""
-
     def with_middles(values: Floats | None) -> Floats | None:
         """Append the mean over each edge's ends to values at vertices, (V, N); NaN where an end has none."""
         return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])

@@ -247,12 +247,9 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
         return bands[0]
     whole: dict[str, Any] = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
     opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
-    whole["second_opinion"] = partial(_asked, opinions) if len(opinions) == len(bands) else None
+    asked = None if len(opinions) < len(bands) else lambda: np.concatenate([one() for one in opinions])
+    whole["second_opinion"] = asked
     for name in (item.name for item in fields(HogelImage) if item.name not in whole):
         parts = [getattr(band, name) for band in bands]
         whole[name] = None if any(part is None for part in parts) else np.concatenate(parts)
     return HogelImage(**whole)
-
-
-def _asked(opinions: Sequence[Callable[[], Mask]]) -> Mask:
-    return np.concatenate([opinion() for opinion in opinions])

@@ -198,7 +198,16 @@ class Scene(Shown):
         for number, part in enumerate(self.objects):
             one_of(part, SceneObject, f"object {number} of a scene")
         lengths = [*self.plate.size, *self.frustum.reach]
-        corners = [self._largest_coordinate(part) for part in self.objects]
+        for part in self.objects:
+            coordinates = np.abs(part.vertices)
+            smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
+            if smallest < SMALLEST_COORDINATE:
+                raise InputError(
+                    f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
+                    f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it to "
+                    "zero, or scale the mesh"
+                )
+        corners = [float(np.abs(part.vertices).max()) for part in self.objects]
         screen = self.frustum.screen
         if screen is not None:
             lengths += [abs(screen.height), *screen.size, *(abs(c) for c in screen.center if c)]
@@ -215,18 +224,6 @@ class Scene(Shown):
                 f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
                 "which is what 32-bit images can hold; choose another unit of length"
             )
-
-    def _largest_coordinate(self, part: SceneObject) -> float:
-        """Return the largest absolute coordinate of an object; InputError where one is tiny, but not zero."""
-        coordinates = np.abs(part.vertices)
-        smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
-        if smallest < SMALLEST_COORDINATE:
-            raise InputError(
-                f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
-                f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it to "
-                "zero, or scale the mesh"
-            )
-        return float(coordinates.max())
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -110,10 +110,16 @@ class DoubleFrustum:
             )
         if not all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf))):
             raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
-        settle(self, near=near, slabs=slabs, fit=_fit(self.fit))
-        kinds = (DepthFormat, DepthMapping, Camera, Pivot, Offset, Cull)
-        names = ("depth", "mapping", "camera", "pivot", "offset", "cull")
-        for name, kind in zip(names, kinds, strict=True):
+        fit: Fit | float | None = None
+        if isinstance(self.fit, str) and self.fit in list(Fit):
+            fit = Fit(self.fit)
+        elif self.fit is not None:
+            fit = real(self.fit)
+            if not (math.isfinite(fit) and fit > 0):
+                raise InputError(f"fit must be angle, screen, or a positive height, not {self.fit!r}")
+        settle(self, near=near, slabs=slabs, fit=fit)
+        kinds = {"depth": DepthFormat, "mapping": DepthMapping, "camera": Camera}
+        for name, kind in (kinds | {"pivot": Pivot, "offset": Offset, "cull": Cull}).items():
             settle(self, **{name: choice(kind, getattr(self, name), name)})
 
     def check_against(self, frustum: Frustum) -> None:
@@ -152,13 +158,3 @@ class DoubleFrustum:
     def depth_label(self) -> str:
         """Format and mapping as people write them, such as `D24 standard`."""
         return f"{self.depth.upper()} {self.mapping}"
-
-
-def _fit(given: Fit | float | None) -> Fit | float | None:
-    """Return a fit as a name or a positive height; None where it is None."""
-    if given is None or (isinstance(given, str) and given in list(Fit)):
-        return None if given is None else Fit(given)
-    height = real(given)
-    if not (math.isfinite(height) and height > 0):
-        raise InputError(f"fit must be angle, screen, or a positive height, not {given!r}")
-    return height

@@ -104,14 +104,10 @@ class ApertureBlocks(Sequence[Aperture]):
         """Return the number of different apertures."""
         # Rows between two neighboring ends of blocks lie in the same blocks, and have the same columns.
         ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
-        total = 0
-        for start, stop in pairwise(ends):
-            columns, reached = 0, 0
-            for span in sorted((c for c, rows in self.blocks if start in rows), key=lambda one: one.start):
-                columns += max(0, span.stop - max(span.start, reached))
-                reached = max(reached, span.stop)
-            total += (stop - start) * columns
-        return total
+        return sum(
+            (stop - start) * len(set[int]().union(*(c for c, rows in self.blocks if start in rows)))
+            for start, stop in pairwise(ends)
+        )
 
     @overload
     def __getitem__(self, index: int) -> Aperture: ...
