@@ -46,10 +46,7 @@ class Region:
 
     @classmethod
     def of(
-        cls,
-        scene: Scene,
-        apertures: Iterable[Aperture] | None = None,
-        settings: Sequence[DoubleFrustum] = (),
+        cls, scene: Scene, apertures: Iterable[Aperture] | None = None, settings: Sequence[DoubleFrustum] = ()
     ) -> Region:
         """Return the region of drawn images of some apertures with their cells; None for all of the plate.
 

@@ -152,11 +152,7 @@ def test_an_exception_between_bands_leaves_the_old_file_and_nothing_else(tmp_pat
 def test_rows_that_are_too_short_too_many_or_too_few_are_bugs(tmp_path: Path) -> None:
     path, image = tmp_path / "image.exr", an_image()
     narrow = replace(image, triangle=image.triangle[:, 1:])
-    mistakes = [
-        [narrow],
-        [image, image],
-        [rows(image, 0, 4)],
-    ]
+    mistakes = [[narrow], [image, image], [rows(image, 0, 4)]]
     for bands in mistakes:
         with pytest.raises(ValueError, match="row"), image_writer(path, image.camera) as write:
             for band in bands:

@@ -206,10 +206,7 @@ def test_pleno_has_ten_bits_big_endian(tmp_path: Path) -> None:
     assert first == round(int(before.pixels[0, 0, 4, 1, 0]) * 1023 / 255)
 
 
-@pytest.mark.parametrize(
-    ("name", "first", "size"),
-    [("quilt", (1, 0), (3, 2)), ("cubevi", (0, 0), (8, 5))],
-)
+@pytest.mark.parametrize(("name", "first", "size"), [("quilt", (1, 0), (3, 2)), ("cubevi", (0, 0), (8, 5))])
 def test_the_first_view_of_a_quilt_is_that_of_the_leftmost_eye(
     name: str, first: tuple[int, int], size: tuple[int, int], tmp_path: Path
 ) -> None:
