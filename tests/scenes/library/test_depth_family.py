@@ -14,47 +14,33 @@ from xfrustum.scenes.library import depth_family
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, SeenScene, balanced_height, cars
 from xfrustum.scenes.library.targets import GLOBE_REACH, GLOBES, globes
 
-SIZE = (48, 48)
-
-
-def triangles(seen: SeenScene) -> Numbers:
-    return Reference(seen.scene).trace(seen.aperture).triangle
-
-
-def one_side(ratio: float) -> SeenScene:
-    scene = cars(ratio, Camera.C, SIZE)
-    return SeenScene(scene=scene, aperture=scene.plate.middle)
-
-
-@pytest.mark.parametrize(("ratio", "camera"), [(CAR_RATIO, Camera.C), (1000.0, Camera.C_STAR)])
-def test_surfaces_reach_from_the_nearest_to_the_farthest_height_of_their_side(
-    ratio: float, camera: Camera
-) -> None:
-    heights = cars(ratio, camera, (8, 8)).vertices[:, 2] * (-1 if camera is Camera.C else 1)
-    assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
-    assert heights.max() / heights.min() == pytest.approx(ratio, rel=1e-12)
+SIZE = (32, 32)
 
 
 def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
     """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
-    first = triangles(one_side(CAR_RATIO))
-    assert (first >= 0).mean() > 0.3
-    for other in (
-        one_side(1000.0),
-        depth_family.cars_off_the_middle(10.0, SIZE, in_middle=False),
-        depth_family.recentered_cars(10.0, SIZE),
-    ):
-        assert (triangles(other) != first).mean() < 1e-2
+    seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]
+    seen.append(depth_family.recentered_cars(10.0, SIZE))
+    for ratio in (CAR_RATIO, 1000.0):
+        scene = cars(ratio, Camera.C, SIZE)
+        heights = -scene.vertices[:, 2]
+        assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
+        assert heights.max() / heights.min() == pytest.approx(ratio, rel=1e-12)
+        seen.append(SeenScene(scene=scene, aperture=scene.plate.middle))
+    first, *others = [Reference(one.scene).trace(one.aperture) for one in seen]
+    assert (first.triangle >= 0).mean() > 0.3
+    for other in others:
+        assert (other.triangle != first.triangle).mean() < 1e-2
+    # From the middle, the nearest cars lie beside the film.
+    off, middle = seen[0].scene, seen[0].scene.plate.middle
+    nearest, farther = (float(-np.nanmax(i.height)) for i in (first, Reference(off).trace(middle)))
+    assert nearest == pytest.approx(0.01 * depth_family.REACH, rel=0.1)
+    assert farther > 5 * nearest
 
 
-def test_the_middle_aperture_does_not_see_the_nearest_cars() -> None:
-    nearest = []
-    for in_middle in (True, False):
-        seen = depth_family.cars_off_the_middle(100.0, SIZE, in_middle=in_middle)
-        height = np.abs(Reference(seen.scene).trace(seen.aperture).height)
-        nearest.append(float(np.nanmin(height)) / depth_family.REACH)
-    assert nearest[1] == pytest.approx(0.01, rel=0.1)
-    assert nearest[0] > 5 * nearest[1]
+def test_cars_before_the_plate_reach_as_far() -> None:
+    heights = cars(1000.0, Camera.C_STAR, (8, 8)).vertices[:, 2]
+    assert (heights.max(), heights.min()) == pytest.approx((FARTHEST, FARTHEST / 1000), rel=1e-12)
 
 
 def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance() -> None:
@@ -78,25 +64,19 @@ def test_a_scene_shallower_than_one_car_is_refused() -> None:
         cars(1.2, Camera.C, (8, 8))
 
 
-@pytest.mark.parametrize("triangles", [1000, 10_000, 100_000])
-def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
+@pytest.mark.parametrize("triangles", [1000, 100_000])
+def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(triangles: int) -> None:
     scene = globes(triangles, (8, 8))
     assert len(scene.faces) == triangles
     # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
     assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
-    ends = [
-        np.sign([part.vertices[:, 2].min(), part.vertices[:, 2].max()]).tolist() for part in scene.objects
-    ]
+    ends = [np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist() for one in scene.objects]
     assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
-
-
-def test_every_vertex_lies_on_its_ellipsoid_whatever_the_number() -> None:
-    for triangles in (1000, 32_000):
-        for part, (center, semi_axes) in zip(globes(triangles, (8, 8)).objects, GLOBES, strict=True):
-            radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
-            # The unit globe's coordinates are rounded to 1e-6 of its diameter.
-            np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
+    for part, (center, semi_axes) in zip(scene.objects, GLOBES, strict=True):
+        radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
+        # The unit globe's coordinates are rounded to 1e-6 of its diameter.
+        np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
 
 
 def test_silhouettes_of_globes_do_not_depend_on_the_number() -> None:
