@@ -36,6 +36,7 @@ NORMAL = ("N.X", "N.Y", "N.Z")
 COLOR = ("R", "G", "B")
 VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
+_OPTIONAL = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 CAMERA_JSON, RENDERING_JSON = TypeAdapter(HogelCamera), TypeAdapter(Rendering)
 #: Attributes as JSON, whose numbers are the shortest digits that give the same double again.
@@ -136,9 +137,9 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         raise InputError(f"{path}: has {wanted}; write one of them")
     height, width = next(iter(planes.values())).shape
     if (width, height) != tuple(found.resolution):
+        said = f"{found.resolution[0]} x {found.resolution[1]}"
         raise InputError(
-            f"{path}: is {width} x {height}, but its camera says "
-            f"{found.resolution[0]} x {found.resolution[1]}; render it again at that size"
+            f"{path}: is {width} x {height}, but its camera says {said}; render it again at that size"
         )
     position = _vectors(path, planes, POSITION)
     if position is None and TRIANGLE not in planes and not partial:
@@ -263,8 +264,7 @@ def image_writer(
             f"{path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
             f"{MAX_PIXELS:,}; lower frustum.resolution"
         )
-    optional = {"normal": NORMAL, "color": COLOR, "variance": VARIANCE, "certainty": (CERTAINTY,)}
-    names = [*POSITION, HEIGHT, TRIANGLE, OBJECT, *(name for one in arrays for name in optional[one])]
+    names = [*POSITION, HEIGHT, TRIANGLE, OBJECT, *(name for one in arrays for name in _OPTIONAL[one])]
     numbers = (TRIANGLE, OBJECT, CERTAINTY)
     types = {name: np.dtype(np.uint32 if name in numbers else np.float32) for name in names}
     attributes = {CAMERA_ATTRIBUTE: CAMERA_JSON.dump_json(camera)}
@@ -304,7 +304,7 @@ def image_writer(
 
 def write_image(path: str | Path, image: HogelImage) -> None:
     """Write an image: floats in 32 bits, numbers plus one, lossless; InputError where that fails."""
-    arrays = [n for n in ("normal", "color", "variance", "certainty") if getattr(image, n) is not None]
+    arrays = [name for name in _OPTIONAL if getattr(image, name) is not None]
     with image_writer(path, image.camera, arrays, image.rendering) as write:
         write(image)
 

@@ -65,8 +65,8 @@ class Reading:
 
     def numbers(self, packed: Numbers) -> Numbers:
         """Return the numbers (H, W) that stored integers stand for, `NOTHING` for no surface."""
-        numbers = np.maximum(packed - self.offset, NOTHING)
-        return np.where(packed == self.background, NOTHING, numbers).astype(np.int32)
+        known = np.maximum(packed - self.offset, NOTHING)
+        return np.where(packed == self.background, NOTHING, known).astype(np.int32)
 
     def stored(self, numbers: Numbers) -> Numbers:
         """Return the integers that numbers are stored as: the inverse of `numbers`."""

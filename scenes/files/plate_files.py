@@ -96,8 +96,8 @@ def whole_plate(rows: PlateRows) -> Plates:
     if isinstance(rows, Plates):
         return rows
     plate = Plates.empty(rows.shape, rows.dtype, rows.levels)
-    for number in range(rows.shape.hogels[1]):
-        plate.pixels[number] = rows.row(number)
+    for number, pixels in enumerate(plate.pixels):
+        pixels[...] = rows.row(number)
     return plate
 
 
@@ -119,12 +119,12 @@ def with_levels(pixels: Pixels, before: int | None, after: int | None) -> Pixels
 
 def plate_with_levels(plate: PlateRows, levels: int | None) -> PlateRows:
     """Return a plate with another largest level; see `with_levels`."""
-    dtype = with_levels(np.empty(0, plate.dtype), plate.levels, levels).dtype
-
-    def row(number: int) -> Pixels:
-        return with_levels(plate.row(number), plate.levels, levels)
-
-    return PlateRows(shape=plate.shape, levels=levels, dtype=dtype, row=row)
+    return PlateRows(
+        shape=plate.shape,
+        levels=levels,
+        dtype=with_levels(np.empty(0, plate.dtype), plate.levels, levels).dtype,
+        row=lambda number: with_levels(plate.row(number), plate.levels, levels),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,11 +152,10 @@ class FileSet:
     @property
     def reasons(self) -> tuple[str, ...]:
         """What speaks for the layout, one clause each."""
-        count, first = len(self.files), self.files[min(self.files)].name
-        told = [f"{count} of {count + self.strangers} names fit: {self.layout.words}", f"such as {first}"]
-        if self.missing:
-            told.append(f"{self.missing} of {self.layout.file_count(self.shape)} files are not there")
-        return (*told, self.shape.words)
+        count, total = len(self.files), self.layout.file_count(self.shape)
+        fit = f"{count} of {count + self.strangers} names fit: {self.layout.words}"
+        lacking = [f"{self.missing} of {total} files are not there"] if self.missing else []
+        return fit, f"such as {self.files[min(self.files)].name}", *lacking, self.shape.words
 
     @property
     def words(self) -> str:
@@ -235,12 +234,12 @@ class FileSet:
         if frames:
             return read_video(path, frames[0], (width, height))
         picture = read_picture(path)
-        found = picture.pixels.shape[1], picture.pixels.shape[0]
-        if self.layout.name == "quilt" and found[0] >= width and found[1] >= height:
+        high, wide = picture.pixels.shape[:2]
+        if self.layout.name == "quilt" and wide >= width and high >= height:
             # Tiles are rounded down to whole pixels; what is left over lies at the right and at the top.
-            return replace(picture, pixels=picture.pixels[found[1] - height :, :width])
-        if found != (width, height):
-            raise InputError(f"{path}: is {found[0]} x {found[1]}, and should be {width} x {height}")
+            return replace(picture, pixels=picture.pixels[high - height :, :width])
+        if (wide, high) != (width, height):
+            raise InputError(f"{path}: is {wide} x {high}, and should be {width} x {height}")
         return picture
 
 
@@ -272,24 +271,21 @@ def find_files(place: Path, told: PlateShape | None = None, layouts: Sequence[La
             problems.append(f"{layout.name}: {error}")
     if found:
         return max(found, key=lambda one: (-one.strangers, told is not None and one.shape == told))
-    stated = len({layout.name for layout in layouts}) == 1
-    why = f"its files ({len(paths)} pictures, such as {paths[0].name})"
+    stated = layouts[0].name if len({layout.name for layout in layouts}) == 1 else None
     likely = next((one for one in LAYOUTS if one.numbers and all(one.read_name(p.name) for p in paths)), None)
-    if problems:
-        why = problems[0]
-    elif stated and likely is not None:
-        why += f" are not named as those of {layouts[0].name}; they look like {likely.name}"
-    else:
-        why += " have names of no layout"
-    name = f" {layouts[0].name}" if stated else " that their names fit"
-    raise InputError(f"{place}: cannot be read in the layout{name}: {why}")
+    why = "have names of no layout"
+    if stated and likely is not None:
+        why = f"are not named as those of {stated}; they look like {likely.name}"
+    problems.append(f"its files ({len(paths)} pictures, such as {paths[0].name}) {why}")
+    name = stated or "that their names fit"
+    raise InputError(f"{place}: cannot be read in the layout {name}: {problems[0]}")
 
 
 def pictures_at(place: Path) -> list[Path]:
     """Return the files that layouts are made of, neither ground truths nor hidden ones; else InputError."""
+    if not place.exists():
+        raise InputError(f"{place}: no such file or folder; name a folder of pictures, or one picture")
     if not place.is_dir():
-        if not place.exists():
-            raise InputError(f"{place}: no such file or folder; name a folder of pictures, or one picture")
         return [place]
     try:
         paths = sorted(place.iterdir())
@@ -361,14 +357,13 @@ class Target:
 
     def levels(self, before: int | None) -> int | None:
         """Return the largest level of the files' pixels; None where they are floating-point numbers."""
-        suffix = self.naming.suffix
-        if suffix == ".ppm":
-            return PLENO_LEVELS if self.layout.name == "pleno" else before or BYTE_LEVELS
-        if suffix in (".png", VIDEO_SUFFIX):
-            return BYTE_LEVELS
-        if suffix == ".exr":
-            return None
-        raise InputError(f"files that end in {suffix} are not written; choose .png, .ppm or .exr")
+        ppm = PLENO_LEVELS if self.layout.name == "pleno" else before or BYTE_LEVELS
+        levels = {".ppm": ppm, ".png": BYTE_LEVELS, VIDEO_SUFFIX: BYTE_LEVELS, ".exr": None}
+        if self.naming.suffix not in levels:
+            raise InputError(
+                f"files that end in {self.naming.suffix} are not written; choose .png, .ppm or .exr"
+            )
+        return levels[self.naming.suffix]
 
     def file_name(self, index: Index, shape: PlateShape) -> str:
         """Return the name of a file; InputError where the layout has no place for such a plate."""
