@@ -16,8 +16,6 @@ opening      Scenes by name or path
 Words: see the glossary in CONVENTIONS.md.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 #: Public names by the module that has them; type checkers read `__init__.pyi`. They are imported when first

@@ -4,8 +4,6 @@ What is no number becomes NaN, and what is no count becomes a number below all c
 test refuses both, with a message that shows what was given.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """How pictures are shown on all pages and in notebooks: clipped to 0..1, sRGB, 8 bits, nothing else."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

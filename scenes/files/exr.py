@@ -4,8 +4,6 @@ Headers are read alone before pixels are, for the library allocates whatever one
 reads, for it raises where the older one ends the process; the older one writes, band by band.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import threading

@@ -1,7 +1,5 @@
 """Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path

@@ -4,8 +4,6 @@ A layout names, for each file, a view of the plate's pixels (row j, column i, pi
 channel): reading assigns the file's pixels to it, writing stores it, and no pixel is computed.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Collection, Iterator

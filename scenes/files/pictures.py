@@ -1,7 +1,5 @@
 """Pictures, videos (by PyAV, the optional `xfrustum[video]`) and environment maps, to the last bit."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

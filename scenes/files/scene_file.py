@@ -3,8 +3,6 @@
 What can be checked without the files that it names is checked before the first mesh is read.
 """
 
-from __future__ import annotations
-
 import difflib
 import json
 import math

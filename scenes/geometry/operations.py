@@ -1,7 +1,5 @@
 """Meshes made from meshes: placed in the scene, refined, and smoothed, in double precision."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Built-in shapes of size one about the origin, which `shape = "..."` in a scene file names."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable
 from types import MappingProxyType

@@ -4,8 +4,6 @@ A control net is (n + 1, m + 1, 3): the surface of degree n along u, its first i
 both from 0 to 1 (Farin, "Curves and surfaces for CAGD", 5th ed., chapters 4 and 14).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ In its own frame x is to the side, y up and z forward, in millimeters; the wheel
 100 long, 42 wide and 32 high. Drawn for this project.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ For C* objects are reflected through the aperture: no point moves on the film, b
 of a line and C* the farthest.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

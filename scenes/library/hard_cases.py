@@ -1,7 +1,5 @@
 """The suite of hard cases: scenes at which renderers of crossed frusta fail (docs/hard-cases.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import radians

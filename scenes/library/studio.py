@@ -1,7 +1,5 @@
 """A car in a studio: paint, glass, tires and metal, lights, and surroundings without symmetry."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 

@@ -3,8 +3,6 @@
 Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import MappingProxyType

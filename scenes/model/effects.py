@@ -4,8 +4,6 @@ A scene that does not call for an effect has the same picture without it; surfac
 (`region`) call for none. Light paths have all effects, for surfaces out of sight cast shadows and light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum

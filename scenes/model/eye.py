@@ -1,7 +1,5 @@
 """An eye before the plate, and the pixels of hogels that it is shown, found by `reference.eye`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

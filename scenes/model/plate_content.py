@@ -1,7 +1,5 @@
 """A plate as a stream of hogels: the arrays that are wanted, and those of each hogel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any

@@ -204,8 +204,8 @@ class Scene(Shown):
             if smallest < SMALLEST_COORDINATE:
                 raise InputError(
                     f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
-                    f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it to "
-                    "zero, or scale the mesh"
+                    f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it "
+                    "to zero, or scale the mesh"
                 )
         corners = [float(np.abs(part.vertices).max()) for part in self.objects]
         screen = self.frustum.screen

@@ -1,7 +1,5 @@
 """The settings of the paper's double frustum (section 4), with which rasterizers draw."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Formulas that make lines and matrices of them are written twice, in `reference.l
 `raster.cameras.cameras`, and never here: a formula shared by both answers would hide its own mistake.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Hogel images as OpenEXR: what is written comes back, whole or not at all, and foreign files are read."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

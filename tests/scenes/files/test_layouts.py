@@ -1,7 +1,5 @@
 """Layouts: every one is written, read back, and recognized; the files hold what their layout says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Normals and colors of meshes: those of the file, carried along by placing and refining."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

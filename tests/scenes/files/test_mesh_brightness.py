@@ -5,8 +5,6 @@ diffuse alone: by CONVENTIONS.md, "Light", a pixel of it has the radiance DIFFUS
 files are written here, number by number, and not by trimesh.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Mesh files: numbered as trimesh numbers them, and no damaged one gets through."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The scene file: the scene is as the file says, and every mistake is one line that names the key."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

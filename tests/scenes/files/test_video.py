@@ -1,7 +1,5 @@
 """Videos: a decoder gives what the layout needs and no more, whatever the file holds or declares."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

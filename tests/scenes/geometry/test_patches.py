@@ -1,7 +1,5 @@
 """Bezier patches: triangles within a stated distance of the surface, without cracks, with its normals."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The same surfaces in 4 and 16 times as many triangles: the same verdict."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

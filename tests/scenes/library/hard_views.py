@@ -1,7 +1,5 @@
 """Hard cases for tests: each scene and each of its true images is made once."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from functools import cache
 

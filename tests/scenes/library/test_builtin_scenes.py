@@ -1,7 +1,5 @@
 """The built-in scenes: the same every time, and each fit for what it says it is for."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

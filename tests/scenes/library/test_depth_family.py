@@ -1,7 +1,5 @@
 """Scenes whose depth alone changes show one picture; the others change one thing each."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

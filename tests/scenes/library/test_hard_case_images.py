@@ -1,7 +1,5 @@
 """Each hard case shows what geometry says, pixel by pixel, in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

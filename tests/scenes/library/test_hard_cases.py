@@ -1,7 +1,5 @@
 """The suite of hard cases: the truth is as expected, and no answer ever breaks down."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The shaded built-in scenes: closed forms that hold, and nothing symmetric that could hide a flip."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Arguments that cannot be meant are refused where they are given, with one line that names them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The effects that a scene calls for: each is turned on and off by the one fact that decides it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The plate's apertures, by the formula of CONVENTIONS.md, "Frames"."""
 
-from __future__ import annotations
-
 from itertools import islice
 from pathlib import Path
 
