@@ -1,29 +1,97 @@
 """Diagnosis before verdict: what a renderer does otherwise than asked, from some of its hogels.
 
 `diagnose` finds the reading of the pixels and the way they were drawn, and tests both together: a guess that
-does not explain what is wrong is no finding.
+does not explain what is wrong is no finding. `Evidence` says how much a guess explains, and what it spoils.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xfrustum.compare.diagnosis.claims import Claims, claims_of, outside_px
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding
-from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence, shows
-from xfrustum.compare.diagnosis.faults import MISTAKEN_UNITS, VIEW_SHEAR, Fault, faults_of, with_joint_numbers
-from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
-from xfrustum.compare.diagnosis.hypotheses import LIGHTS, find_composition
+from xfrustum.compare.diagnosis.faults import (
+    FIELDS,
+    HYPOTHESES,
+    LIGHTS,
+    MISTAKEN_UNITS,
+    NEAREST,
+    NOT_OVERLAID,
+    VIEW_SHEAR,
+    Fault,
+    Hypothesis,
+    faults_of,
+    with_joint_numbers,
+)
+from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
 from xfrustum.compare.diagnosis.registration import register
-from xfrustum.compare.judging.judged import Compared, Judging
-from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
+from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
+from xfrustum.compare.renderer_model.drawn_model import (
+    CAMERA_GROUPS,
+    GROUPS,
+    DrawnModel,
+    Recentering,
+    field_of,
+    screen_lengths,
+)
+from xfrustum.compare.renderer_model.pictures import (
+    COLOR_TOLERANCE,
+    Layers,
+    as_image,
+    colored,
+    drawn,
+    shows_something,
+)
+from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+
+MIN_EXPLAINED_FRACTION = 0.9
+"""Smallest share of the wrong pixels that a diagnosis must explain to be a finding.
+
+Under the renderer's true conventions only pixels that rounding moves across outlines are wrong, and these are
+excused where triangles are known. The tenth that is left unexplained makes room for pictures without numbers,
+in which outlines are not excused, and for a small second fault. A wrong guess leaves the larger part
+unexplained.
+"""
+
+# Largest number of right pixels that a diagnosis may make wrong without a known cause, as a share of those
+# that it makes right. Under the renderer's true conventions there are none: what remains is a small second
+# fault. A fault of one camera or of one object that is blamed on all of them spoils what was right.
+MAX_SPOILED_FRACTION = 0.02
+
+# Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
+# pixels: the share of one hogel is that of all within a few percent.
+MAX_TESTED_HOGELS = 9
+
+# Smallest surplus of pixels that a fault makes right over those that it makes wrong, in standard deviations
+# of this difference if a coin decided each pixel. A fault that gains less does not pay.
+MIN_GAIN_DEVIATIONS = 2.0
+
+# Share of wrong pixels, among those that show something, above which gross mistakes are tried: with a scene
+# of ten times the size nearly all are wrong.
+GROSS_WRONG_FRACTION = 0.5
+
+# Smallest number of pixels in which two ways of putting the halves together must differ for images to tell
+# them apart: fewer may be outlines that rounding has moved.
+MIN_DIFFERING_PIXELS = 20
+
+# Smallest gain of a way, as a share of the best way's gain in right pixels, with which images cannot tell it
+# from the best. Two ways can be alike: on closed bodies, leaving out the faces toward the viewer leaves the
+# surface nearest to the plate. Two percent leave room for outlines, which rounding moves.
+MIN_ALIKE_FRACTION = 0.98
+
+# The ways to put the halves together, the right one first. One test of the depth, taken for the other, makes
+# two mistakes.
+WAYS: tuple[tuple[Hypothesis, ...], ...] = ((), *((one,) for one in HYPOTHESES), (NEAREST, NOT_OVERLAID))
 
 # Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted and the
 # two symmetries.
@@ -33,7 +101,7 @@ MIN_FITTED_CLAIMS = 100
 TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 # Largest relative difference between the pitches of columns and rows at which they count as equal: each may
-# be off by `parameters.SMALLEST_FACTOR`, half of this, without having a name.
+# be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
 MAX_PITCH_DIFFERENCE = 1e-3
 
 # Factors of the shear of views that are tried, and relative changes of the best one that are tried next.
@@ -42,6 +110,195 @@ MAX_PITCH_DIFFERENCE = 1e-3
 # distance.
 TRIED_VIEW_SHEARS, FINER_STEPS = np.geomspace(0.4, 2.5, 185), np.linspace(-0.015, 0.015, 61)
 VIEW_SHEAR_CAP_PX = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """Images against which guesses are tested.
+
+    `images` are some of the renderer's hogels as read from its files, before any correction, each with the
+    camera of the aperture that its file is named after. `nominal` is the renderer by its author's statements:
+    the pixels that are wrong under it need an explanation.
+    """
+
+    reference: Reference
+    images: Sequence[HogelImage]
+    nominal: DrawnModel
+    judging: Judging = field(default_factory=Judging)
+    # Wrong pixels (N, H, W) of the tested images, for each guess and whether causes excuse them: a cache.
+    known: dict[tuple[DrawnModel, bool], Mask] = field(default_factory=dict, repr=False)
+
+    def of(self, images: Sequence[HogelImage], judging: Judging | None = None) -> Evidence:
+        """Return other images of the same renderer, perhaps judged by other rules."""
+        return replace(self, images=images, judging=judging or self.judging, known={})
+
+    @property
+    def tested(self) -> list[HogelImage]:
+        """The images that are tested, spread evenly over all, `MAX_TESTED_HOGELS` at most."""
+        count = len(self.images)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
+        return [self.images[index] for index in chosen] if count else []
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether most of what the images show is wrong; false where they show nothing."""
+        shown = sum(int(_covered(image).sum()) for image in self.tested if shows(image))
+        return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
+
+    def wrong(self, model: DrawnModel, *, explained: bool = False) -> int:
+        """Return the number of pixels that are wrong by a guess; if `explained`, without a known cause."""
+        return int(self._wrong(model, explained=explained).sum())
+
+    def share(self, model: DrawnModel) -> float | None:
+        """Return the share of the wrong pixels that a guess explains; None where none is wrong.
+
+        A pixel is explained if it is wrong by what was asked for, and right by the guess or wrong by a cause
+        that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count against it.
+        The result is the smaller of two shares: among all pixels, and among those in which images show
+        something. A guess under which nothing is seen explains black pixels, but not what images show.
+        """
+        asked = self._wrong(self.nominal)
+        if not asked.any():
+            return None
+        left, covered = self._wrong(model, explained=True), np.stack([*map(_covered, self.tested)])
+        counts = [(np.sum(asked & here), np.sum(left & here)) for here in (np.ones_like(covered), covered)]
+        return float(min(max(0.0, 1.0 - after / before) if before else 1.0 for before, after in counts))
+
+    def explains(self, model: DrawnModel) -> bool:
+        """Return whether a guess explains enough to be a finding, or nothing needs an explanation."""
+        share = self.share(model)
+        return share is None or share >= MIN_EXPLAINED_FRACTION
+
+    def spares(self, model: DrawnModel) -> bool:
+        """Return whether pixels that are right as asked for stay right by a guess, rounding excused.
+
+        Only numbers of triangles tell rounding from errors; in other images the share alone decides.
+        """
+        named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
+        before, after = self._wrong(self.nominal)[named], self._wrong(model)[named]
+        spoiled = self._wrong(model, explained=True)[named] & ~before
+        return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
+
+    def pays(self, model: DrawnModel, simpler: DrawnModel | None = None) -> bool:
+        """Return whether a guess makes more pixels right than a simpler one, or than what was asked for."""
+        mine, other = self._wrong(model), self._wrong(simpler or self.nominal)
+        gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
+        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
+
+    def reduced(self, model: DrawnModel) -> DrawnModel:
+        """Return a guess without the faults that add nothing to what the others explain."""
+        while True:
+            simpler = list(_simpler(model, self.nominal))
+            rest = [one for one in simpler if not self.pays(model, one)]
+            # The last remaining fault is not removed here: its share decides whether it is a finding.
+            if not rest or len(simpler) == 1:
+                return model
+            model = min(rest, key=self.wrong)
+
+    def joint_groups(self, model: DrawnModel) -> tuple[str, ...]:
+        """Return the groups of a guess's numbers of which none makes pixels right without the others.
+
+        Groups are added to the guess's conventions one after another, each the one that mends most; those
+        that are left when none of them pays explain only together.
+        """
+        known = model.with_parameters(self.nominal.parameters)
+        left = {name: {field_of(name): getattr(model, field_of(name))} for name in GROUPS}
+        left = {name: group for name, group in left.items() if replace(known, **group) != known}
+        while len(left) > 1:
+            tried = {name: replace(known, **group) for name, group in left.items()}
+            paying = {name: one for name, one in tried.items() if self.pays(one, known)}
+            if not paying:
+                return tuple(left)
+            best = min(paying, key=lambda name: self.wrong(paying[name]))
+            known = paying[best]
+            del left[best]
+        return ()
+
+    def _wrong(self, model: DrawnModel, *, explained: bool = False) -> Mask:
+        """Return the wrong pixels (N, H, W) by a guess; if `explained`, those without a known cause."""
+        if (model, explained) not in self.known:
+            reference, judging, turned = self.reference, self.judging, model.orientation.applied
+            pairs = [wrong_pixels(reference, model, one, judging, explained=explained) for one in self.tested]
+            for place, one in enumerate((False, explained)):
+                self.known[model, one] = np.array([turned(pair[place]) for pair in pairs], dtype=np.bool_)
+        return self.known[model, explained]
+
+
+def shows(image: HogelImage) -> bool:
+    """Return whether an image names a triangle or an object, or has colors."""
+    named = (image.triangle != NOTHING).any() or (image.object != NOTHING).any()
+    return bool(named or image.color is not None)
+
+
+def _covered(image: HogelImage) -> Mask:
+    return covered_by(image) if image.color is None else covered_by(image) | shows_something(image)
+
+
+def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
+    """Yield, for each fault of a guess, the guess without this fault."""
+    groups: list[tuple[str, ...]] = [(field_of(group),) for group in GROUPS if group != "near"]
+    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS]
+    groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
+    groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
+    for fields in groups:
+        simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
+        if simpler != model:
+            yield simpler
+
+
+def find_composition(
+    reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
+) -> tuple[DrawnModel, ...]:
+    """Return a guess with the way of putting the halves together that images agree with best.
+
+    The result differs from the right way only where most pixels that tell the two apart speak against the
+    right one. Other ways that agree with the images as well follow it.
+    """
+    # Step 1: nothing is to be found where the right way explains nearly every pixel.
+    right = [_compared(reference, [model], image) for image in images]
+    if sum(_differing(made[0], shown) for shown, made in right) < MIN_DIFFERING_PIXELS:
+        return (model,)
+    # A camera that is off by itself is not mirrored too.
+    ways = [
+        reduce(lambda made, one: one.of(made), way, model)
+        for way in WAYS
+        if model.one_camera is None or not any("one_camera" in one.fields for one in way)
+    ]
+    wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
+    for shown, made in (_compared(reference, ways, image) for image in images):
+        wrong += [_differing(picture, shown) for picture in made]
+        differing += [_differing(picture, made[0]) for picture in made]
+    # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
+    # right way. If it is the renderer's own, it makes all of them right.
+    gained = wrong[0] - wrong
+    telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
+    if not telling.any():
+        return (model,)
+    # Step 3: the best way, and those that gain nearly as much.
+    alike = np.flatnonzero(telling & (gained >= MIN_ALIKE_FRACTION * gained[telling].max()))
+    return tuple(ways[index] for index in alike.tolist())
+
+
+def _compared(
+    reference: Reference, ways: Sequence[DrawnModel], image: HogelImage
+) -> tuple[NDArray[Any], list[NDArray[Any]]]:
+    """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
+    scene, upright = reference.scene, ways[0].orientation.upright
+    aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
+    layers = [drawn(scene, way, aperture, known) for way in ways]
+    if (image.triangle != NOTHING).any():
+        return upright(image.triangle), [shown.triangle for shown in layers]
+    answers = [as_image(reference, aperture, shown) for shown in layers]
+    if (image.object != NOTHING).any() or image.color is None:
+        return upright(image.object), [answer.object for answer in answers]
+    pictures = [colored(scene, way, answer).color for way, answer in zip(ways, answers, strict=True)]
+    return upright(image.color), [np.asarray(picture) for picture in pictures]
+
+
+def _differing(one: NDArray[Any], other: NDArray[Any]) -> int:
+    if one.ndim == 2:
+        return int(np.count_nonzero(one != other))
+    return int(np.count_nonzero((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +318,7 @@ class Diagnosis:
 
     @property
     def guesses(self) -> tuple[Fault, ...]:
-        """Those of `does_not_explain` that people are told: they explain more than 0 %, as it is printed."""
+        """Those of `does_not_explain` that people are told: they explain more than 0 %, as printed."""
         return tuple(one for one in self.does_not_explain if round(100 * (one.explains or 0.0)) > 0)
 
 
@@ -155,7 +412,7 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
     claims, claiming = _claims(evidence)
     pictures = [one for one in images if one.color is not None or (one.object != NOTHING).any()]
     if claims is not None:
-        fit = fit_geometry(claims, reference.scene, nominal)
+        fit = fit_geometry(claims, nominal)
         means = f"{len(claims):,} claims of {_counted(claiming, 'hogel')}"
         means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
         means += "" if fit.holds else ", which no convention explains"
@@ -241,11 +498,10 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
         others = list(_alike(evidence, best))
     # Bounds are known of numbers that were fitted with the same shear and cameras, and of nominal ones.
     same = (best.recentering, best.one_camera) == (fit.model.recentering, fit.model.one_camera)
-    values, bounds = best.parameters, []
-    for bound in (fit.low, fit.high):
-        known = np.where(same & (values == fit.model.parameters), bound, np.nan)
-        bounds.append(np.where(values == nominal.parameters, values, known))
-    return replace(fit, model=best, low=bounds[0], high=bounds[1], alternatives=tuple(others))
+    values = best.parameters
+    known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)
+    low, high = np.where(values == nominal.parameters, values, known)
+    return replace(fit, model=best, low=low, high=high, alternatives=tuple(others))
 
 
 def _composed(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
@@ -300,7 +556,7 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
         _, half = film_window(scene.frustum, scene.plate.middle)
         shift, factor = np.asarray(model.shift), float(np.mean(model.fov))
         if screen is not None:
-            shift = shift + np.asarray(model.screen_center) / parameters.screen_lengths(scene)
+            shift = shift + np.asarray(model.screen_center) / screen_lengths(scene)
         tilt = 2 * shift / scene.frustum.resolution * half * (1, -1)
         for z in np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS):
             if factor != 1.0:
@@ -332,7 +588,7 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
         return replace(nominal, pitch=pitch, scene_offset=(0.0, 0.0, offset), screen_height=1 / factor)
 
     def misfit(factor: float) -> float:
-        return float(outside_px(claims, scene, sheared(factor), VIEW_SHEAR_CAP_PX).mean())
+        return float(outside_px(claims, sheared(factor), VIEW_SHEAR_CAP_PX).mean())
 
     coarse = min(TRIED_VIEW_SHEARS.tolist(), key=misfit)
     factor = min((coarse * (1 + FINER_STEPS)).tolist(), key=misfit)

@@ -1,7 +1,7 @@
 """The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
 Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
-triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.claims`), which hold
+triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.geometry_fit`), which hold
 whatever lies in front. Everything else is compared with what the truth would have stored, and with the damage
 that explains the difference. Another reading is a finding only where it holds and the stated one fails.
 """
@@ -15,9 +15,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.claims import Claims, claims_of, outside_px
 from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
+from xfrustum.compare.diagnosis.geometry_fit import Claims, claims_of, fit_geometry, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
@@ -71,7 +70,7 @@ MIN_CLAIMS, MAX_SEARCHED_CLAIMS, MAX_COMPARED_HOGELS, COMPARED_LINES = 100, 600,
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 
 # Smallest shares of pixels that agree with the truth to within a pixel under a right reading, or for which a
-# kind of damage accounts, as `evidence.MIN_EXPLAINED_FRACTION`. The second one applies to objects of a
+# kind of damage accounts, as `diagnosis.MIN_EXPLAINED_FRACTION`. The second one applies to objects of a
 # renderer that may draw with another near offset or a moved scene, which change them.
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 
@@ -423,11 +422,11 @@ class _Search:
         if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
             return None
         best = readings[misfits.index(least)]
-        fit = fit_geometry(self._read(best), self.scene, self.nominal)
+        fit = fit_geometry(self._read(best), self.nominal)
         if not fit.holds:
             return None
         if start.encoding is self.stated.encoding and self._valid_share(start) > 0.5:
-            noise = fit_geometry(self._read(start), self.scene, self.nominal).noise_px
+            noise = fit_geometry(self._read(start), self.nominal).noise_px
             better = max(fit.noise_px, MAX_HELD_MISFIT_PX) * MIN_IMPROVEMENT <= noise
             if not better and least * MIN_IMPROVEMENT > left:
                 return None
@@ -490,14 +489,14 @@ class _Search:
             return MISFIT_CAP_PX
 
         def failing(model: DrawnModel) -> float:
-            return float(outside_px(claims, scene, model, MISFIT_CAP_PX).mean())
+            return float(outside_px(claims, model, MISFIT_CAP_PX).mean())
 
         held = failing(nominal)
         if held > MAX_HELD_MISFIT_PX:
             several = len(np.unique(claims.hogel, axis=0)) > 1
-            orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
+            orders = list(orientations(scene.plate.hogels)) if several else [UPRIGHT]
             nears = {nominal.near, *(part * scene.frustum.longest_reach for part in NEAR_FRACTIONS)}
-            tried = itertools.product(orientations(claims.size), orders, sorted(nears))
+            tried = itertools.product(orientations(scene.frustum.resolution), orders, sorted(nears))
             models = (replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried)
             held = min(held, *map(failing, models))
         return valid * held + (1 - valid) * MISFIT_CAP_PX

@@ -1,19 +1,34 @@
-"""The faults of a renderer, in words with figures."""
+"""The faults of a renderer: the table of mistakes without numbers, and the words of all.
+
+A `Hypothesis` says which fields of `DrawnModel` differ, and the fault in words. Every one is tried on the
+images by itself (`diagnosis.find_composition`), and found again in a guess (`found_in`). Faults with numbers
+are the groups of `xfrustum.compare.renderer_model.drawn_model`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
-from xfrustum.compare.diagnosis.hypotheses import found_in
-from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
-from xfrustum.compare.renderer_model.parameters import Kind
+from xfrustum.compare.renderer_model.drawn_model import (
+    CAMERA_GROUPS,
+    FAULT_NAMES,
+    FLIPPED,
+    KINDS,
+    Culled,
+    DrawnModel,
+    Front,
+    Kind,
+    OneCamera,
+    Recentering,
+    places,
+    smallest_named,
+)
 from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
@@ -51,6 +66,92 @@ class Fault:
     def summary(self) -> dict[str, Any]:
         """Return it as `verify --json` prints it."""
         return {**asdict(self), "alternatives": list(self.alternatives)}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One mistake: the fault's name, value and words, and the fields of `DrawnModel` by which it draws."""
+
+    fault: str
+    value: str
+    words: str
+    fields: Mapping[str, Any] = field(hash=False)
+
+    def of(self, model: DrawnModel) -> DrawnModel:
+        """Return a guess with this mistake."""
+        fields = dict(self.fields)
+        if "one_camera" in fields:
+            fields["one_camera"] = replace(fields["one_camera"], other_near=model.near)
+        return replace(model, **fields)
+
+
+def _flipped(one: OneCamera) -> Hypothesis:
+    half, where = ("back", "behind") if one.side > 0 else ("front", "before")
+    kind, value = "mirrored", f"mirrored {'left to right' if one.flip_x else 'upside down'}"
+    if one.flip_x and one.flip_y:
+        kind, value = "unturned", "turned by 180 degrees"
+    words = f"the half {where} the plate is {value}"
+    if (half, kind) == ("front", "unturned"):
+        words += ": C* looks back, so that its picture is to be turned by 180 degrees, and is not"
+    return Hypothesis(f"{half}-{kind}", value, words, {"one_camera": one})
+
+
+def _culled(culled: Culled) -> Hypothesis:
+    words = f"faces whose corners run {culled} as the viewer sees them are left out"
+    return Hypothesis("culling", str(culled), words, {"culled": culled})
+
+
+NEAREST = Hypothesis(
+    "front-nearest",
+    "nearest wins",
+    "on the viewer's side the surface nearest to the plate wins; C* must keep the farthest",
+    {"front": Front.NEAREST},
+)
+NOT_OVERLAID = Hypothesis(
+    "not-overlaid",
+    "back over front",
+    "C is drawn over C*; the viewer's half must cover the other",
+    {"overlaid": False},
+)
+LIGHTS = Hypothesis(
+    "lights",
+    "not conjugated",
+    "lights are not conjugated: on the viewer's side bright and dark are exchanged; C* needs L* = -L",
+    {"conjugated": False},
+)
+FRONT_MISSING = Hypothesis(
+    "front-missing",
+    "missing",
+    "the half on the viewer's side is missing: only C is drawn",
+    {"front": Front.MISSING},
+)
+BACK_MISSING = Hypothesis(
+    "back-missing",
+    "missing",
+    "the half behind the plate is missing: only C* is drawn",
+    {"back_missing": True},
+)
+
+HYPOTHESES = (
+    *(FRONT_MISSING, BACK_MISSING, NEAREST, NOT_OVERLAID),
+    *map(_culled, (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)),
+    *map(_flipped, FLIPPED),
+    LIGHTS,
+)
+"""All of them; of those that images cannot tell apart, the one that comes first here is named first."""
+
+FIELDS = tuple(dict.fromkeys(name for one in HYPOTHESES for name in one.fields if name != "one_camera"))
+"""Fields of `DrawnModel` that say how the halves are put together and lit."""
+
+
+def found_in(model: DrawnModel) -> list[Hypothesis]:
+    """Return the mistakes that a guess has."""
+    one = model.one_camera
+    # The near offset of the camera that is right is no mistake.
+    plain = replace(model, one_camera=one and replace(one, other_near=0.0))
+    return [
+        one for one in HYPOTHESES if all(getattr(plain, name) == value for name, value in one.fields.items())
+    ]
 
 
 def faults_of(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
@@ -98,7 +199,7 @@ def with_joint_numbers(
     faults: Sequence[Fault], groups: Sequence[str], model: DrawnModel
 ) -> tuple[Fault, ...]:
     """Return faults with the numbers of some groups as one finding, for none explains anything alone."""
-    names = [one_camera_name(parameters.FAULT_NAMES[place], model) for place in parameters.places(*groups)]
+    names = [one_camera_name(FAULT_NAMES[place], model) for place in places(*groups)]
     joint = [fault for fault in faults if fault.fault in names]
     if len(joint) < 2:
         return tuple(faults)
@@ -115,7 +216,7 @@ def with_joint_numbers(
 def one_camera_name(name: str, model: DrawnModel) -> str:
     """Return the name of a fault of a guess's number: that of one camera alone says so."""
     one = model.one_camera
-    if one is None or name.removesuffix("-x").removesuffix("-y") not in parameters.CAMERA_GROUPS:
+    if one is None or name.removesuffix("-x").removesuffix("-y") not in CAMERA_GROUPS:
         return name
     return f"{'back' if one.side > 0 else 'front'}-{'near-offset' if name == NEAR else name}"
 
@@ -134,35 +235,43 @@ def _shear_words(recentering: Recentering) -> tuple[str, str]:
 
 def _names(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
     """Return the names of the faults of a guess in its shear, its mirrored films and its numbers."""
-    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
+    off = np.abs(model.parameters - nominal.parameters) > smallest_named(scene)
     names = [] if model.recentering is nominal.recentering else [_shear_words(model.recentering)[0]]
     names += [one.fault for one in found_in(model) if "one_camera" in one.fields]
-    return names + [one_camera_name(parameters.FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
+    return names + [one_camera_name(FAULT_NAMES[place], model) for place in np.flatnonzero(off)]
 
 
 def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str) -> Iterator[Fault]:
     """Yield the faults of numbers that are off, with their intervals."""
     found, asked, least, most = fit.model.parameters, nominal.parameters, fit.low, fit.high
-    off = np.abs(found - asked) > parameters.smallest_named(scene)
-    odd = np.flatnonzero(off & ~((least <= asked) & (asked <= most)))
-    named = [one_camera_name(parameters.FAULT_NAMES[place], fit.model) for place in odd]
+    odd = np.flatnonzero(
+        (np.abs(found - asked) > smallest_named(scene)) & ~((least <= asked) & (asked <= most))
+    )
+    named = [one_camera_name(FAULT_NAMES[place], fit.model) for place in odd]
     others_named = [(model, _names(scene, nominal, model)) for model in fit.alternatives]
     pivots = {model.pivot for model, names in others_named if NEAR in names}
     pivoted = f" with the shear centered in the {', or '.join(pivots)}" if nominal.pivot not in pivots else ""
     for place, own in zip(odd.tolist(), named, strict=True):
-        name, kind = parameters.FAULT_NAMES[place], parameters.KINDS[place]
-        value, should, *ends = (
-            _written(name, scene, float(numbers[place])) for numbers in (found, asked, least, most)
+        name, kind, numbers = (
+            FAULT_NAMES[place],
+            KINDS[place],
+            np.array([found, asked, least, most])[:, place],
         )
+        # A fault states the place of a screen in scene units, other numbers as they are.
+        screen = scene.frustum.screen
+        if screen is not None and name == "screen-height":
+            numbers = screen.height * numbers
+        elif screen is not None and name.startswith("screen-center"):
+            numbers = screen.center["xy".index(name[-1])] + numbers
+        value, should, *ends = numbers.tolist()
         low, high = min(ends), max(ends)
-        known = math.isfinite(low + high)
         words = _number_words(name, scene, value, should)
         if own != name:
             camera = "C" if own.startswith("back") else "C*"
             alone = words.replace("both cameras step", f"{camera} alone steps")
             words = alone if name == NEAR else f"by {camera} alone, {words}"
         if name == "scene-scale":
-            within = (low, high) if known else (value, value)
+            within = (low, high) if math.isfinite(low + high) else (value, value)
             units = [units for factor, units in MISTAKEN_UNITS.items() if within[0] <= factor <= within[1]]
             words += "".join(f": {one}" for one in units[:1])
         others: dict[str, None] = {}
@@ -188,16 +297,8 @@ def _numbers(scene: Scene, nominal: DrawnModel, fit: GeometryFit, witnesses: str
         )
 
 
-def _written(name: str, scene: Scene, number: float) -> float:
-    """Return a number as a fault states it: the place of a screen in scene units, others as they are."""
-    screen = scene.frustum.screen
-    if screen is None or not name.startswith("screen-"):
-        return number
-    return screen.height * number if name == "screen-height" else screen.center["xy".index(name[-1])] + number
-
-
 def _is_ratio(fault: str) -> bool:
-    kinds = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    kinds = dict(zip(FAULT_NAMES, KINDS, strict=True))
     return kinds.get(fault.removeprefix("front-").removeprefix("back-")) in (Kind.FACTOR, Kind.SIZE)
 
 
@@ -206,7 +307,7 @@ def _axis(fault: str) -> str:
 
 
 def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
-    """Return a number that is off in words; `value` and `should` are as `_written`."""
+    """Return a number that is off in words; `value` and `should` are as a fault states them."""
     letter, units, sign = _axis(name) or "x", scene.units, value > 0
     axis, group, size = "xyz".index(letter), name.removesuffix(f"-{_axis(name)}"), f"{abs(value):.5g} {units}"
     sides = (("to the left", "to the right"), ("downward", "upward"), ("to the back", "toward the viewer"))

@@ -1,9 +1,12 @@
 """Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded.
 
-First come the discrete conventions: those under which claims fail least on average. Then the numbers of
-`xfrustum.compare.renderer_model.parameters` are fitted by robust least squares, with as few groups of them
-off their nominal values as suffice; other sets of groups that suffice as well are alternatives. Last comes
-an interval for each number: all values under which no claim fails by more than the rounding of drawing.
+A claim says: this pixel, of this file, shows this triangle. Whatever lies in front, a renderer shows a
+triangle only where the triangle projects to. Therefore conventions and geometry can be found without knowing
+which surface is visible: under the right guess every claim holds, under a wrong one many fail, each by a
+distance in pixels. First come the discrete conventions: those under which claims fail least on average. Then
+the numbers of `drawn_model.GROUPS` are fitted by robust least squares, with as few groups of them off their
+nominal values as suffice; other sets of groups that suffice as well are alternatives. Last comes an interval
+for each number: all values under which no claim fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -16,23 +19,49 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, linprog
 
-from xfrustum.compare.diagnosis.claims import Claims, inside_px, outside_px
-from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
-from xfrustum.compare.renderer_model.drawn_model import FLIPPED, DrawnModel, OneCamera, Recentering
-from xfrustum.compare.renderer_model.parameters import CAMERA_GROUPS, GROUPS, SCREEN_GROUPS, places
-from xfrustum.scenes.arrays import Floats
+from xfrustum.compare.renderer_model.drawn_model import (
+    CAMERA_GROUPS,
+    FLIPPED,
+    GROUPS,
+    PREFERENCE,
+    SCREEN_GROUPS,
+    SMALLEST_FACTOR,
+    SMALLEST_SHIFT_PX,
+    TOLD_APART_PER_REACH,
+    DrawnModel,
+    OneCamera,
+    Recentering,
+    places,
+    screen_lengths,
+    smallest_named,
+    table,
+)
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+
+# Size of the triangle that stands for a claimed point, relative to the point's largest coordinate: the
+# rounding to float32, in which images store points.
+POINT_SIZE = 2.0**-24
+
+# Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels give more
+# than `MAX_BOUNDING_CLAIMS`.
+MAX_HOGEL_CLAIMS = 6000
+
+# Smallest depth at which a camera counts as seeing a surface, as a part of near: halfway between the near
+# plane, where drawing ends, and the camera, where projection ends.
+MIN_DEPTH_PER_NEAR = 0.5
 
 # Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
 # bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the intervals.
-# The search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the
-# intervals are bounded by the few claims nearest to an edge, and are computed once.
-MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 600, 2500, 16000
+# Largest numbers of claims used by the search and screening of guesses, by the fit and by the intervals. The
+# search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the intervals
+# are bounded by the few claims nearest to an edge, and are computed once.
+MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 600, 2500, 16000
 
 # Largest share of claims that may fail under the right guess: damaged pixels, and edges that anti-aliasing or
 # rounding has moved. The noise of a guess is the distance that this share of claims exceeds; a convention
@@ -58,7 +87,7 @@ ATTRACTION_PX = 1.0
 
 # Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows the same
 # images: a pixel is sampled within itself, and the rest is what a shift must have to be noticed.
-MAX_SAMPLING_PX = 0.5 + parameters.SMALLEST_SHIFT_PX
+MAX_SAMPLING_PX = 0.5 + SMALLEST_SHIFT_PX
 
 # Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches.
 CORNER_PITCHES = 0.01
@@ -69,7 +98,7 @@ NEIGHBORHOOD_PX = 0.5
 
 # Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
 # are told apart it widens the film by the smallest factor that has a name.
-UNSEEN_NEAR_PER_REACH = parameters.SMALLEST_FACTOR * parameters.TOLD_APART_PER_REACH
+UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 
 # Starting points, of which `MAX_STARTS` are fitted: near, as parts of the reach, and the one with which wrong
 # shears are tried, as smaller ones move pictures less; sizes of the scene, larger ones of which look like the
@@ -79,6 +108,135 @@ START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2
 
 Found = list[tuple[DrawnModel, tuple[str, ...]]]
 """Guesses, the preferred one first, each with the names of its groups that were fitted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Claims:
+    """Pixels and the triangles that they claim to show.
+
+    Claimed points, for which small triangles stand, lie in the scene as the renderer has it, moved or scaled;
+    triangles lie in the scene as it was asked for.
+    """
+
+    scene: Scene
+    hogel: Indices  # (N, 2) column and row of the aperture that the file is named after
+    pixel: Indices  # (N, 2) column and row of the pixel in the file
+    corners: Floats  # (N, 3, 3) corners of the triangles, scene units
+    of_points: bool
+
+    def __len__(self) -> int:
+        """Return the number of claims."""
+        return len(self.hogel)
+
+    def chosen(self, index: Indices | Mask) -> Claims:
+        """Return some of the claims."""
+        return replace(self, hogel=self.hogel[index], pixel=self.pixel[index], corners=self.corners[index])
+
+    def thinned(self, count: int) -> Claims:
+        """Return at most `count` claims, drawn at random with a fixed seed."""
+        if len(self) <= count:
+            return self
+        return self.chosen(np.sort(np.random.default_rng(0).choice(len(self), count, replace=False)))
+
+
+def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
+    """Collect the claims of images at the outlines of triangles, where a small move of the geometry shows.
+
+    From an image that names no triangles the surface points are taken as claims.
+    """
+    parts, of_points = [], True
+    for image in images:
+        named = (image.triangle >= 0) & (image.triangle < len(scene.faces))
+        points = not named.any()
+        if points:
+            asked = np.isfinite(image.position).all(axis=-1) & (image.height != 0)
+        else:
+            # Pixels that have a neighbor of another triangle or beyond the image's border.
+            padded = np.pad(image.triangle, 1, constant_values=NOTHING - 1)
+            beside = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
+            asked = named & np.any([image.triangle != other for other in beside], axis=0)
+        rows, columns = np.nonzero(asked)
+        if len(rows) > MAX_HOGEL_CLAIMS:
+            some = np.random.default_rng(len(rows)).choice(len(rows), MAX_HOGEL_CLAIMS, replace=False)
+            rows, columns = rows[np.sort(some)], columns[np.sort(some)]
+        if points:
+            there = image.position[rows, columns].astype(np.float64)
+            size = POINT_SIZE * np.abs(there).max(axis=1, initial=0.0)
+            around = np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.0], [-0.5, -0.75, 0.0]])
+            corners = there[:, None] + size[:, None, None] * around
+        else:
+            corners = scene.triangles[image.triangle[rows, columns]]
+        of_points &= points
+        hogel = np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1))
+        parts.append((hogel, np.stack((columns, rows), axis=-1), corners))
+    hogel, pixel, corners = (np.concatenate(some) for some in zip(*parts, strict=True))
+    return Claims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, of_points=of_points)
+
+
+def outside_px(claims: Claims, model: DrawnModel, cap: float) -> Floats:
+    """Return the distance by which each pixel's center lies outside its triangle, at most `cap` px, (N,)."""
+    _, outside = inside_px(claims, model)
+    return np.asarray(np.minimum(outside.min(axis=0), cap))
+
+
+def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
+    """Return how far claimed pixels' centers lie inside and outside their triangles under a guess.
+
+    The first result are signed distances (2, N, 3) from the three edges, px, positive inside, in C's
+    projection and in C*'s; the second distances (2, N) outside, infinite behind the camera.
+    """
+    scene, (width, height), (sx, sy) = claims.scene, claims.scene.frustum.resolution, claims.scene.plate.size
+    columns, rows = hogels = scene.plate.hogels
+    column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], hogels)
+    places = np.stack(((column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows), axis=-1)
+    places = places * np.asarray(model.pitch) + np.asarray(model.aperture_offset)
+    # Coordinate and corner come first, the claim last: all below is whole arrays.
+    px, py, z = (claims.corners * model.scene_scale + np.asarray(model.scene_offset)).transpose(2, 1, 0)
+    frustum, following = model.frustum(scene), [1, 2, 0]
+    distances, outsides = [], []
+    for side in (1, -1):
+        # Step 1: film coordinates of the points that the claimed pixels sample. A film that is mirrored shows
+        # its picture at the mirrored point.
+        camera = model.camera(side)
+        column, row = camera.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
+        u, v = 2 * (column + camera.shift[0]) + 1, 2 * (row + camera.shift[1]) + 1
+        u, v, one = u / width - 1, 1 - v / height, camera.one_camera
+        u, v = -u if one and one.flip_x else u, -v if one and one.flip_y else v
+        # Step 2: shear (2, N) and half-extent (2,) of the films of the apertures.
+        if frustum.screen is None:
+            assert frustum.fov is not None
+            shear, half = np.zeros_like(places).T, np.tan(np.asarray(frustum.fov) / 2) * camera.fov
+        else:
+            behind = -frustum.screen.height
+            half = np.asarray(frustum.screen.size) / 2 / abs(behind) * camera.fov
+            if camera.fit is Fit.SCREEN:
+                half = half * abs(behind) / (abs(behind) + camera.near)
+            shear = ((np.asarray(frustum.screen.center) - places) / behind).T
+        # Step 3: homogeneous film coordinates of the corners, sheared about the aperture, where both cameras
+        # look straight (CONVENTIONS.md).
+        offset = side * camera.near if model.pivot is Pivot.CAMERA else 0.0
+        w = camera.near - side * z
+        kx, ky = shear * model.recentering.factor(side)
+        x = (px - places[:, 0] + kx * (z - offset)) * (side / half[0])
+        y = (py - places[:, 1] + ky * (z - offset)) * (side / half[1])
+        # Step 4: the three edges as lines on the film, by cross products of corners; `values` is each line's
+        # equation at the sampled point, and `volume` the determinant of the corners.
+        line_x = y * w[following] - w * y[following]
+        line_y = w * x[following] - x * w[following]
+        line_1 = x * y[following] - y * x[following]
+        values = line_x * u + line_y * v + line_1
+        volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
+        # Step 5: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at the
+        # point follows from the same quantities. The determinant's sign says which side of edges is inside.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
+            depth = volume / values.sum(axis=0)
+        distance *= np.sign(volume)
+        outside = np.maximum(0.0, -distance.min(axis=0))
+        seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * camera.near)
+        distances.append(distance.T)
+        outsides.append(np.where(seen, outside, np.inf))
+    return np.stack(distances), np.stack(outsides)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,37 +258,42 @@ class GeometryFit:
         return self.noise_px <= MAX_NOISE_PX
 
 
-def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryFit:
+def fit_geometry(claims: Claims, nominal: DrawnModel) -> GeometryFit:
     """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
 
     A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements.
     """
-    fitting = _Fitting(scene=scene, nominal=nominal)
+    fitting = _Fitting(scene=claims.scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
     found: Found = [(nominal, ())]
     spoiled: frozenset[tuple[int, int]] = frozenset()
     # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
-    if fitting.noise(some, nominal) > SNAP_PX:
+    if _noise(some, nominal) > SNAP_PX:
         # Step 2: search the conventions, and try guesses with at most one group off nominal.
         starts = fitting.starts(few)
         found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
         if not found:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.
-            freest = fitting.freest(few, [one for one in starts if not one.alone])
-            claims, spoiled = fitting.without_spoiled(claims, freest)
+            freest = fitting.freest(few, [one for one in starts if not _alone(one)])
+            claims, spoiled = _without_spoiled(claims, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
             freest = fitting.fitted(some, freest, fitting.groups(claims, together=True))
-            noise = fitting.noise(some, freest)
+            noise = _noise(some, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
                 alone = [one for one in starts if one.one_camera is not None]
                 found = fitting.simplest(some, [freest, *alone], counts, limit)
-            found = found or [fitting.least_wrong(some, freest)]
+            if not found:
+                # The best guess with at most one group off nominal, to be told where no guess is good.
+                sets = ((), *((name,) for name in fitting.groups(some)))
+                ways = [(one, free) for free in sets for one in fitting.variants([freest], free)]
+                fits = [(fitting.fitted(some, one, free), free) for one, free in ways]
+                found = [min(fits, key=lambda fit: _misfit(some, fit[0]))]
     # Step 4: an interval for each number that is off nominal.
     (best, free), *others = found
-    noise = fitting.noise(some, best)
-    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), scene, best, places(*free), noise)
+    noise = _noise(some, best)
+    values, low, high = _interval(claims.thinned(MAX_BOUNDING_CLAIMS), best, places(*free), noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
@@ -141,21 +304,57 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     )
 
 
+def _misfit(claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
+    """Return the mean distance by which claims fail, px; each counts `cap` at most."""
+    return float(outside_px(claims, model, cap).mean())
+
+
+def _noise(claims: Claims, model: DrawnModel) -> float:
+    """Return the distance, px, that no more than `MAX_MISPLACED_FRACTION` of the claims exceed."""
+    outside = outside_px(claims, model, max(claims.scene.frustum.resolution))
+    return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
+
+
+def _without_spoiled(claims: Claims, model: DrawnModel) -> tuple[Claims, frozenset[tuple[int, int]]]:
+    """Return the claims of the hogels in which nearly all claims hold, and the indices of the others.
+
+    One file of noise must not decide about the others. But where most hogels would be left out, the guess is
+    wrong and not the hogels: then all are kept.
+    """
+    off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
+    hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
+    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
+        return claims, frozenset()
+    return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
+
+
+def _alone(model: DrawnModel) -> bool:
+    """Return whether one camera alone has other numbers, its film being mirrored nowhere."""
+    one = model.one_camera
+    return one is not None and not (one.flip_x or one.flip_y)
+
+
+def _changes(model: DrawnModel) -> tuple[int, int]:
+    """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
+    one = model.one_camera
+    flips = 0 if one is None else 1 + one.flip_x + one.flip_y
+    changes = model.orientation.changes + model.order.changes + flips
+    return changes, tuple(Recentering).index(model.recentering)
+
+
+def _with_pivots(model: DrawnModel) -> list[DrawnModel]:
+    """Return a guess with every pivot and fit of its offset cameras."""
+    return [replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Fitting:
     """The search for the guess under which claims about a scene hold."""
 
     scene: Scene
     nominal: DrawnModel
-
-    def misfit(self, claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
-        """Return the mean distance by which claims fail, px; each counts `cap` at most."""
-        return float(outside_px(claims, self.scene, model, cap).mean())
-
-    def noise(self, claims: Claims, model: DrawnModel) -> float:
-        """Return the distance, px, that no more than `MAX_MISPLACED_FRACTION` of the claims exceed."""
-        outside = outside_px(claims, self.scene, model, max(claims.size))
-        return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
     def groups(self, claims: Claims, *, together: bool = False) -> tuple[str, ...]:
         """Return the groups that claims can determine, one by one or all of them free `together`.
@@ -166,12 +365,13 @@ class _Fitting:
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
         unseen |= {"aperture-offset"} if together and not claims.of_points else set()
-        return tuple(group.name for group in GROUPS if group.name not in unseen)
+        return tuple(group for group in GROUPS if group not in unseen)
 
     def starts(self, claims: Claims) -> list[DrawnModel]:
         """Return the best few conventions and numbers from which fits start: those that fail least."""
-        cap, reach = self.scene.frustum.resolution[0] / 2, self.scene.frustum.longest_reach
-        nominal, sides = self.nominal, [OneCamera(side, other_near=self.nominal.near) for side in (-1, 1)]
+        frustum, nominal = self.scene.frustum, self.nominal
+        cap, reach = frustum.resolution[0] / 2, frustum.longest_reach
+        sides = [OneCamera(side, other_near=nominal.near) for side in (-1, 1)]
 
         def hypotheses(upright: DrawnModel) -> Iterator[DrawnModel]:
             yield from (replace(upright, near=reach * p) for p in {nominal.near / reach, *START_NEARS[::4]})
@@ -181,20 +381,20 @@ class _Fitting:
                 yield replace(upright, one_camera=replace(one, other_near=nominal.near))
             yield from (replace(upright, scene_scale=scale) for scale in START_SCALES)
             yield from (replace(upright, fov=(film, film)) for film in START_FILMS)
-            if self.scene.frustum.recentered:
+            if frustum.recentered:
                 yield from (replace(upright, screen_height=height) for height in START_HEIGHTS)
                 shears = sorted(set(Recentering) - {nominal.recentering})
                 for near, shear in itertools.product({nominal.near, reach * SHEARED_NEAR}, shears):
                     yield replace(upright, near=near, recentering=shear)
 
         def ranked(models: Iterable[DrawnModel]) -> list[DrawnModel]:
-            found = [(self.misfit(claims, model, cap), _changes(model), model) for model in models]
+            found = [(_misfit(claims, model, cap), _changes(model), model) for model in models]
             return [model for *_, model in sorted(found, key=lambda one: one[:2])]
 
         # Step 1: every orientation and order, each with every single other hypothesis.
         several = len(np.unique(claims.hogel, axis=0)) > 1
-        orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
-        ways = itertools.product(orientations(claims.size), orders)
+        orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
+        ways = itertools.product(orientations(frustum.resolution), orders)
         upright = (replace(nominal, orientation=one, order=two) for one, two in ways)
         tried = ranked(itertools.chain.from_iterable(map(hypotheses, upright)))
         # Step 2: the best conventions, each with all values of near.
@@ -220,13 +420,13 @@ class _Fitting:
         if not len(index):
             return start.with_parameters(values)
         values[index] = start.parameters[index]
-        table = parameters.table(self.scene, values)
-        scales, low, high = (column[index] for column in (table.scale, table.low, table.high))
+        numbers = table(self.scene, values)
+        scales, low, high = (column[index] for column in (numbers.scale, numbers.low, numbers.high))
         cap = self.scene.frustum.resolution[0] / 2
 
         def failures(scaled: Floats) -> Floats:
             values[index] = scaled * scales
-            return outside_px(claims, self.scene, start.with_parameters(values), cap)
+            return outside_px(claims, start.with_parameters(values), cap)
 
         # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels
         # apart attract each other. The second one, with the scale of snapping, is precise.
@@ -237,20 +437,6 @@ class _Fitting:
         values[index] = scaled * scales
         return start.with_parameters(values)
 
-    def without_spoiled(self, claims: Claims, model: DrawnModel) -> tuple[Claims, frozenset[tuple[int, int]]]:
-        """Return the claims of the hogels in which nearly all claims hold, and the indices of the others.
-
-        One file of noise must not decide about the others. But where most hogels would be left out, the guess
-        is wrong and not the hogels: then all are kept.
-        """
-        off = outside_px(claims, self.scene, model, np.inf) > MAX_NOISE_PX
-        hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
-        which = which.reshape(-1)
-        spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
-        if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
-            return claims, frozenset()
-        return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
-
     def freest(self, claims: Claims, starts: Sequence[DrawnModel]) -> DrawnModel:
         """Return the best guess with everything free, the usual, better conditioned groups first."""
         groups = self.groups(claims, together=True)
@@ -258,15 +444,15 @@ class _Fitting:
         for free in (tuple(name for name in groups if name in USUAL_GROUPS), groups):
             for start in starts:
                 fits.append(self.fitted(claims, start, free))
-                kept, _ = self.without_spoiled(claims, fits[-1])
-                if self.noise(kept, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
+                kept, _ = _without_spoiled(claims, fits[-1])
+                if _noise(kept, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
                     return fits[-1]
-            fits.sort(key=lambda model: self.misfit(claims, model))
+            fits.sort(key=lambda model: _misfit(claims, model))
             starts = [*fits[:1], *starts[:1]]
         if not self.scene.frustum.recentered:
             return fits[0]
         tried = [self.fitted(claims, start, groups) for start in _with_pivots(fits[0])]
-        return min(tried, key=lambda model: self.misfit(claims, model))
+        return min(tried, key=lambda model: _misfit(claims, model))
 
     def simplest(
         self, claims: Claims, starts: Sequence[DrawnModel], counts: Iterable[int], limit_px: float
@@ -276,7 +462,7 @@ class _Fitting:
         Where several sets with the same number of groups suffice, images cannot tell them apart: the
         preferred one comes first. None is returned where no set suffices.
         """
-        few = claims.thinned(MAX_SCREENED_CLAIMS)
+        few = claims.thinned(MAX_SEARCHED_CLAIMS)
         passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (
@@ -286,14 +472,14 @@ class _Fitting:
         )
         for count in counts:
             for free in itertools.combinations(self.groups(claims), count):
-                for start in self._variants(starts, free):
+                for start in self.variants(starts, free):
                     key = (free, start.one_camera)
                     if key in passing and not self.scene.frustum.recentered:
                         continue
                     model = start
                     for some, roughly, most in stages:
                         model = self.fitted(some, model, free, roughly=roughly)
-                        if self.noise(some, model) > most:
+                        if _noise(some, model) > most:
                             break
                     else:
                         rank = self._rank(claims, model, free)
@@ -306,36 +492,26 @@ class _Fitting:
         turned = {(one.orientation, one.order) for one, _ in found[:1]}
         return [(one, free) for one, free in found if (one.orientation, one.order) in turned]
 
-    def least_wrong(self, claims: Claims, start: DrawnModel) -> tuple[DrawnModel, tuple[str, ...]]:
-        """Return the best guess with at most one group off nominal, to be told where no guess is good."""
-        sets = ((), *((name,) for name in self.groups(claims)))
-        fits = [
-            (self.fitted(claims, one, free), free) for free in sets for one in self._variants([start], free)
-        ]
-        return min(fits, key=lambda found: self.misfit(claims, found[0]))
-
     def _rank(self, claims: Claims, model: DrawnModel, free: tuple[str, ...]) -> tuple[float, ...]:
         """Return the sort key of a guess: the preferred one of several has the smallest.
 
         A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
         """
-        off = np.abs(model.parameters - self.nominal.parameters) > parameters.smallest_named(self.scene)
+        off = np.abs(model.parameters - self.nominal.parameters) > smallest_named(self.scene)
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)
-        preference = sum(parameters.PREFERENCE.index(name) for name in free)
+        preference = sum(PREFERENCE.index(name) for name in free)
         # Apertures at corners or edges of hogels, half a pitch off center, are what a renderer rather does.
-        pitch, offset = (
-            np.divide(self.scene.plate.size, self.scene.plate.hogels),
-            np.abs(model.aperture_offset),
-        )
+        pitch = np.divide(self.scene.plate.size, self.scene.plate.hogels)
+        offset = np.abs(model.aperture_offset)
         at_corner = (np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch).all()
         if "aperture-offset" in free and at_corner and (offset > CORNER_PITCHES * pitch).any():
             preference = -1
         if "shift" in free and self.scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
-            preference += len(parameters.PREFERENCE)
-        return int(off.sum()), choices, *_changes(model), preference, self.misfit(claims, model)
+            preference += len(PREFERENCE)
+        return int(off.sum()), choices, *_changes(model), preference, _misfit(claims, model)
 
-    def _variants(self, starts: Sequence[DrawnModel], free: tuple[str, ...]) -> list[DrawnModel]:
+    def variants(self, starts: Sequence[DrawnModel], free: tuple[str, ...]) -> list[DrawnModel]:
         """Return the start values of fits of some groups, taken from the starting points.
 
         A fault that a starting point states in another group is translated: the freest guess has a moved
@@ -345,7 +521,7 @@ class _Fitting:
         nominal, index = self.nominal, places(*free)
         variants: dict[DrawnModel, None] = {}
         for start in starts:
-            if start.alone and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
+            if _alone(start) and not (set(free) & set(CAMERA_GROUPS) and len(free) <= 2):
                 continue
             spoken, (x, y, _) = start, start.scene_offset
             if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
@@ -354,7 +530,7 @@ class _Fitting:
                 size = start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
                 spoken = replace(spoken, scene_scale=size)
             if self.scene.frustum.screen is not None:
-                per_px = parameters.screen_lengths(self.scene)
+                per_px = screen_lengths(self.scene)
                 moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
                 if "shift" not in free:
                     spoken = replace(spoken, screen_center=(float(moved[0]), float(moved[1])))
@@ -369,21 +545,8 @@ class _Fitting:
         return list(variants)
 
 
-def _with_pivots(model: DrawnModel) -> list[DrawnModel]:
-    """Return a guess with every pivot and fit of its offset cameras."""
-    return [replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)]
-
-
-def _changes(model: DrawnModel) -> tuple[int, int]:
-    """Return the sort key of guesses that fit equally well: the plainest has the smallest."""
-    one = model.one_camera
-    flips = 0 if one is None else 1 + one.flip_x + one.flip_y
-    changes = model.orientation.changes + model.order.changes + flips
-    return changes, tuple(Recentering).index(model.recentering)
-
-
 def _interval(
-    claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
+    claims: Claims, model: DrawnModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
     """Return middle, lowest and highest values (P,) of a guess under which no claim fails by more than noise.
 
@@ -400,25 +563,25 @@ def _interval(
     # Step 1: the distances that can bound the fit, and how fast each changes with each number that may move,
     # by finite differences. An unseen near offset moves too; it has no interval of its own.
     allowed = SNAP_PX + noise_px
-    distance, outside = inside_px(claims, scene, model)
+    distance, outside = inside_px(claims, model)
     camera, number = np.argmin(outside, axis=0), np.arange(len(claims))
     held = outside[camera, number] <= allowed
     claim, edge = np.nonzero(held[:, None] & (np.abs(distance[camera, number]) < NEIGHBORHOOD_PX))
     rows = (camera[claim], claim, edge)
     (near,) = places("near")
     unseen = [near] if near not in free and not model.near else []
-    moving, table = [*free, *unseen], parameters.table(scene, values)
-    steps, slopes = table.step[moving], np.empty((len(claim), len(moving)))
+    moving, numbers = [*free, *unseen], table(claims.scene, values)
+    steps, slopes = numbers.step[moving], np.empty((len(claim), len(moving)))
     for column, (place, step) in enumerate(zip(moving, steps, strict=True)):
         moved = values.copy()
         moved[place] += step
-        there, _ = inside_px(claims, scene, model.with_parameters(moved))
+        there, _ = inside_px(claims, model.with_parameters(moved))
         slopes[:, column] = there[rows] - distance[rows]
     kept = np.isfinite(slopes).all(axis=1)
     # Step 2: distance + slopes . x >= -allowed, with x in steps, and each number within its bounds.
-    box = np.stack([(end[moving] - values[moving]) / steps for end in (table.low, table.high)], axis=1)
+    box = np.stack([(end[moving] - values[moving]) / steps for end in (numbers.low, numbers.high)], axis=1)
     if unseen:
-        box[-1, 1] = UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach / steps[-1]
+        box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
         # Surfaces in the plate itself move by any distance, and not in proportion.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
     # Step 3: the smallest and the largest value of each number in the cell.

@@ -19,9 +19,8 @@ from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
 from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, GeometryFit
-from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
@@ -42,7 +41,7 @@ INTERVAL_CONFIDENCE, MIN_INTERVAL_HOGELS, MAX_REGISTERED_HOGELS = 0.99, 3, 16
 DERIVATIVE_STEP_PX = 0.25
 
 # Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
-# smallest shift that has a name (`parameters.SMALLEST_SHIFT_PX`).
+# smallest shift that has a name (`drawn_model.SMALLEST_SHIFT_PX`).
 SHIFT_TOLERANCE_PX = 1e-3
 
 # Standard deviation of the filter under which outlines that lie pixels apart still attract each other.
@@ -135,10 +134,10 @@ def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     shift = np.asarray(fit.model.shift)
     if not shift.any():
         return fit
-    per_px = parameters.screen_lengths(scene)
+    per_px = screen_lengths(scene)
     x, y = (shift * per_px).tolist()
     moved = replace(fit.model, shift=(0.0, 0.0), screen_center=(x, y))
-    of_shift, of_screen = parameters.places("shift"), parameters.places("screen-center")
+    of_shift, of_screen = places("shift"), places("screen-center")
     half = (fit.high - fit.low)[of_shift] / 2
     if (np.abs(shift) - half <= MAX_SAMPLING_PX).all():
         return replace(fit, alternatives=(moved,))

@@ -456,13 +456,16 @@ def wrong_pixels(
     judging: Judging | None = None,
     *,
     explained: bool = False,
-) -> Mask:
-    """Return the pixels (H, W), upright, that `judge` counts as wrong; if `explained`, not by rounding."""
+) -> tuple[Mask, Mask]:
+    """Return the pixels (H, W), upright, that `judge` counts as wrong, and those not by rounding.
+
+    Unless `explained`, rounding is not asked about, and both are the same.
+    """
     # Which surface a pixel shows is asked, not how far its point has moved.
     nowhere = np.full((*image.triangle.shape, 3), np.nan)
     seen = _Compared.of(reference, question, image, nowhere, judging or Judging())
     causes = seen.causes(reference.scene, question) if explained else None
-    return seen.differs if causes is None else causes.unexplained
+    return seen.differs, seen.differs if causes is None else causes.unexplained
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,6 +2,5 @@
 
 conventions   The conventions that a renderer's author may declare, and the eight symmetries of a grid
 drawn_model   A model of how somebody drew a plate: conventions, geometry, and which camera wins where
-parameters    The numbers of a guessed renderer, in groups that tend to be wrong together
 pictures      Images that a guess about a renderer makes of a scene, and the surface points that they show
 """

@@ -1,17 +1,19 @@
 """A model of how somebody drew a plate: conventions, geometry, and which camera wins where.
 
-Every quantity has the value at which nothing is wrong as its default. The lines of a model's cameras are made
-by `xfrustum.reference.lines.lines`, with the model's numbers in place of the scene's.
+Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups that tend to
+be wrong together. A new group needs a row in `GROUPS`, a field of the same name in `DrawnModel`, what it does
+to the lines in `DrawnModel.pencil` and in `xfrustum.compare.diagnosis.geometry_fit`, and its words in
+`xfrustum.compare.diagnosis.faults`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 
 import numpy as np
 
-from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
 from xfrustum.scenes.arrays import Floats
@@ -19,6 +21,112 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
+
+# Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a percent:
+# smaller shifts and factors have no name.
+SMALLEST_SHIFT_PX, SMALLEST_FACTOR = 0.05, 5e-4
+
+# Distance, as a part of the reach, at which moved apertures and scenes must be seen to move, to have a name.
+TOLD_APART_PER_REACH = 0.1
+
+
+class Kind(Enum):
+    """Kind of a number, which decides its unit and how finely it is searched for."""
+
+    PIXELS = auto()  # a length on the film
+    FACTOR = auto()  # a ratio about one
+    SIZE = auto()  # a ratio of any magnitude
+    OFFSET = auto()  # a length of the scene, of either sign
+    SCREEN = auto()  # a length on the projection screen, of either sign
+    NEAR = auto()  # a length of the scene, not negative, of any magnitude
+
+
+GROUPS: dict[str, tuple[str, Kind]] = {
+    "shift": ("xy", Kind.PIXELS),
+    "fov": ("xy", Kind.FACTOR),
+    "pitch": ("xy", Kind.FACTOR),
+    "near": ("", Kind.NEAR),
+    "aperture-offset": ("xy", Kind.OFFSET),
+    "scene-offset": ("xyz", Kind.OFFSET),
+    "scene-scale": ("", Kind.SIZE),
+    "screen-center": ("xy", Kind.SCREEN),
+    "screen-height": ("", Kind.SIZE),
+}
+"""The axes that each group has a number for, and their kind, in the order of `DrawnModel.parameters`."""
+
+SCREEN_GROUPS = ("screen-center", "screen-height")  # They mean something for recentered frusta alone.
+CAMERA_GROUPS = ("shift", "fov", "near")  # One camera may have them off nominal alone.
+NUMBERS = tuple((name, axis, kind) for name, (axes, kind) in GROUPS.items() for axis in axes or ("",))
+FAULT_NAMES = tuple(f"{name}-{axis}".removesuffix("-") for name, axis, _ in NUMBERS)
+KINDS = tuple(kind for *_, kind in NUMBERS)
+
+PREFERENCE = (
+    *("shift", "screen-center", "fov", "screen-height", "near"),
+    *("scene-offset", "aperture-offset", "pitch", "scene-scale"),
+)
+"""Order in which groups are named that explain images equally well."""
+
+
+def field_of(group: str) -> str:
+    """Return the name of a group's field of `DrawnModel`."""
+    return group.replace("-", "_")
+
+
+def places(*groups: str) -> list[int]:
+    """Return the places of the numbers of some groups in `DrawnModel.parameters`."""
+    return [place for group in groups for place, (name, *_) in enumerate(NUMBERS) if name == group]
+
+
+def screen_lengths(scene: Scene) -> Floats:
+    """Return how far a shift by a pixel to the right and one down moves the film on the screen, x and y (2,).
+
+    On a screen before the plate the film is mirrored in both axes.
+    """
+    screen = scene.frustum.screen
+    assert screen is not None
+    behind = -np.sign(screen.height)
+    return np.asarray(np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """For each number (P,): how finely it is searched for, and between which ends."""
+
+    smallest: Floats  # difference from nominal that is worth a name
+    scale: Floats  # a small step for the least squares
+    step: Floats  # for derivatives, small against what is to be told apart
+    low: Floats
+    high: Floats
+
+
+def table(scene: Scene, values: Floats) -> Table:
+    """Return the table of a scene's numbers at some values (P,)."""
+    frustum, reach, inf = scene.frustum, scene.frustum.longest_reach, np.inf
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        width, on_screen = 2 * math.tan(frustum.fov[0] / 2), 1.0
+    else:
+        width = frustum.screen.size[0] / abs(frustum.screen.height)
+        on_screen = frustum.screen.size[0] / frustum.resolution[0]
+    px = TOLD_APART_PER_REACH * reach * width / frustum.resolution[0]
+
+    def row(kind: Kind, value: float) -> tuple[float, ...]:
+        near_scale, near_step = max(0.03 * value, 1e-6 * reach), max(1e-4 * value, 1e-9 * reach)
+        return {
+            Kind.PIXELS: (SMALLEST_SHIFT_PX, 0.1, 1e-4, -inf, inf),
+            Kind.FACTOR: (SMALLEST_FACTOR, 1e-3, 1e-6, 0.01, inf),
+            Kind.SIZE: (SMALLEST_FACTOR, 0.03 * value, 1e-6 * value, 1e-6, 1e6),
+            Kind.OFFSET: (SMALLEST_SHIFT_PX * px, 1e-2 * reach, 1e-4 * px, -inf, inf),
+            Kind.SCREEN: (SMALLEST_SHIFT_PX * on_screen, 0.1 * on_screen, 1e-4 * on_screen, -inf, inf),
+            Kind.NEAR: (0.0, near_scale, near_step, 0.0, 0.9 * reach),
+        }[kind]
+
+    return Table(*np.array([row(kind, value) for kind, value in zip(KINDS, values.tolist(), strict=True)]).T)
+
+
+def smallest_named(scene: Scene) -> Floats:
+    """Return by how much each number (P,) must be off nominal to be worth a name."""
+    return table(scene, np.ones(len(KINDS))).smallest
 
 
 class Front(StrEnum):
@@ -30,11 +138,7 @@ class Front(StrEnum):
 
 
 class Culled(StrEnum):
-    """Which faces are left out: those whose corners run around in this sense along the lines of the pencil.
-
-    Both cameras of a crossed frustum look along the same lines in one direction, from the viewer's side to
-    the back.
-    """
+    """Which faces are left out: those whose corners run around in this sense as the viewer sees them."""
 
     NONE = "none"
     COUNTERCLOCKWISE = "counterclockwise"
@@ -125,12 +229,6 @@ class DrawnModel:
             return False
         return self.recentering.factor(1) == self.recentering.factor(-1)
 
-    @property
-    def alone(self) -> bool:
-        """Whether one camera alone has other numbers, its film being mirrored nowhere."""
-        one = self.one_camera
-        return one is not None and not (one.flip_x or one.flip_y)
-
     def camera(self, side: int) -> DrawnModel:
         """Return the model whose shift, fov and near are those of C (side 1 or 0) or of C* (side -1)."""
         one = self.one_camera
@@ -140,21 +238,19 @@ class DrawnModel:
 
     @property
     def parameters(self) -> Floats:
-        """All numbers as one vector (P,), in the order of `parameters.FAULT_NAMES`."""
-        return np.concatenate([np.ravel(getattr(self, group.field)) for group in parameters.GROUPS])
+        """All numbers as one vector (P,), in the order of `FAULT_NAMES`."""
+        return np.concatenate([np.ravel(getattr(self, field_of(group))) for group in GROUPS])
+
+    def with_parameters(self, values: Floats) -> DrawnModel:
+        """Return the same guess with other numbers (P,)."""
+        numbers = {field_of(group): tuple(map(float, values[places(group)])) for group in GROUPS}
+        fields = {name: some if len(some) > 1 else some[0] for name, some in numbers.items()}
+        return replace(self, **fields)  # type: ignore[arg-type]
 
     @property
     def plate_height(self) -> float:
         """Where along z the plate lies in the scene's own coordinates, before it is moved."""
         return -self.scene_offset[2] / self.scene_scale
-
-    def with_parameters(self, values: Floats) -> DrawnModel:
-        """Return the same guess with other numbers, in the order of `parameters`."""
-        fields: dict[str, float | tuple[float, ...]] = {}
-        for group in parameters.GROUPS:
-            numbers = tuple(float(values[place]) for place in parameters.places(group.name))
-            fields[group.field] = numbers if len(numbers) > 1 else numbers[0]
-        return replace(self, **fields)  # type: ignore[arg-type]
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
         """Return the aperture of the scene that a file named after one aperture shows."""
@@ -183,18 +279,15 @@ class DrawnModel:
         crossed = crossed_frustum(frustum, self.placed(aperture))
         factor, one, near = self.recentering.factor(side), camera.one_camera, camera.near
         signs = (-1.0 if one and one.flip_x else 1.0, -1.0 if one and one.flip_y else 1.0)
-        crossed = replace(
-            crossed,
-            shear=_products(crossed.shear, (factor, factor)),
-            half_extent=_products(_products(crossed.half_extent, camera.fov), signs),
-        )
+        (kx, ky), (tx, ty), fov = crossed.shear, crossed.half_extent, camera.fov
+        half_extent = tx * fov[0] * signs[0], ty * fov[1] * signs[1]
+        crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=half_extent)
         fitted = abs(frustum.screen.height) if self.fit is Fit.SCREEN and frustum.screen else None
         drawn = stepped_back(crossed, side * near, pivot=self.pivot, fitted=fitted)
         viewer, back = frustum.reach
         first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[side]
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
-        (width, height), shift = frustum.resolution, camera.shift
-        sheared = _products((2 * shift[0] / width, -2 * shift[1] / height), drawn.half_extent)
+        (width, height), (right, down), (tx, ty) = frustum.resolution, camera.shift, drawn.half_extent
         x, y, z = (
             (place - moved) / self.scene_scale
             for place, moved in zip(drawn.center, self.scene_offset, strict=True)
@@ -202,7 +295,7 @@ class DrawnModel:
         return replace(
             drawn,
             center=(x, y, z),
-            shear=(drawn.shear[0] + sheared[0], drawn.shear[1] + sheared[1]),
+            shear=(drawn.shear[0] + 2 * right / width * tx, drawn.shear[1] + -2 * down / height * ty),
             s_range=(first / self.scene_scale, last / self.scene_scale),
         )
 
@@ -219,7 +312,3 @@ def unflipped(pencil: Pencil) -> Pencil:
     """Return the same lines on a film that is not mirrored: its pixels are in another order."""
     tx, ty = pencil.half_extent
     return replace(pencil, half_extent=(abs(tx), abs(ty)))
-
-
-def _products(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    return one[0] * other[0], one[1] * other[1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from xfrustum.compare.renderer_model.conventions import UPRIGHT
+from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
@@ -28,9 +28,6 @@ Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2
 once for the renderer's own rounding, once for storing.
 """
 
-# Height of the screen that stands for a film: one unit behind the plate, where slopes are lengths.
-SCREEN_HEIGHT = -1.0
-
 # Smallest distance from a camera's own plane at which points of triangles are looked for, as a part of the
 # reach: in that plane they have no place on the film.
 CAMERA_DISTANCE_PER_REACH = 1e-6
@@ -38,9 +35,6 @@ CAMERA_DISTANCE_PER_REACH = 1e-6
 # Largest distance from a triangle of a point that is on it, as a part of the reach: a million roundings of
 # doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
-
-CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}
-"""Value of `facing` of the triangles that are left out."""
 
 Layers = dict[tuple[Pencil, bool, Culled], Layer]
 """Layers that cameras showed, by their lines, whether the nearest surface won, and the faces left out."""
@@ -71,38 +65,30 @@ def drawn(scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | N
 
 
 def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
-    """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
+    """Return what is first along a camera's lines; with `nearest`, what is last along those of C*."""
     triangles, film = scene.triangles, unflipped(pencil)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        kept = np.flatnonzero(facing(triangles, film) != CULLED_SIGN[culled])
+        # The faces that are left out turn this side to the viewer.
+        left_out = 1 if culled is Culled.COUNTERCLOCKWISE else -1
+        kept = np.flatnonzero(facing(triangles, film) != left_out)
         triangles = triangles[kept]
     if nearest:
         # Seen through a point mirror in its center, what was last along a line is first.
-        low, high = film.s_range
-        decided = first_surfaces(
-            2 * np.asarray(film.center) - triangles, replace(film, s_range=(-high, -low))
-        )
+        (low, high), mirrored = film.s_range, 2 * np.asarray(film.center) - triangles
+        decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
         decided = replace(decided, s=-decided.s)
     else:
         decided = first_surfaces(triangles, film)
     found = Layer.of(film, decided.renumbered(kept))
     # A film whose half-extents are negative has its pixels in another order.
-    flip_x, flip_y = (extent < 0 for extent in pencil.half_extent)
-    if not (flip_x or flip_y):
+    flipped = Orientation(False, *(extent < 0 for extent in pencil.half_extent))
+    if flipped == UPRIGHT:
         return found
-    ways, (width, height) = (
-        (slice(None, None, -1 if flip_y else 1), slice(None, None, -1 if flip_x else 1)),
-        (pencil.resolution),
-    )
     row, column, number = found.companions.T
-    row, column = height - 1 - row if flip_y else row, width - 1 - column if flip_x else column
-    return Layer(
-        triangle=found.triangle[ways],
-        certainty=found.certainty[ways],
-        companions=np.stack((row, column, number), axis=1),
-        position=found.position[ways],
-    )
+    column, row = flipped.cells(column, row, pencil.resolution)
+    arrays = {name: flipped.applied(getattr(found, name)) for name in ("triangle", "certainty", "position")}
+    return Layer(companions=np.stack((row, column, number), axis=1), **arrays)
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
@@ -136,11 +122,9 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     color = radiance(scene)
     if not model.conjugated:
         # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
-        lights = []
-        for light in scene.appearance.lights:
-            x, y, z = light.direction
-            lights.append(replace(light, direction=(-x, -y, -z)))
-        other = replace(scene, appearance=replace(scene.appearance, lights=tuple(lights)))
+        lights = [(light, light.direction) for light in scene.appearance.lights]
+        reversed_lights = tuple(replace(light, direction=(-x, -y, -z)) for light, (x, y, z) in lights)
+        other = replace(scene, appearance=replace(scene.appearance, lights=reversed_lights))
         color = np.where(front[..., None], radiance(other), color)
     return replace(answer, color=color)
 
@@ -174,7 +158,7 @@ def picture_of(
         resolution=(round(width * finer * wider), round(height * finer * wider)),
         reach=(-pencil.s_range[0], pencil.s_range[1]),
         screen=Screen(
-            height=SCREEN_HEIGHT,
+            height=-1.0,  # one unit behind the plate, where slopes are lengths
             center=(pencil.center[0] + pencil.shear[0], pencil.center[1] + pencil.shear[1]),
             size=(2 * wider * pencil.half_extent[0], 2 * wider * pencil.half_extent[1]),
         ),
@@ -211,9 +195,8 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
 
     They are the image's own where it has them; else they lie where the line that a pixel has by a model
-    meets the triangle that it names. Where the line misses that triangle, the pixel shows no point of it
-    that can be known; the one that the model draws nearest to the pixel's center is taken. A displacement is
-    then at least what it is found to be, and it is not zero.
+    meets the triangle that it names. Where the line misses that triangle, the point of it that the model
+    draws nearest to the pixel's center is taken: a displacement is then at least what it is found to be.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)

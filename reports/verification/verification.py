@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.diagnosis import Findings, declared, diagnose
-from xfrustum.compare.diagnosis.evidence import Evidence
+from xfrustum.compare.diagnosis.diagnosis import Evidence, Findings, declared, diagnose
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
@@ -304,7 +303,7 @@ MAX_TRIED_HOGELS = 9
 
 MAX_WRONG_IN_RIGHT_READING = 0.1
 """Largest share of wrong pixels under which another reading counts as right: a tenth, as for all that must
-explain what is wrong (`compare.diagnosis.evidence`)."""
+explain what is wrong (`compare.diagnosis.diagnosis`)."""
 
 
 def with_layout_named(

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.foreign_renderers import small
-from xfrustum.compare.diagnosis.diagnosis import diagnose
-from xfrustum.compare.diagnosis.evidence import Evidence
+from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
 from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
-from xfrustum.compare.diagnosis.claims import claims_of
-from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
+from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
+from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Front
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
@@ -195,7 +194,7 @@ def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale:
         there = replace(asked, x=asked.x + x, y=asked.y - x) if which == "aperture-offset" else asked
         image = reference.trace(there)
         images.append(replace(image, camera=replace(image.camera, aperture=asked)))
-    fit = fit_geometry(claims_of(scene, images), scene, DrawnModel())
+    fit = fit_geometry(claims_of(scene, images), DrawnModel())
     nominal = DrawnModel().parameters
     off = np.flatnonzero((fit.low > nominal) | (fit.high < nominal))
     expected = fit.model.with_parameters(nominal)

@@ -12,7 +12,7 @@ import pytest
 import xfrustum
 from tests.support.foreign_renderers import small
 from tests.support.scene_file import film, named, part
-from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION, Evidence
+from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front

@@ -12,8 +12,7 @@ import pytest
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.long_tail import kept
-from xfrustum.compare.diagnosis.diagnosis import diagnose
-from xfrustum.compare.diagnosis.evidence import Evidence
+from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
 from xfrustum.compare.diagnosis.faults import TOGETHER
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.compare.renderer_model.pictures import trace_drawn

@@ -19,8 +19,8 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
-from xfrustum.compare.diagnosis.hypotheses import HYPOTHESES
-from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.diagnosis.faults import HYPOTHESES
+from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
 
 # This library is untyped, and needed here only.
@@ -49,8 +49,8 @@ def test_the_examples_in_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_every_fault_is_in_the_table() -> None:
     text = DOCS.read_text()
     known = {value for name, value in vars(faults).items() if name.isupper() and isinstance(value, str)}
-    known |= {one.fault for one in HYPOTHESES} | set(parameters.FAULT_NAMES)
-    for side, name in itertools.product((-1, 1), parameters.FAULT_NAMES):
+    known |= {one.fault for one in HYPOTHESES} | set(drawn_model.FAULT_NAMES)
+    for side, name in itertools.product((-1, 1), drawn_model.FAULT_NAMES):
         known.add(faults.one_camera_name(name, DrawnModel(one_camera=OneCamera(side))))
     assert len(known) == 44
     assert [name for name in (*known, *ENCODING_FAULTS) if f"`{name}`" not in text] == []

@@ -9,8 +9,7 @@ import pytest
 
 from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import Faulty
-from xfrustum.compare.diagnosis.diagnosis import doubtful
-from xfrustum.compare.diagnosis.evidence import MIN_EXPLAINED_FRACTION
+from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, doubtful
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.reports.verification.verdict import figures_words, render_page, table, with_correction_tested
