@@ -32,7 +32,6 @@ from xfrustum.scenes.files.foreign_images import (
     stored_rgb,
 )
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.scene import Scene
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
@@ -111,15 +110,15 @@ class Restoring:
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image with the truth's number wherever the damage explains what is stored instead."""
-        orientation, name = self.orientation, _name(self.reading)
-        beside = StoredTruth(reference, (image,)).beside(image, orientation, self.order, thinned=False)
-        as_read = read_again(image, self.reading)
-        numbers = np.array(orientation.upright(getattr(as_read, name)))
+        plate, name = reference.scene.plate, _name(self.reading)
+        truth = reference.trace(plate.aperture(*self.order.index(image.camera.aperture.index, plate.hogels)))
+        beside, as_read = _Beside.of(truth, image, self.orientation), read_again(image, self.reading)
+        numbers = np.array(self.orientation.upright(getattr(as_read, name)))
         # The pixel's own number is tried last, and wins.
         meant = getattr(beside, name)
         for mask, number in reversed(list(zip(beside.explained(self), meant, strict=False))):
             numbers[mask] = number[mask]
-        restored = orientation.applied(numbers)
+        restored = self.orientation.applied(numbers)
         return replace(as_read, object=restored) if name == "object" else replace(as_read, triangle=restored)
 
 
@@ -140,6 +139,24 @@ class _Beside:
     object: Numbers
     gray: Floats
 
+    @classmethod
+    def of(cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0) -> _Beside:
+        """Return an image beside the truth; with `lines`, about so many rows and columns of both."""
+        height, width = truth.triangle.shape
+        step = max(1, min(height, width) // lines) if lines else 1
+        places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
+        triangle, objects = (
+            np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
+            for padded in (np.pad(one, 1, mode="edge") for one in (truth.triangle, truth.object))
+        )
+        rgb, gray = orientation.upright(stored_rgb(image))[::step, ::step], as_gray(truth)[::step, ::step]
+        return cls(rgb=rgb, triangle=triangle, object=objects, gray=gray)
+
+    @property
+    def lit(self) -> Mask:
+        """Pixels that store anything but 0."""
+        return np.asarray((self.rgb != 0).any(axis=-1))
+
     def stored(self, reading: Reading) -> Numbers:
         """Return the integers that the truth would have stored, (9, h, w)."""
         return reading.stored(getattr(self, _name(reading)))
@@ -147,10 +164,6 @@ class _Beside:
     def same(self, reading: Reading) -> Mask:
         """Return where pixels store the truth's number of the same pixel or of a neighbor, (9, h, w)."""
         return np.asarray(reading.packed(self.rgb) == self.stored(reading))
-
-    def covers(self) -> Mask:
-        """Return where pixels are lit as the truth around them shows a surface, black as not, (9, h, w)."""
-        return np.asarray((self.triangle != NOTHING) == (self.rgb != 0).any(axis=-1))
 
     def explained(self, damage: Restoring) -> Mask:
         """Return where damage turns the truth's own and neighbors' numbers into the bytes, (n, h, w).
@@ -172,143 +185,6 @@ class _Beside:
             parts, byte = stored >> shift & 255, self.rgb[..., channel].astype(np.int32)
             matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
         return matching
-
-
-class StoredTruth:
-    """Some images of a renderer, as found, beside the truth, under any orientation and order."""
-
-    def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
-        count = min(MAX_COMPARED_HOGELS, len(images))
-        chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
-        self.scene, self.images = reference.scene, [images[index] for index in chosen]
-        self.several = len({image.camera.aperture.index for image in images}) > 1
-        self.truth = cache(lambda index: reference.trace(reference.scene.plate.aperture(*index)))
-
-    def best(
-        self, damage: Restoring, matching: Callable[[_Beside], Mask] | None = None, background: int = 0
-    ) -> Restoring:
-        """Return damage with the conventions under which most pixels that show something match."""
-        matching = matching or partial(_Beside.explained, damage=damage)
-        orders = list(orientations(self.scene.plate.hogels)) if self.several else [UPRIGHT]
-        for order, orientation in itertools.product(orders, orientations(self.scene.frustum.resolution)):
-            shown = matched = 0
-            for image in self.images:
-                beside = self.beside(image, orientation, order)
-                some = beside.triangle[0] != NOTHING
-                some |= not background and (beside.rgb != 0).any(axis=-1)
-                shown += int(some.sum())
-                matched += int((matching(beside).any(axis=0) & some).sum())
-            share = matched / shown if shown else 0.0
-            # Where conventions agree equally well, the first one, no change, wins.
-            if share > damage.share + 1e-6:
-                damage = replace(damage, share=share, orientation=orientation, order=order)
-        return damage
-
-    def agreement(self, reading: Reading, kind: str = RESAMPLED) -> Restoring:
-        """Return the conventions under which most pixels store the number of the same pixel or a neighbor."""
-        same = partial(_Beside.same, reading=reading)
-        return self.best(Restoring(kind=kind, reading=reading), same, reading.background)
-
-    def beside(
-        self, image: HogelImage, orientation: Orientation, order: Orientation, *, thinned: bool = True
-    ) -> _Beside:
-        """Return an image's pixels beside the truth's."""
-        truth = self.truth(order.index(image.camera.aperture.index, self.scene.plate.hogels))
-        height, width = truth.triangle.shape
-        step = max(1, min(height, width) // COMPARED_LINES) if thinned else 1
-        places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
-
-        def around(numbers: Numbers) -> Numbers:
-            padded = np.pad(numbers, 1, mode="edge")
-            return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
-
-        return _Beside(
-            rgb=orientation.upright(stored_rgb(image))[::step, ::step],
-            triangle=around(truth.triangle),
-            object=around(truth.object),
-            gray=as_gray(truth)[::step, ::step],
-        )
-
-    def all_beside(self, found: Restoring) -> list[_Beside]:
-        """Return all images beside the truth, under the conventions under which they agree."""
-        return [self.beside(image, found.orientation, found.order) for image in self.images]
-
-    def colors(self) -> Reading | None:
-        """Return how to read pixels that are colors of the scene; None where they are not."""
-        colors = Reading(encoding=Encoding.RGB)
-        found = self.best(Restoring(kind=WRONG_ENCODING, reading=colors), _Beside.covers)
-        if found.share < MIN_AGREEING_FRACTION:
-            return None
-        parts = self.all_beside(found)
-        inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
-        rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
-        gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
-        shades = rgb.astype(np.float64).mean(axis=1)
-        if len(np.unique(shades)) < MIN_SHADES:
-            return None
-        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_AGREEING_FRACTION
-        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
-            return None
-        # The shares of pixels that are as bright as the truth in either encoding.
-        linear, encoded = (
-            np.mean(np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0)) <= COLOR_TOLERANCE)
-            for one in (Encoding.RGB, Encoding.SRGB)
-        )
-        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
-        return replace(colors, encoding=Encoding.SRGB) if is_encoded else colors
-
-
-def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
-    count, stored_as = len(truth.scene.faces), [getattr(image, "stored", None) for image in truth.images]
-    for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID else ():
-        found = Restoring(kind=OVERFLOW, reading=stated, bits=bits)
-        if count >= 2**bits and (found := truth.best(found)).share >= MIN_AGREEING_FRACTION:
-            words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
-            words += ": others are lost"
-            return Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words), found
-    named_lossy = any(one is not None and one.lossy for one in stored_as)
-    for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
-        found = truth.best(Restoring(kind=kind, reading=stated))
-        parts = truth.all_beside(found)
-        shown = [(part.rgb != 0).any(axis=-1) | (part.triangle[0] != NOTHING) for part in parts]
-        same = [part.same(stated)[:, some].any(axis=0) for part, some in zip(parts, shown, strict=True)]
-        mixed = 1 - float(np.concatenate(same).mean())
-        stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
-        should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
-        new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
-        accounted = found.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
-        if accounted or (kind == LOSSY and named_lossy):
-            words = f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
-            words += "by filtering, resizing or anti-aliasing: numbers have no averages"
-            if kind == LOSSY:
-                words = "numbers went through lossy compression, such as JPEG: write PNG"
-            return Fault(fault=kind, value=mixed, unit="share", words=words), found
-    return None
-
-
-def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
-    images = [stated.packed(stored_rgb(image)) for image in truth.images]
-    expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
-
-    def repeated(images: Sequence[Numbers], axis: int) -> float:
-        """Return the share of rows (axis 0) or columns that repeat the ones before, uniform ones left out."""
-        same = telling = 0
-        for image in images:
-            lines = np.moveaxis(image, axis, 0)
-            several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
-            telling += int(several.sum())
-            same += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
-        return same / telling if telling else 0.0
-
-    shares = [repeated(images, axis) for axis in (0, 1)]
-    usual = [repeated(expected, axis) for axis in (0, 1)]
-    if any(mine < MIN_REPEATED_FRACTION or its > mine / 2 for mine, its in zip(shares, usual, strict=True)):
-        return None
-    share = float(np.mean(shares))
-    words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
-    return Fault(fault=RESAMPLED, value=share, unit="share", words=words), truth.agreement(stated)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,10 +230,10 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     told = [one for one in images if (stored_integers(one, stated) != 0).any()]
     if not told:
         return FoundEncoding()
-    truth = StoredTruth(reference, told)
-    found = _Search(scene=reference.scene, images=told, nominal=nominal, stated=stated, truth=truth).found()
+    search = _Search(reference, told, nominal, stated)
+    found = search.found()
     if found is not None and found.reading is not None and found.reading.first_is_lost:
-        return replace(found, restoring=truth.agreement(found.reading, FIRST_NUMBER))
+        return replace(found, restoring=search.agreement(found.reading, FIRST_NUMBER))
     return found or FoundEncoding()
 
 
@@ -365,17 +241,25 @@ def _is_picture(image: HogelImage) -> bool:
     return isinstance(image, ForeignImage) and image.stored is not None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Search:
-    """The search for another reading of images that are stated to hold something."""
+    """The search for another reading of images that are stated to hold something.
 
-    scene: Scene
-    images: Sequence[HogelImage]
-    nominal: DrawnModel
-    stated: Reading
-    truth: StoredTruth
+    Readings are judged by claims; some of the images, as found, are compared with the truth under any
+    orientation and order.
+    """
 
-    def found(self) -> FoundEncoding | None:  # noqa: PLR0911 - one for each way to fail
+    def __init__(
+        self, reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
+    ) -> None:
+        self.scene, self.images, self.nominal, self.stated = reference.scene, images, nominal, stated
+        count = min(MAX_COMPARED_HOGELS, len(images))
+        chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
+        self.compared = [images[index] for index in chosen]
+        several = len({image.camera.aperture.index for image in images}) > 1
+        self.orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
+        self.truth = cache(lambda index: reference.trace(reference.scene.plate.aperture(*index)))
+
+    def found(self) -> FoundEncoding | None:
         """Find another reading that holds where the stated one fails."""
         stated, pictures = self.stated, any(map(_is_picture, self.images))
         triangles, objects = (replace(stated, encoding=one) for one in NUMBER_ENCODINGS)
@@ -383,7 +267,7 @@ class _Search:
             found = self._by_claims(triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT)
             return found or self._by_objects(objects, 0.0)
         if stated.encoding is Encoding.OBJECT_ID:
-            agreeing = self.truth.agreement(stated).share
+            agreeing = self.agreement(stated).share
             if agreeing >= MIN_AGREEING_FRACTION:
                 return None
             found = self._by_objects(stated, agreeing)
@@ -396,19 +280,125 @@ class _Search:
             found = self._by_claims(stated, left)
             if found is None and left <= MIN_FAILED_MISFIT_PX:
                 # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel.
-                repeated = repeated_pixels(self.truth, stated)
-                return repeated and FoundEncoding(faults=repeated[:1], restoring=repeated[1])
+                return self._enlarged()
             found = found or self._by_objects(objects, 0.0)
         # What is left is compared with the truth.
-        spoiled = None if found else spoiled_numbers(self.truth, stated)
-        if spoiled is not None:
-            return FoundEncoding(faults=spoiled[:1], restoring=spoiled[1])
+        found = found or self._spoiled()
         # Pixels that name things in the scene are numbers, right or wrong, and not colors.
         if found is None and pictures and self._valid_share(stated) < MIN_VALID_FRACTION:
-            colors = self.truth.colors()
+            colors = self._colors()
             if colors is not None:
                 return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)
         return found
+
+    def _best(
+        self, damage: Restoring, matching: Callable[[_Beside], Mask] | None = None, background: int = 0
+    ) -> tuple[Restoring, list[_Beside]]:
+        """Return damage with the conventions under which most pixels that show something match.
+
+        The images, under these conventions, beside the truth follow.
+        """
+        matching = matching or partial(_Beside.explained, damage=damage)
+        best: list[_Beside] = []
+        for order, orientation in itertools.product(self.orders, orientations(self.scene.frustum.resolution)):
+            parts, shown, matched = [], 0, 0
+            for image in self.compared:
+                truth = self.truth(order.index(image.camera.aperture.index, self.scene.plate.hogels))
+                beside = _Beside.of(truth, image, orientation, COMPARED_LINES)
+                some = beside.triangle[0] != NOTHING
+                some |= not background and beside.lit
+                shown, matched = shown + some.sum(), matched + (matching(beside).any(axis=0) & some).sum()
+                parts.append(beside)
+            share = float(matched / shown) if shown else 0.0
+            best = best or parts
+            # Where conventions agree equally well, the first one, no change, wins.
+            if share > damage.share + 1e-6:
+                damage, best = replace(damage, share=share, orientation=orientation, order=order), parts
+        return damage, best
+
+    def agreement(self, reading: Reading, kind: str = RESAMPLED) -> Restoring:
+        """Return the conventions under which most pixels store the number of the same pixel or a neighbor."""
+        same = partial(_Beside.same, reading=reading)
+        return self._best(Restoring(kind=kind, reading=reading), same, reading.background)[0]
+
+    def _colors(self) -> Reading | None:
+        """Return how to read pixels that are colors of the scene; None where they are not."""
+        colors = Reading(encoding=Encoding.RGB)
+        # Pixels are lit where the truth around them shows a surface, and black where not.
+        found, parts = self._best(
+            Restoring(kind=WRONG_ENCODING, reading=colors), lambda one: (one.triangle != NOTHING) == one.lit
+        )
+        if found.share < MIN_AGREEING_FRACTION:
+            return None
+        inner = [part.lit & (part.triangle[0] != NOTHING) for part in parts]
+        rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
+        gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
+        shades = rgb.astype(np.float64).mean(axis=1)
+        if len(np.unique(shades)) < MIN_SHADES:
+            return None
+        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_AGREEING_FRACTION
+        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
+            return None
+        # The shares of pixels that are as bright as the truth in either encoding.
+        linear, encoded = (
+            np.mean(np.abs(radiance(rgb, one).mean(axis=-1) - np.clip(gray, 0.0, 1.0)) <= COLOR_TOLERANCE)
+            for one in (Encoding.RGB, Encoding.SRGB)
+        )
+        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
+        return replace(colors, encoding=Encoding.SRGB) if is_encoded else colors
+
+    def _spoiled(self) -> FoundEncoding | None:
+        """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression."""
+        count, stated = len(self.scene.faces), self.stated
+        for bits in (8, 16) if stated.encoding is Encoding.TRIANGLE_ID and count >= 2**8 else ():
+            found, _ = self._best(Restoring(kind=OVERFLOW, reading=stated, bits=bits))
+            if count >= 2**bits and found.share >= MIN_AGREEING_FRACTION:
+                words = f"only the low {bits} bits of each number are stored, of {count:,} triangles"
+                words += ": others are lost"
+                fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
+                return FoundEncoding(faults=(fault,), restoring=found)
+        stored_as = [getattr(image, "stored", None) for image in self.compared]
+        named_lossy = any(one is not None and one.lossy for one in stored_as)
+        for kind in (LOSSY,) if named_lossy else (RESAMPLED, LOSSY):
+            found, parts = self._best(Restoring(kind=kind, reading=stated))
+            shown = [part.lit | (part.triangle[0] != NOTHING) for part in parts]
+            same = [part.same(stated)[:, some].any(axis=0) for part, some in zip(parts, shown, strict=True)]
+            mixed = 1 - float(np.concatenate(same).mean())
+            stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
+            should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
+            new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
+            accounted = found.share >= MIN_AGREEING_FRACTION and mixed >= MIN_MIXED_FRACTION and new
+            if accounted or (kind == LOSSY and named_lossy):
+                words = f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
+                words += "by filtering, resizing or anti-aliasing: numbers have no averages"
+                if kind == LOSSY:
+                    words = "numbers went through lossy compression, such as JPEG: write PNG"
+                fault = Fault(fault=kind, value=mixed, unit="share", words=words)
+                return FoundEncoding(faults=(fault,), restoring=found)
+        return None
+
+    def _enlarged(self) -> FoundEncoding | None:
+        """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""
+        images = [self.stated.packed(stored_rgb(image)) for image in self.compared]
+        expected = [self.truth(image.camera.aperture.index).triangle for image in self.compared]
+
+        def repeated(images: Sequence[Numbers], axis: int) -> float:
+            """Return the share of rows (axis 0) or columns, not uniform, that repeat the ones before."""
+            lines = [np.moveaxis(image, axis, 0) for image in images]
+            several = [(one[:-1] != one[:-1, :1]).any(axis=1) for one in lines]
+            same = [
+                some & (one[1:] == one[:-1]).all(axis=1) for one, some in zip(lines, several, strict=True)
+            ]
+            return float(np.sum(same) / max(np.sum(several), 1))
+
+        shares, usual = [[repeated(some, axis) for axis in (0, 1)] for some in (images, expected)]
+        if min(shares) < MIN_REPEATED_FRACTION or any(np.array(usual) > np.array(shares) / 2):
+            return None
+        share = float(np.mean(shares))
+        words = f"{share:.0%} of columns and rows repeat the ones before: "
+        words += "images were drawn smaller and enlarged"
+        fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
+        return FoundEncoding(faults=(fault,), restoring=self.agreement(self.stated))
 
     def _read(self, reading: Reading) -> Claims:
         """Return what the images claim in some reading."""
@@ -435,7 +425,7 @@ class _Search:
     def _by_objects(self, start: Reading, agreeing: float) -> FoundEncoding | None:
         """Find the reading under which pixels name the objects that the truth shows."""
         readings = list(self._others(start))
-        shares = [self.truth.agreement(reading).share for reading in readings]
+        shares = [self.agreement(reading).share for reading in readings]
         most, same = max(shares, default=0.0), start.encoding is self.stated.encoding
         enough = MIN_AGREEING_OBJECTS_FRACTION if same else MIN_AGREEING_FRACTION
         if most < enough or (1 - most) * MIN_IMPROVEMENT > 1 - agreeing:
@@ -493,10 +483,8 @@ class _Search:
 
         held = failing(nominal)
         if held > MAX_HELD_MISFIT_PX:
-            several = len(np.unique(claims.hogel, axis=0)) > 1
-            orders = list(orientations(scene.plate.hogels)) if several else [UPRIGHT]
             nears = {nominal.near, *(part * scene.frustum.longest_reach for part in NEAR_FRACTIONS)}
-            tried = itertools.product(orientations(scene.frustum.resolution), orders, sorted(nears))
+            tried = itertools.product(orientations(scene.frustum.resolution), self.orders, sorted(nears))
             models = (replace(nominal, orientation=one, order=two, near=near) for one, two, near in tried)
             held = min(held, *map(failing, models))
         return valid * held + (1 - valid) * MISFIT_CAP_PX

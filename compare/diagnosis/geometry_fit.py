@@ -58,10 +58,10 @@ MIN_DEPTH_PER_NEAR = 0.5
 # bits that graphics hardware has.
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 
-# Largest numbers of claims used by the search and screening of guesses, by the fit and by the intervals. The
-# search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the intervals
-# are bounded by the few claims nearest to an edge, and are computed once.
-MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 600, 2500, 16000
+# Largest numbers of claims used by the search, by the screening of guesses, by the fit and by the intervals.
+# The search tries hundreds of guesses and only ranks them; the fit needs more for its precision; the
+# intervals are bounded by the few claims nearest to an edge, and are computed once.
+MAX_SEARCHED_CLAIMS, MAX_SCREENED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 600, 2500, 16000
 
 # Largest share of claims that may fail under the right guess: damaged pixels, and edges that anti-aliasing or
 # rounding has moved. The noise of a guess is the distance that this share of claims exceeds; a convention
@@ -194,44 +194,49 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
     px, py, z = (claims.corners * model.scene_scale + np.asarray(model.scene_offset)).transpose(2, 1, 0)
     frustum, following = model.frustum(scene), [1, 2, 0]
     distances, outsides = [], []
+    distance = depth = np.empty(0)
     for side in (1, -1):
-        # Step 1: film coordinates of the points that the claimed pixels sample. A film that is mirrored shows
-        # its picture at the mirrored point.
         camera = model.camera(side)
-        column, row = camera.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
-        u, v = 2 * (column + camera.shift[0]) + 1, 2 * (row + camera.shift[1]) + 1
-        u, v, one = u / width - 1, 1 - v / height, camera.one_camera
-        u, v = -u if one and one.flip_x else u, -v if one and one.flip_y else v
-        # Step 2: shear (2, N) and half-extent (2,) of the films of the apertures.
-        if frustum.screen is None:
-            assert frustum.fov is not None
-            shear, half = np.zeros_like(places).T, np.tan(np.asarray(frustum.fov) / 2) * camera.fov
+        if side < 0 and model.one_pencil:
+            # The same lines, run through the other way: all homogeneous coordinates change their sign.
+            distance, depth = -distance, -depth
         else:
-            behind = -frustum.screen.height
-            half = np.asarray(frustum.screen.size) / 2 / abs(behind) * camera.fov
-            if camera.fit is Fit.SCREEN:
-                half = half * abs(behind) / (abs(behind) + camera.near)
-            shear = ((np.asarray(frustum.screen.center) - places) / behind).T
-        # Step 3: homogeneous film coordinates of the corners, sheared about the aperture, where both cameras
-        # look straight (CONVENTIONS.md).
-        offset = side * camera.near if model.pivot is Pivot.CAMERA else 0.0
-        w = camera.near - side * z
-        kx, ky = shear * model.recentering.factor(side)
-        x = (px - places[:, 0] + kx * (z - offset)) * (side / half[0])
-        y = (py - places[:, 1] + ky * (z - offset)) * (side / half[1])
-        # Step 4: the three edges as lines on the film, by cross products of corners; `values` is each line's
-        # equation at the sampled point, and `volume` the determinant of the corners.
-        line_x = y * w[following] - w * y[following]
-        line_y = w * x[following] - x * w[following]
-        line_1 = x * y[following] - y * x[following]
-        values = line_x * u + line_y * v + line_1
-        volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
-        # Step 5: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at the
-        # point follows from the same quantities. The determinant's sign says which side of edges is inside.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
-            depth = volume / values.sum(axis=0)
-        distance *= np.sign(volume)
+            # Step 1: film coordinates of the points that the claimed pixels sample. A film that is mirrored
+            # shows its picture at the mirrored point.
+            column, row = camera.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
+            u, v = 2 * (column + camera.shift[0]) + 1, 2 * (row + camera.shift[1]) + 1
+            u, v, one = u / width - 1, 1 - v / height, camera.one_camera
+            u, v = -u if one and one.flip_x else u, -v if one and one.flip_y else v
+            # Step 2: shear (2, N) and half-extent (2,) of the films of the apertures.
+            if frustum.screen is None:
+                assert frustum.fov is not None
+                shear, half = np.zeros_like(places).T, np.tan(np.asarray(frustum.fov) / 2) * camera.fov
+            else:
+                behind = -frustum.screen.height
+                half = np.asarray(frustum.screen.size) / 2 / abs(behind) * camera.fov
+                if camera.fit is Fit.SCREEN:
+                    half = half * abs(behind) / (abs(behind) + camera.near)
+                shear = ((np.asarray(frustum.screen.center) - places) / behind).T
+            # Step 3: homogeneous film coordinates of the corners, sheared about the aperture, where both
+            # cameras look straight (CONVENTIONS.md).
+            offset = side * camera.near if model.pivot is Pivot.CAMERA else 0.0
+            w = camera.near - side * z
+            kx, ky = shear * model.recentering.factor(side)
+            x = (px - places[:, 0] + kx * (z - offset)) * (side / half[0])
+            y = (py - places[:, 1] + ky * (z - offset)) * (side / half[1])
+            # Step 4: the three edges as lines on the film, by cross products of corners; `values` is each
+            # line's equation at the sampled point, and `volume` the determinant of the corners.
+            line_x = y * w[following] - w * y[following]
+            line_y = w * x[following] - x * w[following]
+            line_1 = x * y[following] - y * x[following]
+            values = line_x * u + line_y * v + line_1
+            volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
+            # Step 5: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at
+            # the point follows from the same quantities. The determinant's sign says which side is inside.
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
+                depth = volume / values.sum(axis=0)
+            distance *= np.sign(volume)
         outside = np.maximum(0.0, -distance.min(axis=0))
         seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * camera.near)
         distances.append(distance.T)
@@ -462,7 +467,7 @@ class _Fitting:
         Where several sets with the same number of groups suffice, images cannot tell them apart: the
         preferred one comes first. None is returned where no set suffices.
         """
-        few = claims.thinned(MAX_SEARCHED_CLAIMS)
+        few = claims.thinned(MAX_SCREENED_CLAIMS)
         passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
         stages = (

@@ -1,18 +1,15 @@
 """One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
 
-The arithmetic is that of `xfrustum.compare.metrics`: which pixels are judged, which show another surface or a
-hidden point or one from outside the film, where the film shows a point and how far that is from the pixel's
-center. `compare_images` has a truth and an image that answer the same question, name surfaces and say where
-these lie; it also knows that the true frustum sees the plate through the aperture only. A foreign image may
-be turned, may name triangles that do not exist, or show colors alone, and its question may be two offset
-cameras, which do see the plate, and of which the front one covers the other. Here colors are right or wrong
-within a tolerance; there their error is measured.
+The arithmetic is that of `xfrustum.compare.metrics`. `compare_images` has a truth and an image that answer
+the same question, name surfaces and say where these lie. A foreign image may be turned, may name triangles
+that do not exist, or show colors alone, and its question may be two offset cameras, which see the plate, and
+of which the front one covers the other. Here colors are right or wrong within a tolerance; there their error
+is measured.
 
 How far a picture without points has moved is found by registration of its outlines. An outline runs between
 two neighboring pixels, and the place between them is called a step. The steps of the truth's outlines are
 moved by every whole number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and the picture's contrast
-is looked up where they come to lie. The displacement with the largest mean contrast is that of the picture's
-outlines.
+is looked up where they come to lie: the displacement is the one with the largest mean contrast.
 """
 
 from __future__ import annotations
@@ -152,16 +149,13 @@ def true_outlines(answer: HogelImage) -> Steps:
 
 def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
     """Return the pixels (H, W) beside an outline where a picture has no edge near enough."""
-    # The pixels before the steps of either axis.
-    before = (slice(None), slice(-1)), (slice(-1), slice(None))
-    strongest = np.zeros((len(outlines[0]), outlines[1].shape[1]))
-    for some, place in zip(shown, before, strict=True):
-        strongest[place] = np.maximum(strongest[place], some)
-    strongest = maximum_filter(strongest, size=2 * OUTLINE_TOLERANCE_PX + 1)
-    missing = np.zeros(strongest.shape, dtype=np.bool_)
-    for some, place in zip(outlines, before, strict=True):
-        missing[place] |= (some > 0) & (strongest[place] < MIN_EDGE_CONTRAST)
-    return missing
+    # The strongest edge after each pixel, and near it; a step belongs to the pixel before it.
+    after, here = (
+        np.maximum(np.pad(across, ((0, 0), (0, 1))), np.pad(down, ((0, 1), (0, 0))))
+        for across, down in (shown, outlines)
+    )
+    strongest = maximum_filter(after, size=2 * OUTLINE_TOLERANCE_PX + 1)
+    return np.asarray((here > 0) & (strongest < MIN_EDGE_CONTRAST))
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
@@ -206,63 +200,41 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tuple[float, float] | None:
     """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
     reach = MAX_DISPLACEMENT_PX
-    scores = np.zeros((2 * reach + 1, 2 * reach + 1))
-    counted = np.zeros_like(scores)
+    scores = counted = np.zeros((2 * reach + 1, 2 * reach + 1))
+    moves = np.indices(scores.shape)[:, None]
     for number, grid in enumerate(shown):
         mine, weight = places[axis == number], weights[axis == number]
+        row, column = mine.T[:, :, None, None] + moves
         padded, inside = np.pad(grid, reach), np.pad(np.ones_like(grid), reach)
-        for row, column in np.ndindex(*scores.shape):
-            at = (mine[:, 0] + row, mine[:, 1] + column)
-            scores[row, column] += weight @ padded[at]
-            counted[row, column] += weight @ inside[at]
-    scores /= np.maximum(counted, counted.max() / 2)
+        scores = scores + np.tensordot(weight, padded[row, column], 1)
+        counted = counted + np.tensordot(weight, inside[row, column], 1)
+    scores = scores / np.maximum(counted, counted.max() / 2)
     best = float(scores.max())
     if best <= 0 or best < MIN_PEAK_RATIO * float(np.median(scores)):
         return None
     alike = np.argwhere(scores >= EQUAL_PEAK_RATIO * best)
     row, column = alike[np.argmin(np.square(alike - reach).sum(axis=1))].tolist()
-    down = row - reach + _between(scores[max(row - 1, 0) : row + 2, column])
-    right = column - reach + _between(scores[row, max(column - 1, 0) : column + 2])
-    return down, right
+
+    def between(three: Floats) -> float:
+        """Return where a parabola through a peak and its two neighbors is highest, from -0.5 to 0.5."""
+        before, here, after = three.tolist() if len(three) == 3 else (0.0, 0.0, 0.0)
+        bend = before - 2 * here + after
+        return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0
+
+    down = row - reach + between(scores[max(row - 1, 0) : row + 2, column])
+    return down, column - reach + between(scores[row, max(column - 1, 0) : column + 2])
 
 
-def _between(three: Floats) -> float:
-    """Return where a parabola through a peak and its two neighbors is highest, from -0.5 to 0.5."""
-    if len(three) < 3:
-        return 0.0
-    before, here, after = three.tolist()
-    bend = before - 2 * here + after
-    return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0
-
-
-def point_displacement(
-    scene: Scene, question: DrawnModel, answer: HogelImage, image: HogelImage
-) -> tuple[Spread | None, MeasuredBy]:
-    """Return how far the surface points of an image's pixels have moved, and what that was measured by."""
-    places = question.project(scene, answer.camera.aperture, image.position.astype(np.float64))
-    length = lengths(places - pixel_centers(answer.camera))
-    known = np.isfinite(length)
-    # What most pixels do not say, the others do not say for them.
-    if not known.any() or 2 * known.sum() < covered_by(image).sum():
-        return None, MeasuredBy.NOTHING
-    return Spread.of(length[known]), MeasuredBy.POINTS
-
-
-def picture_displacement(
+def _moved_outlines(
     answer: HogelImage, image: HogelImage, by: str, differs: Mask
 ) -> tuple[Spread | None, MeasuredBy]:
     """Return how far the outlines of an image have moved, and what that was measured by.
 
-    An outline of an image that names objects, or shows where something is, runs between two neighboring
-    pixels with different labels. If no judged pixel differs from the answer (`differs`, (H, W)), both images
-    have the same labels and hence the same outlines: they have moved by 0. So it is with colors that have the
-    answer's contrast to the last bit. Registration would say less, because few or straight outlines do not
-    fix a part of a pixel. Colors that are equal within a tolerance are registered, for a dim outline may have
-    moved within it.
-
-    An answer without an outline has nothing that could be seen to move. A right renderer could not do better,
-    and what moves into the film from outside is wrong pixels. Soft shading has no outline: it does not say by
-    how much it has moved. If there are outlines that cannot be registered, the displacement is not known.
+    Labels of which no judged pixel differs (`differs`, (H, W)) have the answer's outlines: they have moved by
+    0. So have colors with the answer's contrast to the last bit. Registration would say less, because few or
+    straight outlines do not fix a part of a pixel. Colors that are equal within a tolerance are registered,
+    for a dim outline may have moved within it. An answer without an outline, such as soft shading, has
+    nothing that could be seen to move, and what moves into the film from outside is wrong pixels.
     """
     if by in COLOR_ONLY:
         shown = contrast(image, MAX_EDGE_CONTRAST)
@@ -372,21 +344,16 @@ class HogelNumbers:
         return self.limited / self.shown if self.shown else 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Figures:
-    """The numbers of an image beside the images they were counted in.
-
-    `answer` is what should be shown and `image` what is, as the question turns it; `error` (H, W) are the
-    pixels with a wrong surface or color, or that differ in `by` where the image says no surfaces; `claimed`
-    counts shown pixels where the image shows something.
-    """
+    """The numbers of an image beside the images they were counted in."""
 
     numbers: HogelNumbers
-    claimed: int
+    claimed: int  # shown pixels where the image shows something
     cause_masks: Causes | None
-    answer: HogelImage
-    image: HogelImage
-    error: Mask
+    answer: HogelImage  # what should be shown,
+    image: HogelImage  # and what is, as the question turns it
+    error: Mask  # (H, W) wrong surface or color, or other in `by` where the image says no surfaces
 
 
 def judge(
@@ -400,13 +367,8 @@ def judge(
 ) -> Figures:
     """Compare an image with what a question asks for; `DrawnModel()` asks for the true crossed frustum.
 
-    Parameters
-    ----------
-    image, points
-        As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is
-        that of the aperture that its file is named after.
-    explained
-        Whether to find causes, which needs triangle numbers.
+    Image and surface points (H, W, 3), those of `shown_points`, are as found; the image's camera is that of
+    the aperture that its file is named after. Causes are found if `explained`, which needs triangle numbers.
     """
     judging, scene = judging or Judging(), reference.scene
     seen = _Compared.of(reference, question, image, points, judging)
@@ -426,9 +388,14 @@ def judge(
             differ &= answer.triangle == upright.triangle
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
-        spread, measured_by = point_displacement(scene, question, answer, upright)
+        places = question.project(scene, answer.camera.aperture, upright.position.astype(np.float64))
+        length = lengths(places - pixel_centers(answer.camera))
+        known, spread, measured_by = np.isfinite(length), None, MeasuredBy.NOTHING
+        # What most pixels do not say, the others do not say for them.
+        if known.any() and 2 * known.sum() >= covered_by(upright).sum():
+            spread, measured_by = Spread.of(length[known]), MeasuredBy.POINTS
     else:
-        spread, measured_by = picture_displacement(answer, upright, by, seen.differs)
+        spread, measured_by = _moved_outlines(answer, upright, by, seen.differs)
     causes = seen.causes(scene, question) if explained else None
     differing = int(seen.differs.sum())
     numbers = HogelNumbers(
@@ -444,9 +411,7 @@ def judge(
         causes=None if causes is None else causes.counts(),
     )
     claimed = int((seen.covered & shown).sum())
-    return Figures(
-        numbers=numbers, claimed=claimed, cause_masks=causes, answer=answer, image=upright, error=error
-    )
+    return Figures(numbers, claimed, cause_masks=causes, answer=answer, image=upright, error=error)
 
 
 def wrong_pixels(
