@@ -41,6 +41,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+from xfrustum.scenes.plate.plate import Aperture
 
 # Size of the triangle that stands for a claimed point, relative to the point's largest coordinate: the
 # rounding to float32, in which images store points.
@@ -186,59 +187,45 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
     projection and in C*'s; the second distances (2, N) outside, infinite behind the camera.
     """
     scene, (width, height), (sx, sy) = claims.scene, claims.scene.frustum.resolution, claims.scene.plate.size
-    columns, rows = hogels = scene.plate.hogels
-    column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], hogels)
-    places = np.stack(((column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows), axis=-1)
-    places = places * np.asarray(model.pitch) + np.asarray(model.aperture_offset)
+    columns, rows = scene.plate.hogels
+    column, row = model.order.cells(*claims.hogel.T, (columns, rows))
+    apertures = (column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows
+    column, row = model.orientation.cells(*claims.pixel.T, (width, height))
+    u, v = (2 * column + 1) / width - 1, 1 - (2 * row + 1) / height
     # Coordinate and corner come first, the claim last: all below is whole arrays.
-    px, py, z = (claims.corners * model.scene_scale + np.asarray(model.scene_offset)).transpose(2, 1, 0)
-    frustum, following = model.frustum(scene), [1, 2, 0]
+    (px, py, z), following = claims.corners.transpose(2, 1, 0), [1, 2, 0]
+    two = [Aperture(column=0, row=0, x=place, y=place) for place in (0.0, 1.0)]
     distances, outsides = [], []
     distance = depth = np.empty(0)
     for side in (1, -1):
-        camera = model.camera(side)
         if side < 0 and model.one_pencil:
             # The same lines, run through the other way: all homogeneous coordinates change their sign.
             distance, depth = -distance, -depth
         else:
-            # Step 1: film coordinates of the points that the claimed pixels sample. A film that is mirrored
-            # shows its picture at the mirrored point.
-            column, row = camera.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
-            u, v = 2 * (column + camera.shift[0]) + 1, 2 * (row + camera.shift[1]) + 1
-            u, v, one = u / width - 1, 1 - v / height, camera.one_camera
-            u, v = -u if one and one.flip_x else u, -v if one and one.flip_y else v
-            # Step 2: shear (2, N) and half-extent (2,) of the films of the apertures.
-            if frustum.screen is None:
-                assert frustum.fov is not None
-                shear, half = np.zeros_like(places).T, np.tan(np.asarray(frustum.fov) / 2) * camera.fov
-            else:
-                behind = -frustum.screen.height
-                half = np.asarray(frustum.screen.size) / 2 / abs(behind) * camera.fov
-                if camera.fit is Fit.SCREEN:
-                    half = half * abs(behind) / (abs(behind) + camera.near)
-                shear = ((np.asarray(frustum.screen.center) - places) / behind).T
-            # Step 3: homogeneous film coordinates of the corners, sheared about the aperture, where both
-            # cameras look straight (CONVENTIONS.md).
-            offset = side * camera.near if model.pivot is Pivot.CAMERA else 0.0
-            w = camera.near - side * z
-            kx, ky = shear * model.recentering.factor(side)
-            x = (px - places[:, 0] + kx * (z - offset)) * (side / half[0])
-            y = (py - places[:, 1] + ky * (z - offset)) * (side / half[1])
-            # Step 4: the three edges as lines on the film, by cross products of corners; `values` is each
-            # line's equation at the sampled point, and `volume` the determinant of the corners.
+            # Step 1: homogeneous film coordinates of the corners, (3, N). Center and shear of a pencil are
+            # affine in the aperture's place along the same axis: two pencils say those of all.
+            one, other = (model.pencil(scene, aperture, side) for aperture in two)
+            w = side * (one.center[2] - z)
+            lines = zip(one.center, other.center, one.shear, other.shear, one.half_extent, strict=False)
+            x, y = (
+                (side * (p - c - (c1 - c) * a) - (k + (k1 - k) * a) * w) / t
+                for p, a, (c, c1, k, k1, t) in zip((px, py), apertures, lines, strict=True)
+            )
+            # Step 2: the three edges as lines on the film, by cross products of corners; `values` is each
+            # line's equation at the pixel's center, and `volume` the determinant of the corners.
             line_x = y * w[following] - w * y[following]
             line_y = w * x[following] - x * w[following]
             line_1 = x * y[following] - y * x[following]
             values = line_x * u + line_y * v + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
-            # Step 5: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at
+            # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at
             # the point follows from the same quantities. The determinant's sign says which side is inside.
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = values / np.hypot(line_x * 2 / width, line_y * 2 / height)
-                depth = volume / values.sum(axis=0)
+                depth = volume / values.sum(axis=0) * model.scene_scale
             distance *= np.sign(volume)
         outside = np.maximum(0.0, -distance.min(axis=0))
-        seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * camera.near)
+        seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * model.camera(side).near)
         distances.append(distance.T)
         outsides.append(np.where(seen, outside, np.inf))
     return np.stack(distances), np.stack(outsides)

@@ -2,8 +2,7 @@
 
 Every quantity has the value at which nothing is wrong as its default. Its numbers come in groups that tend to
 be wrong together. A new group needs a row in `GROUPS`, a field of the same name in `DrawnModel`, what it does
-to the lines in `DrawnModel.pencil` and in `xfrustum.compare.diagnosis.geometry_fit`, and its words in
-`xfrustum.compare.diagnosis.faults`.
+to the lines in `DrawnModel.pencil`, and its words in `xfrustum.compare.diagnosis.faults`.
 """
 
 from __future__ import annotations
