@@ -188,9 +188,9 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
     """
     scene, (width, height), (sx, sy) = claims.scene, claims.scene.frustum.resolution, claims.scene.plate.size
     columns, rows = scene.plate.hogels
-    column, row = model.order.cells(*claims.hogel.T, (columns, rows))
+    column, row = model.order.cells(claims.hogel[:, 0], claims.hogel[:, 1], (columns, rows))
     apertures = (column + 0.5) * sx / columns - sx / 2, sy / 2 - (row + 0.5) * sy / rows
-    column, row = model.orientation.cells(*claims.pixel.T, (width, height))
+    column, row = model.orientation.cells(claims.pixel[:, 0], claims.pixel[:, 1], (width, height))
     u, v = (2 * column + 1) / width - 1, 1 - (2 * row + 1) / height
     # Coordinate and corner come first, the claim last: all below is whole arrays.
     (px, py, z), following = claims.corners.transpose(2, 1, 0), [1, 2, 0]
