@@ -115,7 +115,7 @@ def try_plan(
                 tolerance_px=requirement.tolerance_px,
                 engine=engine,
             )
-            found = done.share(0)
+            found = done.shares[0][1]
     return Trial(scene=scene, requirement=requirement, plan=made, survey=found, reason=reason)
 
 

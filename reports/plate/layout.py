@@ -24,20 +24,15 @@ MAX_BLOCK_SIDE = 16
 """Largest number of columns and of rows of a block by default: 256 hogels are lost at most when a process is
 killed, and a plate of ten million hogels has 40,000 files for each of its arrays."""
 
-PLATE_DIMENSIONS = ("row", "column")
-"""Names of the first two dimensions of every array."""
+PLATE_DIMENSIONS = ("row", "column")  # the first two of every array
 
+_CERTAINTY = "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined"
 _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
     Channel.COLOR: ("", 0, ("v", "u", "rgb"), "linear radiance"),
     Channel.TRIANGLE: ("<i4", NOTHING, ("v", "u"), "number of the visible triangle, -1 where there is none"),
     Channel.HEIGHT: ("<f4", np.nan, ("v", "u"), "height of the visible surface above the plate"),
     Channel.NORMAL: ("<f4", np.nan, ("v", "u", "xyz"), "unit normal of the visible triangle"),
-    Channel.CERTAINTY: (
-        "u1",
-        int(Certainty.UNEXAMINED),
-        ("v", "u"),
-        "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined",
-    ),
+    Channel.CERTAINTY: ("u1", int(Certainty.UNEXAMINED), ("v", "u"), _CERTAINTY),
 }
 """Type, value of what is missing, dimensions and meaning of each image; the type of color is asked for."""
 
@@ -78,7 +73,7 @@ class Block:
         return len(self.rows), len(self.columns)
 
     def place_of(self, aperture: Aperture) -> tuple[int, int]:
-        """Return row and column of a hogel within the block."""
+        """Return row and column within the block."""
         return aperture.row - self.rows.start, aperture.column - self.columns.start
 
 
@@ -96,23 +91,22 @@ class Layout:
     @cached_property
     def arrays(self) -> tuple[ImageArray, ...]:
         """The arrays in the order in which a block's are written."""
-        return tuple(self._array(channel) for channel in self.content.channels)
-
-    def _array(self, channel: Channel) -> ImageArray:
-        kind, fill, dimensions, meaning = _IMAGES[channel]
-        dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
-        width, height = self.frustum.resolution
-        if dtype == np.uint8 and channel is Channel.COLOR:
-            meaning = f"{meaning} from 0 to 1 times 255, rounded"
-        units = {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}.get(channel)
-        return ImageArray(
-            name=channel,
-            dtype=dtype,
-            fill=fill,
-            shape=(height, width, *(3 for _ in dimensions[2:])),
-            dimensions=(*PLATE_DIMENSIONS, *dimensions),
-            attributes={"long_name": meaning, **({} if units is None else {"units": units})},
-        )
+        arrays, units = [], {Channel.HEIGHT: self.units, Channel.COLOR: "1", Channel.NORMAL: "1"}
+        for channel in self.content.channels:
+            kind, fill, dimensions, meaning = _IMAGES[channel]
+            dtype = self.content.color.dtype if channel is Channel.COLOR else np.dtype(kind)
+            if dtype == np.uint8 and channel is Channel.COLOR:
+                meaning = f"{meaning} from 0 to 1 times 255, rounded"
+            array = ImageArray(
+                name=channel,
+                dtype=dtype,
+                fill=fill,
+                shape=(*self.frustum.resolution[::-1], *(3 for _ in dimensions[2:])),
+                dimensions=(*PLATE_DIMENSIONS, *dimensions),
+                attributes={"long_name": meaning} | ({"units": units[channel]} if channel in units else {}),
+            )
+            arrays.append(array)
+        return tuple(arrays)
 
     def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], str, Mapping[str, str]]]:
         """Yield name, dimension, values, meaning and unit of every coordinate."""
@@ -132,18 +126,20 @@ class Layout:
     def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
         """Yield the blocks of the hogels that are asked for, in the order in which they are first named.
 
-        Rectangles of hogels are gone through block by block, and never listed.
+        The hogels of rectangles are listed block by block: a plate has millions.
         """
         (width, height), hogels = self.side, self.plate.hogels
         across = -(-hogels[0] // width)
+        named: dict[int, list[Aperture]] = {}
         if isinstance(apertures, ApertureBlocks):
-            found = self._touched(apertures)
+            for columns, rows in apertures.blocks:
+                for row in range(rows.start // height, -(-rows.stop // height)):
+                    first, last = (row * across + end // width for end in (columns.start, columns.stop - 1))
+                    named |= {number: [] for number in range(first, last + 1)}
         else:
-            named: dict[int, list[Aperture]] = {}
             for one in dict.fromkeys(apertures):
                 named.setdefault(one.row // height * across + one.column // width, []).append(one)
-            found = iter(named.items())
-        for number, some in found:
+        for number, some in named.items():
             row, column = divmod(number, across)
             columns = range(column * width, min((column + 1) * width, hogels[0]))
             rows = range(row * height, min((row + 1) * height, hogels[1]))
@@ -152,27 +148,9 @@ class Layout:
             ]
             yield Block(number=number, columns=columns, rows=rows, apertures=tuple(inside))
 
-    def _touched(self, apertures: ApertureBlocks) -> Iterator[tuple[int, list[Aperture]]]:
-        """Yield the number of each block, once, that has a hogel in any of some rectangles."""
-        (width, height), across = self.side, -(-self.plate.hogels[0] // self.side[0])
-        earlier: list[tuple[range, range]] = []
-        for columns, rows in apertures.blocks:
-            here = (
-                range(columns.start // width, -(-columns.stop // width)),
-                range(rows.start // height, -(-rows.stop // height)),
-            )
-            for row in here[1]:
-                for column in here[0]:
-                    if not any(column in some and row in others for some, others in earlier):
-                        yield row * across + column, []
-            earlier.append(here)
-
 
 def default_side(plate: Plate, frustum: Frustum, content: PlateContent) -> tuple[int, int]:
-    """Return the columns and rows of a block: the largest square of hogels that `BLOCK_BYTES` hold.
-
-    Its side is a power of two, at most `MAX_BLOCK_SIDE`, and no longer than the plate.
-    """
+    """Return the columns and rows of the largest block, a power of two, that `BLOCK_BYTES` hold."""
     whole = Layout(plate=plate, frustum=frustum, units="", content=content, side=(1, 1))
     hogel_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in whole.arrays)
     side = MAX_BLOCK_SIDE

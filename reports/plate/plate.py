@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.plate.layout import Block, Layout, default_side
-from xfrustum.reports.plate.measures import measures_of
-from xfrustum.reports.plate.sources import HogelSource, source_of
+from xfrustum.reports.plate.sources import HogelSource, measures_of, source_of
 from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
@@ -32,18 +32,14 @@ MOST_WORKERS = 1024
 
 @dataclass(frozen=True, kw_only=True)
 class PlateFiles:
-    """What became of the apertures that were asked for: numbers of hogels that were drawn, and found.
-
-    `damaged` of those that were drawn had been there, and were not whole, which `notes` say in sentences;
-    `table` is the folder of the table of measures, None where hogels are not judged.
-    """
+    """What became of the apertures that were asked for."""
 
     out: Path
-    drawn: int
-    found: int
-    damaged: int
-    notes: tuple[str, ...]
-    table: Path | None = None
+    drawn: int  # hogels
+    found: int  # hogels that were there
+    damaged: int  # of those that were drawn: they had been there, and were not whole
+    notes: tuple[str, ...]  # say so in sentences
+    table: Path | None = None  # folder of the table of measures, where hogels are judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +53,8 @@ class PlateJob(Job):
     out: Path
     layout: Layout
     free: bool
-    judge: bool = False
-    check: bool = False
+    judge: bool
+    check: bool
 
     def finished(self, block: Block) -> bool:
         """Return whether all hogels of a block that are asked for are there."""
@@ -95,8 +91,9 @@ class PlateSession:
     store: PlateStore
     check: bool
 
-    def begun(self) -> None:
-        """Do nothing: the question makes a worker open the store, or make it."""
+    def layout(self) -> Layout:
+        """Return the layout of the store; the question makes a worker open the store, or make it."""
+        return self.store.layout
 
     def make(self, block: Block) -> None:
         """Draw what is missing of a block."""
@@ -112,52 +109,44 @@ class PlateSession:
                 yield from block.apertures
 
         drawn: dict[Aperture, PlateHogel] = {}
-        writing: Future[None] | None = None
         with ThreadPoolExecutor(1, thread_name_prefix="plate") as pool:
+            writing = pool.submit(lambda: None)
             for hogel in self.source.hogels(asked()):
                 drawn[hogel.aperture] = hogel
                 if len(drawn) == len(begun[0].apertures):
-                    if writing is not None:
-                        writing.result()
+                    writing.result()
                     writing, drawn = pool.submit(self.store.write, begun.popleft(), drawn), {}
                 done(1)
-            if writing is not None:
-                writing.result()
+            writing.result()
 
 
-def write_plate(  # noqa: PLR0913 - one parameter per option of the command
+@dataclass(frozen=True, kw_only=True)
+class PlateOptions:
+    """How a plate is written."""
+
+    #: Columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None for those of
+    #: a store that exists, and for a new one as many as `BLOCK_BYTES` hold
+    block: tuple[int, int] | None = None
+    judge: bool = False  #: whether every hogel is traced too, and its measures are stored beside its pixels
+    check: bool = False  #: whether every hogel that is there is read in full; damaged ones are drawn again
+    engine: Engine = HERE  #: where blocks are drawn: here, by other processes, a cluster, or in parts
+    progress: bool = False  #: whether a bar is shown
+
+
+def write_plate(
     scene: Scene,
     settings: DoubleFrustum | None,
     out: Path | str,
     apertures: Iterable[Aperture] | None = None,
     content: PlateContent | None = None,
-    *,
-    block: tuple[int, int] | None = None,
-    judge: bool = False,
-    check: bool = False,
-    engine: Engine = HERE,
-    progress: bool = False,
+    **options: Any,
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, block by block, each into a shard of its own.
 
-    Killed at any moment it loses no finished block; called again it goes on with the others and ends with
-    the arrays of a run that was not disturbed.
-
-    Parameters
-    ----------
-    settings
-        Settings of the cameras; None for a plate of truths.
-    apertures
-        Apertures, whose blocks are drawn in the order in which they are named; None for the whole plate.
-    block
-        Columns and rows of hogels that are stored together; None for those of a store that exists, and for a
-        new one as many as `BLOCK_BYTES` hold. A block of one hogel is a chunk and no shard.
-    judge
-        Whether every hogel is traced too, and its measures are stored beside its pixels.
-    check
-        Whether every hogel that is there is read in full; what is damaged is drawn again.
-    engine
-        Where blocks are drawn: by processes of this machine, by a cluster, or in parts.
+    Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn in the
+    order in which their apertures are named. The options are the fields of `PlateOptions`. Killed at any
+    moment it loses no finished block; called again it goes on with the others and ends with the arrays of a
+    run that was not disturbed.
 
     Raises
     ------
@@ -165,35 +154,35 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         See `source_of` and `open_store`; the block is none; no scheduler answers, or a worker has another
         device than the one that began the plate.
     """
-    content, out, part = content or PlateContent(), Path(out), engine.part
+    how, content, out = PlateOptions(**options), content or PlateContent(), Path(out)
+    part = how.engine.part
     asked = scene.plate.apertures() if apertures is None else apertures
     chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
-    layout = layout_of(scene, content, block, judged=judge)
+    layout = layout_of(scene, content, how.block, judged=how.judge)
     job = PlateJob(
         scene=scene,
         settings=settings,
         content=content,
         out=out,
         layout=layout,
-        free=block is None,
-        judge=judge,
-        check=check,
+        free=how.block is None,
+        judge=how.judge,
+        check=how.check,
     )
     drawn = broken = 0
     some = sum(1 for _ in islice(part.of(layout.blocks(chosen)), MOST_WORKERS))
-    with open_workers(engine, some, draws=settings is not None) as workers:
-        workers.ask(job, PlateSession.begun)
+    with open_workers(how.engine, some, draws=settings is not None) as workers:
+        layout = workers.ask(job, PlateSession.layout)
         store = PlateStore(out, layout)
-        layout = store.layout
 
         def blocks() -> Iterator[Block]:
             # Made anew for each use: a plate has millions of hogels.
             return part.of(layout.blocks(chosen))
 
-        def unfinished(done: Callable[[int], object]) -> Iterator[Block]:
+        def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:
             nonlocal drawn, broken
             for one in blocks():
-                missing, damaged = store.missing(one, check=check)
+                missing, damaged = store.missing(one, check=how.check)
                 drawn, broken = drawn + len(missing), broken + damaged
                 done(len(one.apertures) - len(missing))
                 if missing:
@@ -201,18 +190,18 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
 
         total = len(chosen) if part.everything else sum(len(one.apertures) for one in blocks())
         if workers.count == 1 and not workers.elsewhere:
-            with progress_bar(total, job.name, job.unit, shown=progress) as bar:
+            with progress_bar(total, job.name, job.unit, shown=how.progress) as bar:
                 workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
         else:
-            deque(unfinished(lambda hogels: None), maxlen=0)
-            workers.run(job, blocks(), total, progress=progress)
+            deque(unfinished(), maxlen=0)
+            workers.run(job, blocks(), total, progress=how.progress)
     return PlateFiles(
         out=out,
         drawn=drawn,
         found=total - drawn,
         damaged=broken,
         notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
-        table=out.with_suffix(".parquet") if judge else None,
+        table=out.with_suffix(".parquet") if how.judge else None,
     )
 
 
@@ -238,9 +227,8 @@ def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> Ap
     """Return the apertures of some rectangles, each given by its columns and rows on the plate."""
     found = []
     for block in blocks:
-        (left, right), (top, bottom) = (
-            (0, count - 1) if span is None else span for span, count in zip(block, plate.hogels, strict=True)
-        )
+        spans = zip(block, plate.hogels, strict=True)
+        (left, right), (top, bottom) = ((0, count - 1) if span is None else span for span, count in spans)
         # Both corners first: a mistake is not found in the middle of the work.
         plate.aperture(left, top), plate.aperture(right, bottom)
         found.append((range(left, right + 1), range(top, bottom + 1)))

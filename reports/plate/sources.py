@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import metadata
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.radiance import transported
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
@@ -17,11 +20,11 @@ from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.rasterizer import Rasterizer, normals_of
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.plate.measures import JudgedPlateHogel, MeasuredHogel
+from xfrustum.reports.common.records import columns_of, named_columns
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -29,6 +32,46 @@ from xfrustum.scenes.plate.plate import Aperture
 
 SOURCE = "source"
 """Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
+
+
+PLACES = ("column", "row", "x", "y")
+"""Columns of a table of measures that say which hogel a row is about; all others are measures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredHogel:
+    """One hogel, its place on the plate, its aperture's in scene units, and what `compare --json` tells."""
+
+    column: int
+    row: int
+    x: float
+    y: float
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedPlateHogel(PlateHogel):
+    """A hogel's images with its measures."""
+
+    measured: MeasuredHogel
+
+
+def measures_of(scene: Scene) -> dict[str, str]:
+    """Return the names of the measures of a scene's hogels, and the unit of each.
+
+    Errors of color are measures only where the scene says how it looks.
+    """
+    nothing = dict.fromkeys(("surface", "triangle", "displacement_px", "height", "radiance"))
+    counts = dict.fromkeys(("pixels", "judged", "covered", "at_plate"), 0)
+    certainty = {kind.name.lower(): 0 for kind in Certainty}
+    empty = ComparisonNumbers(**counts, **nothing, certainty=certainty)  # type: ignore[arg-type]
+    found = {}
+    for column in columns_of(MeasuredHogel, [MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)]):
+        name, numeric = column.name, pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+        if name not in PLACES and numeric and (is_shaded(scene) or not name.startswith("radiance")):
+            length = scene.units if name.startswith("height") else "1"
+            found[name] = "px" if name.startswith("displacement_px") else length
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,26 +99,25 @@ def source_of(
         raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
     # More effects than the scene calls for change no pixel.
     visible = needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
-    if judge:
-        settings.check_against(scene.frustum)
-        with Judge(scene, effects=content.effects) as judging:
-
-            def examined(rasterizer: Rasterizer) -> frozenset[Effect]:
-                rasterizer.check_sampling(scene.sampling)
-                return rasterizer.effects_for(settings)
-
-            effects = judging.submit(examined).result() & visible
-            described = described_as(scene, content, judging.device["renderer"], effects, settings)
-            described["content"]["judged"] = True
-            yield HogelSource(
-                hogels=lambda apertures: _judged(judging, content, settings, apertures), description=described
-            )
+    if not judge:
+        fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
+        with (OneByOne if fine else PlateRenderer)(scene, settings, content) as drawing:
+            device = str(drawing.device["renderer"])
+            described = described_as(scene, content, device, drawing.effects & visible, settings)
+            yield HogelSource(hogels=drawing.hogels, description=described)
         return
-    fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
-    with (OneByOne if fine else PlateRenderer)(scene, settings, content) as drawing:
-        device = str(drawing.device["renderer"])
-        described = described_as(scene, content, device, drawing.effects & visible, settings)
-        yield HogelSource(hogels=drawing.hogels, description=described)
+    settings.check_against(scene.frustum)
+    with Judge(scene, effects=content.effects) as judging:
+
+        def examined(rasterizer: Rasterizer) -> frozenset[Effect]:
+            rasterizer.check_sampling(scene.sampling)
+            return rasterizer.effects_for(settings)
+
+        effects = judging.submit(examined).result() & visible
+        described = described_as(scene, content, judging.device["renderer"], effects, settings)
+        described["content"]["judged"] = True
+        hogels = partial(_judged, judging, content, settings)
+        yield HogelSource(hogels=hogels, description=described)
 
 
 def _traced(scene: Scene, content: PlateContent) -> HogelSource:
@@ -149,11 +191,8 @@ def described_as(
         "frustum": scene.frustum,
         "settings": settings,
         "effects": sorted(simulated),
-        "content": {
-            "color": content.color,
-            "ids": content.ids,
-            **({} if usual else {"channels": content.channels}),
-        },
+        "content": {"color": content.color, "ids": content.ids}
+        | ({} if usual else {"channels": content.channels}),
         "renderer": {"device": renderer, "xfrustum": metadata.version("xfrustum")},
         "sampling": {"aperture": sampling.aperture, **{k: n for k, n in finer.items() if n > 1}}
         if sampled

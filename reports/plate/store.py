@@ -16,12 +16,14 @@ from __future__ import annotations
 import fcntl
 import json
 import warnings
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import zarr
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
@@ -32,10 +34,10 @@ from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.records import table_of
 from xfrustum.reports.parts import differences_words, writable
 from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, Layout, side_of
-from xfrustum.reports.plate.measures import JudgedPlateHogel, Table, maps_of
-from xfrustum.reports.plate.sources import SOURCE
+from xfrustum.reports.plate.sources import PLACES, SOURCE, JudgedPlateHogel, MeasuredHogel
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelCamera
 from xfrustum.scenes.model.plate_content import Channel, PlateHogel
@@ -43,20 +45,11 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-ATTRIBUTE = "xfrustum"
-"""Attribute of the group that holds everything that decides its pixels."""
-
-LAYOUT = "layout"
-"""Key of the layout in a description: it decides no pixel; a store keeps its own unless one is asked for."""
-
-COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
-"""Names of the arrays that most readers ask for."""
-
-FINISHED = "finished"
-"""Array over (row, column) that is 1 where a hogel is there."""
-
-METADATA = "zarr.json"
-"""What Zarr calls the description of a group or an array, in its folder."""
+ATTRIBUTE = "xfrustum"  # of the group, holds everything that decides its pixels
+LAYOUT = "layout"  # key of a description that decides no pixel; a store keeps its own unless one is asked for
+COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value  # arrays that most readers ask for
+FINISHED = "finished"  # array over (row, column) that is 1 where a hogel is there
+METADATA = "zarr.json"  # what Zarr calls the description of a group or an array, in its folder
 
 COMPRESSOR = ZstdCodec(level=1, checksum=True)
 """Compressor of everything: level 1 takes a small part of the time that drawing takes; the checksum tells a
@@ -92,6 +85,44 @@ def open_group(place: Path, mode: str = "r") -> zarr.Group:
 def told(error: Exception) -> str:
     """Return what Zarr says of damage, in one short line."""
     return f"{' '.join(str(error).split()) or type(error).__name__:.200}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """The measures of a plate's hogels as a folder of Parquet files, one for each block.
+
+    Times are left out: the same plate has the same bytes.
+    """
+
+    folder: Path
+
+    def path(self, block: Block) -> Path:
+        """Return the file of a block."""
+        return self.folder / f"block-{block.number:08}.parquet"
+
+    def rows(self, block: Block) -> list[dict[str, Any]]:
+        """Return the rows of a block, by row and column; none where its file is missing or damaged."""
+        try:
+            found = pq.read_table(self.path(block).absolute())
+        except (OSError, pa.ArrowException, ValueError):
+            return []
+        return list(found.to_pylist()) if set(PLACES) <= set(found.column_names) else []
+
+    def add(self, block: Block, hogels: Iterable[MeasuredHogel]) -> list[dict[str, Any]]:
+        """Write and return the rows of a block with those of some hogels, in the place of older ones.
+
+        The file is there whole or not at all.
+        """
+        added = table_of(MeasuredHogel, list(hogels))
+        before = [row for row in self.rows(block) if row.keys() == set(added.column_names)]
+        rows = {(row["row"], row["column"]): row for row in (*before, *added.to_pylist())}
+        merged = [rows[place] for place in sorted(rows)]
+        self.folder.mkdir(exist_ok=True)
+        aside = self.path(block).with_suffix(".partial")
+        # From plain values, so that equal rows make equal bytes, whatever tables they come from.
+        pq.write_table(pa.Table.from_pylist(merged, schema=added.schema), aside)
+        aside.replace(self.path(block))
+        return merged
 
 
 class StoredPlate:
@@ -140,20 +171,20 @@ class PlateStore:
 
         def array(name: str) -> zarr.Array[Any]:
             try:
-                found, wanted = group[name], expected[name]
-                assert isinstance(found, zarr.Array) and isinstance(wanted, zarr.Array)
+                found: Any = group[name]
                 # Nothing that it declares is believed: a shape of 10^12 hogels, for instance.
-                declared = [
-                    json.dumps(one.metadata.to_dict(), sort_keys=True, default=str) for one in (found, wanted)
-                ]
-                if declared[0] != declared[1]:
+                said, wanted = (
+                    json.dumps(one.metadata.to_dict(), sort_keys=True, default=str)
+                    for one in (found, expected[name])
+                )
+                if said != wanted:
                     raise ValueError(name)
-            except (*DAMAGE, AssertionError) as error:
+            except DAMAGE as error:
                 raise InputError(
                     f"--out {out}: the description of {name} is damaged; draw the plate at another place"
                 ) from error
             # What is black is written like any other hogel.
-            return found.with_config({"write_empty_chunks": True})
+            return found.with_config({"write_empty_chunks": True})  # type: ignore[no-any-return]
 
         self._finished = array(FINISHED)
         self._arrays = {one.name: array(one.name) for one in self.layout.arrays}
@@ -168,7 +199,7 @@ class PlateStore:
         Without, only files that are gone are found.
         """
         flags, files = self._flags(block), all(self._shard(array, block).is_file() for array in self._arrays)
-        measured = self.table.measured(block) if self._maps else None
+        measured = {(row["column"], row["row"]) for row in self.table.rows(block)} if self._maps else None
         missing, damaged = [], 0
         for aperture in block.apertures:
             there = bool(flags[block.place_of(aperture)]) and files
@@ -210,9 +241,14 @@ class PlateStore:
                     stored[block.selection] = values
             if self._maps:
                 judged = [one.measured for one in hogels.values() if isinstance(one, JudgedPlateHogel)]
-                table = self.table.add(block, judged)
-                for name, values in maps_of(table, block, self._maps).items():
-                    self._maps[name][block.selection] = values
+                measured = self.table.add(block, judged)
+                for name, stored in self._maps.items():
+                    values = np.full(block.shape, np.nan)
+                    for one in measured:
+                        if one[name] is not None:
+                            place = one["row"] - block.rows.start, one["column"] - block.columns.start
+                            values[place] = one[name]
+                    stored[block.selection] = values
             for aperture in hogels:
                 flags[block.place_of(aperture)] = 1
             self._finished[block.selection] = flags
@@ -244,8 +280,8 @@ class PlateStore:
 def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, free: bool = True) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
 
-    The blocks of a store that exists may be others than those of the layout where these are free. InputError
-    where it was drawn from another scene or with other settings, is something else, or is damaged.
+    Where blocks are `free`, a store keeps its own. InputError where it was drawn from another scene or with
+    other settings, is something else, or is damaged.
     """
     wanted: dict[str, Any] = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
     table = out.resolve().with_suffix(".parquet")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,7 @@ class Share:
     def record(self) -> dict[str, Any]:
         """The counts and the bound with the worst hogel, as they are written."""
         written = ("aperture", "displacement_p99_px", "surface_fraction")
-        worst = self.worst and {name: getattr(self.worst, name) for name in written}
-        return {**vars(self), "worst": worst}
+        return {**vars(self), "worst": self.worst and {name: getattr(self.worst, name) for name in written}}
 
     @property
     def bound_words(self) -> str:
@@ -48,13 +48,11 @@ class Share:
 class Extent:
     """How many hogels were judged, and how they were chosen."""
 
-    #: Number of hogels of the plate, and of those that were judged
-    hogels: int
+    hogels: int  #: of the plate
     judged: int
-    #: Number of the last look, from 0; None where the whole plate was to be judged, or one sample
-    look: int | None
-    seed: int | None  #: Start of the random numbers; None where nothing was drawn at random
-    complete: bool  #: Whether all hogels that were asked for are judged; with `--part`, they need not be
+    look: int | None  #: number of the last look, from 0; None for the whole plate, or one sample
+    seed: int | None  #: start of the random numbers; None where nothing was drawn at random
+    complete: bool  #: whether all hogels that were asked for are judged; with `--part`, they need not be
 
     @property
     def everything(self) -> bool:
@@ -90,61 +88,50 @@ class Survey(Shown):
     """What a survey has found."""
 
     scene: Scene
-    #: Settings that were judged; a single None for a plate of another renderer
-    settings: tuple[DoubleFrustum | None, ...]
-    tallies: tuple[Tally, ...]  #: All rows of each setting
+    settings: tuple[DoubleFrustum | None, ...]  #: a single None for a plate of another renderer
+    tallies: tuple[Tally, ...]  #: all rows of each setting
     extent: Extent
-    #: Displacement beyond which a hogel is counted, and largest share of such hogels, if one was asked for
-    tolerance_px: float
-    limit: float | None
-    judged_by: str  #: Limits that counted hogels exceed, in words
+    tolerance_px: float  #: displacement beyond which a hogel is counted
+    limit: float | None  #: largest share of such hogels, if one was asked for
+    judged_by: str  #: limits that counted hogels exceed, in words
     workers: int
     wall_s: float
 
-    @property
+    @cached_property
+    def shares(self) -> list[tuple[DoubleFrustum | None, Share]]:
+        """Each setting with its counts and its bound."""
+        shares = [
+            Share(
+                judged=tally.judged,
+                beyond=tally.beyond,
+                share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
+                worst=tally.worst[0] if tally.worst else None,
+            )
+            for tally in self.tallies
+        ]
+        return list(zip(self.settings, shares, strict=True))
+
+    @cached_property
     def best(self) -> int:
         """Number of the setting with the fewest hogels beyond; of equals, with the least bad worst one."""
-        keys = [
-            (tally.beyond, tally.worst[0].badness if tally.worst else 0.0, number)
-            for number, tally in enumerate(self.tallies)
-        ]
-        return min(keys)[-1]
+        bad = [(one.beyond, one.worst.badness if one.worst else 0.0) for _, one in self.shares]
+        return bad.index(min(bad))
 
     @property
     def confidence(self) -> float:
         """Probability that all bounds hold; 1 where every hogel was judged."""
         return 1.0 if self.extent.everything else CONFIDENCE
 
-    def share(self, setting: int) -> Share:
-        """Return the counts and the bound of a setting."""
-        tally = self.tallies[setting]
-        return Share(
-            judged=tally.judged,
-            beyond=tally.beyond,
-            share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
-            worst=tally.worst[0] if tally.worst else None,
-        )
-
-    @property
-    def shares(self) -> list[tuple[DoubleFrustum | None, Share]]:
-        """Each setting with its counts and its bound."""
-        return [(one, self.share(number)) for number, one in enumerate(self.settings)]
-
     @property
     def decided(self) -> bool:
-        """Whether every setting keeps the share that was asked for, or surely exceeds it.
-
-        True where no share was asked for.
-        """
-        if self.limit is None:
-            return True
-        several = len(self.tallies)
-        return all(self.extent.decides(tally.beyond, several, self.limit) for tally in self.tallies)
+        """Whether every setting keeps the share that was asked for, if any, or surely exceeds it."""
+        limit, several = self.limit, len(self.tallies)
+        return limit is None or all(self.extent.decides(one.beyond, several, limit) for one in self.tallies)
 
     @property
     def exceeded(self) -> bool:
         """Whether the share that was asked for is exceeded, or, with none, any judged hogel is beyond."""
-        share = self.share(self.best)
+        share = self.shares[self.best][1]
         if self.limit is None:
             return share.beyond > 0
         return share.share_beyond_at_most is None or share.share_beyond_at_most > self.limit
@@ -152,8 +139,7 @@ class Survey(Shown):
     @property
     def sentence(self) -> str:
         """The answer in one sentence, for the best setting."""
-        share, extent = self.share(self.best), self.extent
-        chosen, with_what = self.settings[self.best], ""
+        (chosen, share), extent, with_what = self.shares[self.best], self.extent, ""
         if chosen is not None and len(self.settings) > 1:
             with_what = f" with near {digits(chosen.near)}, the best of {len(self.settings)}"
         if extent.everything:
@@ -171,13 +157,7 @@ class Survey(Shown):
                 f"at most {share.bound_words} of the {extent.hogels:,} hogels are {self.judged_by} "
                 f"({percent(self.confidence)}; {share.beyond:,} of {extent.judged:,} sampled){with_what}"
             )
-        if share.worst is not None:
-            said += f"; worst: {share.worst_words}"
-        return f"{said}."
-
-    def summary(self) -> dict[str, Any]:
-        """Return the record in JSON's own types, as `survey --json` prints it."""
-        return dict(json_ready(self.record))
+        return f"{said}; worst: {share.worst_words}." if share.worst else f"{said}."
 
     @property
     def record(self) -> dict[str, Any]:
@@ -186,7 +166,7 @@ class Survey(Shown):
             "scene": self.scene.name,
             "hash": self.scene.content_hash,
             "hogels": self.extent.hogels,
-            **self.share(self.best).record,
+            **self.shares[self.best][1].record,
             "confidence": self.confidence,
             "tolerance_px": self.tolerance_px,
             "limit": self.limit,
@@ -198,22 +178,28 @@ class Survey(Shown):
             "settings": [{"settings": one, **share.record} for one, share in self.shares],
         }
 
+    def summary(self) -> dict[str, Any]:
+        """Return the record in JSON's own types, as `survey --json` prints it."""
+        return dict(json_ready(self.record))
+
+    def table(self) -> str:
+        """Return the sentence, and each setting where there are several."""
+        lines = [self.sentence]
+        for one, share in self.shares if len(self.settings) > 1 else []:
+            assert one is not None
+            bound = "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
+            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{bound}")
+        return "\n".join(lines)
+
     def _said(self) -> str:
         return f"{self.scene.name!r}, {self.sentence}"
 
     def _tables(self) -> Sequence[Table]:
-        rows = [
-            (
-                "as found"
-                if one is None
-                else f"near {digits(one.near)} {self.scene.units}, {one.depth_label}",
-                f"{share.judged:,}",
-                f"{share.beyond:,}",
-                share.bound_words,
-                share.worst_words,
-            )
-            for one, share in self.shares
-        ]
+        rows = []
+        for one, share in self.shares:
+            name = one and f"near {digits(one.near)} {self.scene.units}, {one.depth_label}"
+            counts = (f"{share.judged:,}", f"{share.beyond:,}")
+            rows.append((name or "as found", *counts, share.bound_words, share.worst_words))
         head = ("settings", "judged", "beyond", "share beyond, at most", "worst hogel")
         return (Table(head=head, rows=rows, numbers=True),)
 
@@ -225,15 +211,6 @@ class Survey(Shown):
         caption = f"99th percentile of displacement over the plate, up to {largest} px; black: not judged"
         return (Figure(caption=caption, content=png(map_of(found))),)
 
-    def table(self) -> str:
-        """Return the sentence, and each setting where there are several."""
-        lines = [self.sentence]
-        for one, share in self.shares if len(self.settings) > 1 else []:
-            assert one is not None
-            bound = "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
-            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{bound}")
-        return "\n".join(lines)
-
 
 def percent_up(share: float) -> str:
     """Return an upper bound in percent, rounded up to two digits."""
@@ -241,5 +218,4 @@ def percent_up(share: float) -> str:
         return f"{100 * share:.0f} %"
     step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
     # A share that is a number of two digits but for rounding stays that number.
-    rounded = math.ceil(100 * share / step - 1e-9) * step
-    return f"{min(rounded, 100.0):.3g} %"
+    return f"{min(math.ceil(100 * share / step - 1e-9) * step, 100.0):.3g} %"

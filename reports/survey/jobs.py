@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Limits
-from xfrustum.reports.verification.verification import Question, Run
+from xfrustum.reports.verification.verification import Run
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
@@ -37,15 +37,11 @@ PIXELS_PER_HOGEL = 1 << 16
 transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
 
 MIN_BLOCKS = 16
-"""Number of blocks that even a small sample is cut into where it has as many hogels, so that there is
-something for several workers to do."""
+"""Number of blocks that even a small sample is cut into where it has as many hogels, for several workers."""
 
 
 def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
-    """Return how many of some hogels a block has, which are judged with some settings each.
-
-    It depends on the work alone, never on the number of workers.
-    """
+    """Return how many of some hogels a block has; it depends on the work, never on the number of workers."""
     cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
     return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
 
@@ -66,6 +62,18 @@ class ShownHogel:
     inspected: InspectedHogel | None
 
 
+@dataclass(frozen=True)
+class Session:
+    """What judges the hogels of a survey in one process.
+
+    `make` writes the rows of a block. `shown` returns what a page shows of the hogel at a column and row,
+    drawn with the setting of some number.
+    """
+
+    make: Callable[[HogelBlock], None]
+    shown: Callable[[tuple[int, int], int], ShownHogel]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurveyJob(Job):
     """Hogels of a scene that are judged in blocks, each of which becomes a part of rows."""
@@ -84,8 +92,7 @@ class SurveyJob(Job):
 
     def words(self, block: HogelBlock) -> str:
         """Return the number of a block, and its first aperture."""
-        column, row = self.apertures(block)[0].index
-        return f"block {block.number} (from aperture {column},{row})"
+        return "block {} (from aperture {},{})".format(block.number, *self.apertures(block)[0].index)
 
     def apertures(self, block: HogelBlock) -> list[Aperture]:
         """Return the hogels of a block, in their order."""
@@ -101,56 +108,43 @@ class DrawnJob(SurveyJob):
     tracer: str
 
     @contextmanager
-    def open(self) -> Iterator[DrawnSession]:
+    def open(self) -> Iterator[Session]:
         """Open the renderers of the scene."""
+
+        def make(block: HogelBlock) -> None:
+            hogels = judge.stream(self.apertures(block), self.settings, images=True, causes=True)
+            rows = [
+                DrawnRow.of(hogel.aperture, setting, drawing, self.tolerance_px, device)
+                for hogel in hogels
+                for setting, drawing in enumerate(hogel.drawings)
+            ]
+            self.parts.write(block.number, table_of(DrawnRow, rows))
+
+        def shown(index: tuple[int, int], setting: int) -> ShownHogel:
+            apertures, settings = [self.scene.plate.aperture(*index)], [self.settings[setting]]
+            with closing(judge.frames(apertures, settings, DRAWN, self._shown)) as frames:
+                return next(frames)
+
         with Judge(self.scene, self.tracer) as judge:
-            yield DrawnSession(self, judge)
+            device = Device(judge.device["renderer"], device_index())
+            yield Session(make, shown)
 
-
-@dataclass(frozen=True)
-class DrawnSession:
-    """A judge of what our rasterizer draws."""
-
-    job: DrawnJob
-    judge: Judge
-
-    def make(self, block: HogelBlock) -> None:
-        """Judge the hogels of a block, and write their rows."""
-        job = self.job
-        device = Device(renderer=self.judge.device["renderer"], index=device_index())
-        hogels = self.judge.stream(job.apertures(block), job.settings, images=True, causes=True)
-        rows = [
-            DrawnRow.of(hogel.aperture, setting, drawing, job.tolerance_px, device)
-            for hogel in hogels
-            for setting, drawing in enumerate(hogel.drawings)
-        ]
-        job.parts.write(block.number, table_of(DrawnRow, rows))
-
-    def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
+    def _shown(self, frame: JudgedFrame) -> ShownHogel:
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
-        scene = self.job.scene
-
-        def hogel(frame: JudgedFrame) -> ShownHogel:
-            maps = frame.comparison.maps
-            reduction = -(-max(frame.truth.camera.resolution) // MAX_PICTURE_PX)
-            assert maps.surface is not None, "a judge has the scene at hand"
-            encoded = {
-                "truth": picture(frame.truth, reduction),
-                "drawing": picture(frame.image, reduction),
-                "displacement": displacement_map(frame.comparison.errors.moved, reduction),
-                "wrong surfaces": mask(maps.surface, SURFACE_COLOR, reduction),
-            }
-            pictures = {name: data_url(content) for name, content in encoded.items()}
-            return ShownHogel(pictures=pictures, inspected=inspected_frame(scene, frame))
-
-        apertures, settings = [scene.plate.aperture(*index)], [self.job.settings[setting]]
-        with closing(self.judge.frames(apertures, settings, DRAWN, hogel)) as frames:
-            return next(frames)
-
-
-def data_url(content: bytes) -> str:
-    """Return an encoded picture as an address that a page holds within itself."""
-    return f"data:{media_type(content)};base64,{base64.b64encode(content).decode()}"
+        wrong = frame.comparison.maps.surface
+        reduction = -(-max(self.scene.frustum.resolution) // MAX_PICTURE_PX)
+        assert wrong is not None, "a judge has the scene at hand"
+        encoded = {
+            "truth": picture(frame.truth, reduction),
+            "drawing": picture(frame.image, reduction),
+            "displacement": displacement_map(frame.comparison.errors.moved, reduction),
+            "wrong surfaces": mask(wrong, SURFACE_COLOR, reduction),
+        }
+        urls = {
+            name: f"data:{media_type(content)};base64,{base64.b64encode(content).decode()}"
+            for name, content in encoded.items()
+        }
+        return ShownHogel(pictures=urls, inspected=inspected_frame(self.scene, frame))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,41 +157,29 @@ class ForeignJob(SurveyJob):
     state: str
 
     @contextmanager
-    def open(self) -> Iterator[ForeignSession]:
+    def open(self) -> Iterator[Session]:
         """Diagnose the renderer: every process for itself, with the same outcome."""
         renderer, asked = self.renderer, self.scene.plate.apertures()
         renderer.require_state(asked, self.state)
         reference, limits = Reference(self.scene), Limits(displacement_px=self.tolerance_px)
+
+        def make(block: HogelBlock) -> None:
+            judged = run.hogels(question, self.apertures(block))
+            rows = [ForeignRow.of(hogel.told_from(renderer.named_from)) for hogel, _ in judged]
+            self.parts.write(block.number, table_of(ForeignRow, rows))
+
+        def shown(index: tuple[int, int], setting: int) -> ShownHogel:
+            found = run.pictured(question, self.scene.plate.aperture(*index), channels=True)
+            pictures, inspected = (found.pictures, found.inspected) if found else ({}, None)
+            return ShownHogel(pictures=pictures, inspected=inspected)
+
         with renderer.opened(reference) as source:
             run = Run(renderer=renderer, reference=reference, source=source, asked=asked, limits=limits)
             question = run.question()
             run.kept.clear()  # few hogels of the sample are this process's own: all are read anew
-            yield ForeignSession(self, run, question)
+            yield Session(make, shown)
 
 
-@dataclass(frozen=True)
-class ForeignSession:
-    """A judge of another renderer's hogels."""
-
-    job: ForeignJob
-    run: Run
-    question: Question
-
-    def make(self, block: HogelBlock) -> None:
-        """Judge the hogels of a block, and write their rows."""
-        judged = self.run.hogels(self.question, self.job.apertures(block))
-        rows = [ForeignRow.of(hogel.told_from(self.job.renderer.named_from)) for hogel, _ in judged]
-        self.job.parts.write(block.number, table_of(ForeignRow, rows))
-
-    def shown(self, index: tuple[int, int], setting: int) -> ShownHogel:
-        """Return truth, image and errors of one hogel, which has one setting, as pictures and as channels."""
-        aperture = self.job.scene.plate.aperture(*index)
-        found = self.run.pictured(self.question, aperture, channels=True)
-        if found is None:
-            return ShownHogel(pictures={}, inspected=None)
-        return ShownHogel(pictures=found.pictures, inspected=found.inspected)
-
-
-def shown_hogel(session: DrawnSession | ForeignSession, index: tuple[int, int], setting: int) -> ShownHogel:
+def shown_hogel(session: Session, index: tuple[int, int], setting: int) -> ShownHogel:
     """Return what a page shows of one hogel; a question to the workers."""
     return session.shown(index, setting)

@@ -18,28 +18,16 @@ from xfrustum.reports.inspection.page import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
-from xfrustum.reports.survey.rows import FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel, depth_ends
+from xfrustum.reports.survey.rows import DEPTH_ENDS, FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel
 from xfrustum.scenes.notebook import digits, percent
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
-MARKED_HOGELS = 3
-"""Number of the worst hogels that are marked on the map of displacement: more would cover it."""
-
-LENGTHS = ("height_rms",)
-"""Columns whose numbers are lengths in the scene's unit."""
-
-DISTRIBUTION_MARGIN = 3.0
-"""Factor by which the axis of displacement reaches beyond the smallest and the largest value."""
-
+MARKED_HOGELS = 3  # of the worst, on the map of displacement: more would cover it
+DISTRIBUTION_MARGIN = 3.0  # by which the axis of displacement reaches beyond the smallest and largest value
 
 Pictured = Sequence[tuple[WorstHogel, ShownHogel]]
 """The worst hogels with their pictures."""
-
-
-def _readable(value: float) -> str:
-    """Write a number with three digits, and thousands in full: `7,470` and no `7.47e3`."""
-    return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e9 else digits(value)
 
 
 def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
@@ -47,48 +35,44 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
     with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
         write_json(staging.folder / DATA, found.record)
-        inspection.write_inspection(staging.folder, _inspection(found, pictured))
+        settings, maps = found.settings[found.best], found.tallies[found.best].maps
+        name = next((one for one in (P99, SURFACE, FRACTION) if one in maps), None)
+        drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
+        inspected = inspection.Inspection(
+            command="survey",
+            scene=found.scene,
+            told=(f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",),
+            hogels=[one.inspected for _, one in pictured if one.inspected is not None],
+            plate_map=PlateMap(words=words_of(name).capitalize(), cells=maps[name])
+            if name
+            else PlateMap.of(found.scene.plate, "", ()),
+        )
+        inspection.write_inspection(staging.folder, inspected)
         with inspection.replacing_inspection(out):
             return staging.commit()
 
 
-def _inspection(found: Survey, pictured: Pictured) -> inspection.Inspection:
-    """Return what the inspection page shows: the worst hogels of the best setting."""
-    settings, tally = found.settings[found.best], found.tallies[found.best]
-    name = next((one for one in (P99, SURFACE, FRACTION) if one in tally.maps), None)
-    drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
-    if name is None:
-        plate_map = PlateMap.of(found.scene.plate, "", ())
-    else:
-        plate_map = PlateMap(words=words_of(name).capitalize(), cells=tally.maps[name])
-    return inspection.Inspection(
-        command="survey",
-        scene=found.scene,
-        told=(f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",),
-        hogels=[one.inspected for _, one in pictured if one.inspected is not None],
-        plate_map=plate_map,
-    )
-
-
 def render_page(found: Survey, pictured: Pictured) -> str:
     """Return one HTML document that needs nothing else; of the same rows, always the same."""
-    scene = found.scene
+
+    def readable(value: float) -> str:
+        """Write a number with three digits, and thousands in full: `7,470` and no `7.47e3`."""
+        return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e9 else digits(value)
+
+    scene, settings, command = found.scene, found.settings[found.best], None
     maps = {f"map-{number}": figure for number, figure in enumerate(map_figures(found))}
     drawn = {**maps, "distribution": distribution_figure(found), "depth": depth_figure(found)}
-    figures = {name: figure for name, figure in drawn.items() if figure is not None}
-    settings, command = found.settings[found.best], None
     if settings is not None and pictured:
         command = raster_command(scene, scene.plate.aperture(*pictured[0][0].aperture), settings)
     values = {
         "found": found,
         "pictured": pictured,
         "maps": list(maps),
-        "figures": figures,
+        "figures": {name: figure for name, figure in drawn.items() if figure is not None},
         "command": command,
         "versions": versions(),
     }
-    filters = {"percent": percent, "digits": _readable}
-    return html_page("survey.html.j2", filters, values)
+    return html_page("survey.html.j2", {"percent": percent, "digits": readable}, values)
 
 
 def map_figures(found: Survey) -> list[Figure]:
@@ -97,7 +81,7 @@ def map_figures(found: Survey) -> list[Figure]:
     figures = []
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
-            words = words_of(name) + (f", {found.scene.units}" if name in LENGTHS else "")
+            words = words_of(name) + (f", {found.scene.units}" if name == "height_rms" else "")
             figure = plate_map(found.scene.plate, values, words, logarithmic=name == P99)
             if name == P99:
                 worst = [(one.aperture, "one of the worst") for one in tally.worst[:MARKED_HOGELS]]
@@ -142,12 +126,14 @@ def depth_figure(found: Survey) -> Figure | None:
     """Draw displacement by depth of content, rms and largest; None where nothing was measured by depth."""
     if not any(tally.depth_pixels.any() for tally in found.tallies):
         return None
-    reach, ends, lines = found.scene.frustum.longest_reach, depth_ends(), []
-    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(ends)]
+    reach, lines = found.scene.frustum.longest_reach, []
+    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(DEPTH_ENDS)]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
         label = "" if settings is None or len(found.settings) == 1 else f"near {digits(settings.near)}: "
-        curves = ("rms", tally.depth_rms_px, "solid"), ("largest", tally.depth_max_px, "dot")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rms = np.sqrt(tally.depth_squares_px2 / tally.depth_pixels)
+        curves = ("rms", rms, "solid"), ("largest", tally.depth_max_px, "dot")
         for word, values, dash in curves:
             shown = zip(values.tolist(), tally.depth_pixels > 0, strict=True)
             lines.append(

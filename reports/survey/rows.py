@@ -15,9 +15,9 @@ import pyarrow as pa
 
 from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.beyond import displacement_p99, is_beyond
-from xfrustum.compare.judging.judged import ColorFigures, HogelNumbers, MeasuredBy, SurfaceFigures
+from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
-from xfrustum.compare.metrics.error_maps import Spread, lengths
+from xfrustum.compare.metrics.error_maps import lengths
 from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.scout import MAX_MAP_CELLS
@@ -27,9 +27,9 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-DEPTH_DECADES, BINS_PER_DECADE = 4, 2
-"""Decades of |z| below the reach that bins of depth tell apart, and bins of each: displacement goes as n/|z|,
-so that from bin to bin it changes by a factor of about three."""
+DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
+"""Ends of the bins of |z|, as fractions of the reach: half decades, for displacement goes as n/|z|, so that
+from bin to bin it changes by a factor of about three; the first bin goes down to the plate."""
 
 WORST_HOGELS = 6
 """Number of the worst hogels of each setting that are named, and shown on the page."""
@@ -54,28 +54,20 @@ MAP_COLUMNS = {
 
 @dataclass(frozen=True, kw_only=True)
 class DepthBins:
-    """Displacement by depth of content: for each bin of |z|, over all pixels that show a surface there.
-
-    Bins are half decades of |z| over the reach; the first one goes down to the plate. `squares_px2` are sums
-    of squared displacements; where there is no pixel all three are 0.
-    """
+    """Displacement by depth of content: for each bin of |z|, over all pixels that show a surface there."""
 
     pixels: tuple[int, ...]
-    squares_px2: tuple[float, ...]
+    squares_px2: tuple[float, ...]  # sums of squared displacements
     max_px: tuple[float, ...]
 
     @classmethod
     def of(cls, drawn: HogelImage, displacement: Floats) -> DepthBins:
-        """Sort the pixels of a drawing by the height of what they show.
-
-        `displacement` is (H, W, 2) in pixels, NaN where it shows no surface off the plate.
-        """
+        """Sort the pixels of a drawing, displaced (H, W, 2) in pixels, by the height of what they show."""
         moved = lengths(displacement)
         shown = np.isfinite(moved)
         moved, depth = moved[shown], np.abs(drawn.height[shown].astype(np.float64))
-        ends, reach = depth_ends(), max(drawn.camera.reach)
-        place = np.searchsorted(np.array(ends[1:-1]) * reach, depth, side="right")
-        bins = len(ends) - 1
+        ends, bins = np.array(DEPTH_ENDS[1:-1]) * max(drawn.camera.reach), len(DEPTH_ENDS) - 1
+        place = np.searchsorted(ends, depth, side="right")
         largest = np.zeros(bins)
         np.maximum.at(largest, place, moved)
         return cls(
@@ -85,13 +77,7 @@ class DepthBins:
         )
 
 
-def depth_ends() -> tuple[float, ...]:
-    """Return the ends of the bins of depth, as fractions of the reach, from 0 to 1."""
-    count = DEPTH_DECADES * BINS_PER_DECADE
-    return (0.0, *(10 ** (-place / BINS_PER_DECADE) for place in range(count, 0, -1)), 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Device:
     """The device that drew a hogel: the name of its OpenGL renderer, and its index among EGL's devices."""
 
@@ -152,32 +138,26 @@ class RoundingCauses:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForeignNumbers:
-    """The numbers of one image, as `verify` finds them; see `HogelNumbers`."""
+class ForeignNumbers(HogelNumbers):
+    """The numbers of one image, as `verify` finds them, with columns for its causes in any case."""
 
-    shown: int
-    by: str
-    wrong: int
-    fraction: float
-    surface: SurfaceFigures | None
-    invalid: int
-    displacement_px: Spread | None
-    displacement_by: MeasuredBy
-    radiance: ColorFigures | None
-    causes: RoundingCauses | None
+    causes: RoundingCauses | None  # type: ignore[assignment]
+
+    @classmethod
+    def of(cls, one: HogelNumbers | None) -> ForeignNumbers | None:
+        """Return the numbers with the causes as columns."""
+        causes = None if one is None or one.causes is None else RoundingCauses(**one.causes)
+        return None if one is None else cls(**{**vars(one), "causes": causes})
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignRow:
-    """One hogel of another renderer, judged as `verify` does, as found and corrected for the diagnosis.
-
-    `beyond` is whether it is missing or exceeds a limit; `problem` is the reason where it is missing.
-    """
+    """One hogel of another renderer, judged as `verify` does, as found and corrected for the diagnosis."""
 
     column: int
     row: int
     setting: int = 0
-    beyond: bool
+    beyond: bool  # it is missing, for the reason `problem`, or exceeds a limit
     verdict: str
     problem: str | None
     as_found: ForeignNumbers | None = field(metadata=named_columns("{}"))
@@ -186,21 +166,14 @@ class ForeignRow:
     @classmethod
     def of(cls, hogel: Hogel) -> ForeignRow:
         """Return the row of a hogel that was verified."""
-
-        def numbers(one: HogelNumbers | None) -> ForeignNumbers | None:
-            if one is None:
-                return None
-            causes = None if one.causes is None else RoundingCauses(**one.causes)
-            return ForeignNumbers(**{**vars(one), "causes": causes})
-
         return cls(
             column=hogel.aperture.column,
             row=hogel.aperture.row,
             beyond=not hogel.passed,
             verdict=hogel.verdict,
             problem=hogel.problem,
-            as_found=numbers(hogel.as_found),
-            corrected=numbers(hogel.corrected),
+            as_found=ForeignNumbers.of(hogel.as_found),
+            corrected=ForeignNumbers.of(hogel.corrected),
         )
 
 
@@ -209,10 +182,8 @@ class WorstHogel:
     """A hogel by how bad it is: whether it is beyond, then by displacement, then by its wrong surfaces."""
 
     beyond: bool
-    #: 99th percentile of displacement: infinite where that is unknown of a hogel beyond, 0 of one that is not
-    badness: float
-    #: Share of wrong pixels of images that name no surfaces; None for a hogel that is missing
-    surface_fraction: float | None
+    badness: float  # p99 of displacement: infinite where it is unknown of a hogel beyond, 0 of others
+    surface_fraction: float | None  # wrong pixels of images that name no surfaces; None for a missing hogel
     aperture: tuple[int, int]
     displacement_p99_px: float | None
 
@@ -224,13 +195,12 @@ class Tally:
         self._hogels = hogels
         self._cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
         self.judged = self.beyond = 0
-        #: The worst hogels, the worst first
-        self.worst: list[WorstHogel] = []
+        self.worst: list[WorstHogel] = []  #: the worst first
         #: By column: (rows, columns) of cells, the largest value in each; NaN where there is none
         self.maps: dict[str, Floats] = {}
         self._moved_px: list[Floats] = []
         #: Sums and maxima of `DepthBins` over all hogels
-        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros((3, len(depth_ends()) - 1))
+        self.depth_pixels, self.depth_squares_px2, self.depth_max_px = np.zeros((3, len(DEPTH_ENDS) - 1))
 
     def add(self, rows: pa.Table) -> None:
         """Count some rows, of this setting alone."""
@@ -265,19 +235,12 @@ class Tally:
                 np.fmax.at(cells, place, _numbers(rows, name))
         self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
         if "depth_pixels" in rows.column_names:
-            pixels, squares, largest = (
-                np.array(rows.column(f"depth_{name}").to_pylist())
-                for name in ("pixels", "squares_px2", "max_px")
-            )
+            names = ("pixels", "squares_px2", "max_px")
+            bins = (np.array(rows.column(f"depth_{name}").to_pylist()) for name in names)
+            pixels, squares, largest = bins
             self.depth_pixels += pixels.sum(axis=0)
             self.depth_squares_px2 += squares.sum(axis=0)
             self.depth_max_px = np.maximum(self.depth_max_px, largest.max(axis=0))
-
-    @property
-    def depth_rms_px(self) -> Floats:
-        """Root mean square displacement in each bin of depth; NaN where nothing is shown."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.sqrt(self.depth_squares_px2 / self.depth_pixels))
 
     def share_beyond(self) -> tuple[Floats, Floats]:
         """Return displacements in px, ascending, and the share of hogels displaced by more than each."""

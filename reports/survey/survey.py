@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,13 +41,11 @@ of all are, with a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
 class Chosen:
     """Which hogels of a plate are judged: all, so many, or as many as a bound needs."""
 
-    #: Number of hogels of a sample; None for all.
-    sample: int | None = DEFAULT_SAMPLE
+    sample: int | None = DEFAULT_SAMPLE  #: number of hogels of a sample; None for all
     #: Share at which the bound stops the survey; samples then grow from as many hogels as would do if none of
     #: them was beyond the tolerance.
     until: float | None = None
-    #: Start of the random numbers.
-    seed: int = 0
+    seed: int = 0  #: start of the random numbers
 
     def __post_init__(self) -> None:
         if self.until is not None and not 0 < real(self.until) < 1:
@@ -89,36 +87,32 @@ class Hogels:
         ]
 
 
-def survey(  # noqa: PLR0913 - one keyword for each option of the command
+@dataclass(frozen=True, kw_only=True)
+class SurveyOptions:
+    """How hogels are judged, and what is told meanwhile."""
+
+    tolerance_px: float = TOLERANCE_PX  #: displacement beyond which a hogel is counted; see `compare.beyond`
+    tracer: str = "embree"  #: gives the truth a second opinion
+    engine: Engine = field(default_factory=Engine)  #: as many processes as this one may use processors
+    told: Callable[[str], object] = lambda line: None  #: takes notes, a sentence each
+    progress: bool = False  #: whether a bar is shown
+
+
+def survey(
     scene: Scene,
     settings: DoubleFrustum | Sequence[DoubleFrustum] | ForeignRenderer,
     out: Path,
     chosen: Chosen | None = None,
-    *,
-    tolerance_px: float = TOLERANCE_PX,
-    tracer: str = "embree",
-    engine: Engine | None = None,
-    told: Callable[[str], object] = lambda line: None,
-    progress: bool = False,
+    **options: Any,
 ) -> Survey:
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
+
+    Every hogel is drawn with each of the settings, or is one of another renderer's plate; by default a sample
+    of `DEFAULT_SAMPLE` is judged. The options are the fields of `SurveyOptions`.
 
     Stopped at any moment and called again it goes on where it was, and ends with the rows of a run that was
     not disturbed but for one column: the index of `device` is that of the worker that took the block, so
     that with several GPUs it depends on who was free.
-
-    Parameters
-    ----------
-    settings
-        Settings that every hogel is drawn with; or the plate of another renderer.
-    chosen
-        Which hogels are judged; a sample of `DEFAULT_SAMPLE` by default.
-    tolerance_px
-        Displacement of 1 % of a hogel's points beyond which it is counted; see `compare.beyond`.
-    tracer
-        Tracer that gives the truth a second opinion.
-    engine
-        Where hogels are judged; as many processes as this one may use processors by default.
 
     Raises
     ------
@@ -126,7 +120,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         The scene, settings or folder are not usable, or the folder holds something else.
     """
     one_of(scene, Scene, "scene")
-    chosen, engine = chosen or Chosen(), engine or Engine()
+    chosen, how = chosen or Chosen(), SurveyOptions(**options)
+    engine, tolerance_px = how.engine, how.tolerance_px
     if chosen.until is not None and not engine.part.everything:
         raise InputError("--part: how many hogels --until takes is known in the end; use --all or --sample")
     if not real(tolerance_px) > 0:
@@ -134,13 +129,10 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
     job: DrawnJob | ForeignJob
-    common: dict[str, Any] = {
-        "scene": scene,
-        "parts": Parts(out=out.absolute(), name=ROWS),
-        "tolerance_px": tolerance_px,
-    }
+    parts = Parts(out=out.absolute(), name=ROWS)
+    common: dict[str, Any] = {"scene": scene, "parts": parts, "tolerance_px": tolerance_px}
     if isinstance(settings, ForeignRenderer):
-        renderer = settings.with_layout(scene, told)
+        renderer = settings.with_layout(scene, how.told)
         state = renderer.state(scene.plate.apertures())
         job = ForeignJob(renderer=renderer, state=state, **common)
         several: tuple[DoubleFrustum | None, ...] = (None,)
@@ -151,66 +143,53 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             raise InputError("a survey needs at least one setting; give --near or --nears")
         for one in drawn:
             one.check_against(scene.frustum)
-        job, several = DrawnJob(settings=drawn, tracer=tracer, **common), drawn
-        work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
+        job = DrawnJob(settings=drawn, tracer=how.tracer, **common)
+        several, work = drawn, {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
     hogels = Hogels.of(scene, chosen, len(several))
-    work |= {"tolerance_px": tolerance_px, "hogels": hogels}
-    job.parts.open(json_ready({"scene": scene_description(scene), **work}))
-    return _done(job, several, hogels, chosen, engine, told=told, progress=progress)
+    work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": hogels}
+    parts.open(json_ready(work))
 
-
-def _done(  # noqa: PLR0913 - what `survey` has settled
-    job: DrawnJob | ForeignJob,
-    settings: tuple[DoubleFrustum | None, ...],
-    hogels: Hogels,
-    chosen: Chosen,
-    engine: Engine,
-    *,
-    told: Callable[[str], object],
-    progress: bool,
-) -> Survey:
-    """Judge what is not judged yet, look after look, and write the outcome where it is complete."""
-    begun, found = time.perf_counter(), [Tally(hogels.plate.hogels) for _ in settings]
+    begun, found = time.perf_counter(), [Tally(scene.plate.hogels) for _ in several]
     blocks, sample = hogels.blocks(0, 0), hogels.sample
-    with open_workers(engine, len(blocks), draws=job.draws) as workers:
 
-        def answer(look: int, *, complete: bool) -> Survey:
-            return Survey(
-                scene=job.scene,
-                settings=settings,
-                tallies=tuple(found),
-                extent=Extent(
-                    hogels=math.prod(hogels.plate.hogels),
-                    judged=found[0].judged,
-                    look=look if chosen.until is not None and sample else None,
-                    seed=None if sample is None else sample.seed,
-                    complete=complete,
-                ),
-                tolerance_px=job.tolerance_px,
-                limit=chosen.until,
-                judged_by=f"beyond {job.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
-                workers=workers.count,
-                wall_s=time.perf_counter() - begun,
-            )
+    def answer(look: int, *, complete: bool) -> Survey:
+        return Survey(
+            scene=scene,
+            settings=several,
+            tallies=tuple(found),
+            extent=Extent(
+                hogels=math.prod(scene.plate.hogels),
+                judged=found[0].judged,
+                look=look if chosen.until is not None and sample else None,
+                seed=None if sample is None else sample.seed,
+                complete=complete,
+            ),
+            tolerance_px=tolerance_px,
+            limit=chosen.until,
+            judged_by=f"beyond {tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
+            workers=workers.count,
+            wall_s=time.perf_counter() - begun,
+        )
 
-        with progress_bar(0, job.name, job.unit, shown=progress) as bar:
-            for look in range(hogels.looks):
-                if look:
-                    blocks = hogels.blocks(look, blocks[-1].number + 1)
-                mine = list(engine.part.of(blocks))
-                job.parts.tell_damaged((block.number for block in mine), told)
+    mine = list(engine.part.of(blocks))
+    with (
+        open_workers(engine, len(blocks), draws=job.draws) as workers,
+        progress_bar(sum(map(job.size, mine)), job.name, job.unit, shown=how.progress) as bar,
+    ):
+        for look in range(hogels.looks):
+            if look:  # the parts of a job array have but one
+                blocks = mine = hogels.blocks(look, blocks[-1].number + 1)
                 bar.total += sum(map(job.size, mine))
-                workers.make(job, mine, bar)
-                finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
-                complete = len(finished) == len(blocks)
-                add_rows(found, (job.parts.read(block.number) for block in finished))
-                survey = answer(look, complete=complete)
-                if survey.decided:
-                    break
-        if not complete:
-            return survey
-        worst = survey.tallies[survey.best].worst
-        shown = [workers.ask(job, shown_hogel, one.aperture, survey.best) for one in worst]
-        survey = answer(look, complete=complete)
-    write_survey(survey, list(zip(worst, shown, strict=True)), job.parts.out)
-    return survey
+            parts.tell_damaged((block.number for block in mine), how.told)
+            workers.make(job, mine, bar)
+            finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
+            add_rows(found, (parts.read(block.number) for block in finished))
+            surveyed = answer(look, complete=len(finished) == len(blocks))
+            if surveyed.decided:
+                break
+        if surveyed.extent.complete:
+            worst = surveyed.tallies[surveyed.best].worst
+            pictures = [workers.ask(job, shown_hogel, one.aperture, surveyed.best) for one in worst]
+            surveyed = answer(look, complete=True)
+            write_survey(surveyed, list(zip(worst, pictures, strict=True)), parts.out)
+    return surveyed

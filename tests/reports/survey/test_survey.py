@@ -22,7 +22,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
 from xfrustum.reports.blocks import Engine, device_index
-from xfrustum.reports.survey.jobs import DrawnSession, HogelBlock
+from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
 
@@ -261,18 +261,18 @@ def test_two_surveys_of_one_folder_are_one(
     whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second begins and ends while the first judges its first block."""
-    out, make = tmp_path / "survey", DrawnSession.make
+    out, write = tmp_path / "survey", Parts.write
 
     def run() -> None:
         survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
 
-    def overtaken(session: DrawnSession, block: HogelBlock) -> None:
-        monkeypatch.setattr(DrawnSession, "make", make)
+    def overtaken(*first: Any) -> None:
+        monkeypatch.setattr(Parts, "write", write)
         run()
         assert parts_of(out) == parts_of(whole)
-        make(session, block)
+        write(*first)
 
-    monkeypatch.setattr(DrawnSession, "make", overtaken)
+    monkeypatch.setattr(Parts, "write", overtaken)
     run()
     assert parts_of(out) == parts_of(whole)
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
