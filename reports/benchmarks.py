@@ -53,8 +53,7 @@ from xfrustum.scenes.plate.plate import Aperture
 Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
 
-RELATIVE_NEAR = 1e-3
-"""The near offset that all contestants draw with, as a fraction of the reach."""
+RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fraction of the reach
 
 
 def scene_record(scene: Scene) -> Record:

@@ -52,8 +52,7 @@ renderer, and those of linear algebra."""
 DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 """Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
 
-CONNECT_S = 10
-"""Seconds in which a scheduler must answer."""
+CONNECT_S = 10  #: seconds in which a scheduler must answer
 
 SEEN_S, SEEN_POLL_S = 60.0, 0.2
 """Seconds until a block that a cluster has finished must be seen in the store, for NFS looks at a folder anew
@@ -162,8 +161,7 @@ class Engine:
         return max(1, min(usual if self.workers is None else self.workers, blocks))
 
 
-HERE = Engine(workers=1)
-"""This process alone."""
+HERE = Engine(workers=1)  #: this process alone
 
 
 class WorkerLostError(InputError):

@@ -177,13 +177,8 @@ def budget(
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the middle one
-    where None; `progress` draws a bar on standard error.
-
-    Raises
-    ------
-    InputError
-        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
-        usable OpenGL.
+    where None; `progress` draws a bar on standard error. InputError where the settings make no sense for the
+    scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")

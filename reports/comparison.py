@@ -20,8 +20,7 @@ from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera
 from xfrustum.scenes.model.scene import Scene
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
-FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))
-"""Names of the files that may be written."""
+FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))  #: names of the files that may be written
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +37,7 @@ class FileComparison:
 def compare_files(truth: Path, raster: Path) -> FileComparison:
     """Compare two EXR files, opening the truth's scene again for `surface`.
 
-    Raises
-    ------
-    InputError
-        A file is missing or no hogel image, or the images do not belong together.
+    InputError where a file is missing or no hogel image, or the images do not belong together.
     """
     # Sizes are compared before cameras: files of two sizes differ, whatever they say about their cameras.
     (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
@@ -113,38 +109,38 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
 def table(comparison: Comparison) -> str:
     """Return the numbers of a comparison as aligned lines."""
     surface, color = comparison.surface, comparison.radiance
-    lines = [
-        ("pixels", f"{comparison.pixels:,}"),
-        ("judged", f"{comparison.judged:,}"),
-        ("covered", f"{comparison.covered:,}"),
-        ("wrong surface", _share(surface)),
-        ("another triangle", _share(comparison.triangle)),
-        ("displacement, px", _numbers(comparison.displacement_px, "rms", "p50", "p95", "p99", "max")),
-        ("height error", _numbers(comparison.height, "rms", "max")),
-        ("drawn in the plate", f"{comparison.at_plate:,}"),
-    ]
+
+    def share(part: Share | None) -> str:
+        return "not known" if part is None else f"{part.wrong:,} ({100 * part.fraction:.3g} %)"
+
+    def numbers(group: Spread | HeightError | RadianceSpread | None, names: str) -> str:
+        """Write some numbers of a group, each after its name."""
+        if group is None:
+            return "not defined"
+        return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names.split())
+
+    lines = {
+        "pixels": f"{comparison.pixels:,}",
+        "judged": f"{comparison.judged:,}",
+        "covered": f"{comparison.covered:,}",
+        "wrong surface": share(surface),
+    }
     if surface is not None and surface.culled is not None:
-        lines.insert(4, ("  a face culled", f"{surface.culled:,}"))
+        lines["  a face culled"] = f"{surface.culled:,}"
+    lines |= {
+        "another triangle": share(comparison.triangle),
+        "displacement, px": numbers(comparison.displacement_px, "rms p50 p95 p99 max"),
+        "height error": numbers(comparison.height, "rms max"),
+        "drawn in the plate": f"{comparison.at_plate:,}",
+    }
     if color is not None:
-        names = ("mean", "rms", "p99", "max")
-        lines.append(("radiance error", _numbers(color, *names)))
+        lines["radiance error"] = numbers(color, "mean rms p99 max")
         if color.away_from_edges is not None:
-            lines.append(("  in the same triangle", _numbers(color.away_from_edges, *names)))
+            lines["  in the same triangle"] = numbers(color.away_from_edges, "mean rms p99 max")
         if color.flip is not None:
             ssim = "not defined" if color.ssim is None else f"{color.ssim:.4g}"
-            lines.append(("looks different", f"FLIP {color.flip:.3g}  SSIM {ssim}"))
+            lines["looks different"] = f"FLIP {color.flip:.3g}  SSIM {ssim}"
         if color.noise is not None:
-            lines.append(("beyond noise, 1/255", f"{color.noise.differ:,} pixels"))
-    width = max(len(name) for name, _ in lines)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
-
-
-def _share(part: Share | None) -> str:
-    return "not known" if part is None else f"{part.wrong:,} ({100 * part.fraction:.3g} %)"
-
-
-def _numbers(group: Spread | HeightError | RadianceSpread | None, *names: str) -> str:
-    """Write some numbers of a group, each after its name."""
-    if group is None:
-        return "not defined"
-    return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names)
+            lines["beyond noise, 1/255"] = f"{color.noise.differ:,} pixels"
+    width = max(map(len, lines))
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in lines.items())

@@ -39,11 +39,8 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
-REPEAT = FEWEST_DIFFERENCES
-"""Measured pairs of images for each effect, where costs are measured."""
-
-DEFAULT_NEAR_PER_REACH = 1e-3
-"""Near where none is asked for."""
+REPEAT = FEWEST_DIFFERENCES  #: measured pairs of images for each effect, where costs are measured
+DEFAULT_NEAR_PER_REACH = 1e-3  #: near where none is asked for
 
 EXAMPLE_SUB_APERTURES = (1, 16, 256, 4096)
 """Numbers of sub-apertures whose errors are told: none but the middle, and what one might pay for."""
@@ -58,8 +55,7 @@ PROCEDURE = (
 )
 """How costs are measured, in words."""
 
-RENDERERS = ("raster", "reference")
-"""Names of the renderers whose costs are measured."""
+RENDERERS = ("raster", "reference")  #: names of the renderers whose costs are measured
 
 # Costs ---------------------------------------------------------------------------------------------------
 
@@ -200,13 +196,8 @@ def explain(
 
     The image is of the middle aperture, with both cameras and no slabs, where none is asked for. `repeat` is
     the number of measured pairs of images for each effect; 0 measures nothing, and answers from the scene
-    alone.
-
-    Raises
-    ------
-    InputError
-        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
-        usable OpenGL.
+    alone. InputError where the settings make no sense for the scene, the aperture sees nothing of the
+    objects, or there is no usable OpenGL.
     """
     aperture = aperture or scene.plate.middle
     settings = settings or DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)

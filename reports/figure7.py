@@ -29,8 +29,7 @@ NEAR_PER_REACH = 1e-6
 from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer
 resolves 2^-24 of any distance, however small the near plane."""
 
-LATTICE = 4
-"""Apertures along each side of the plate among which the second perspective of C* is chosen."""
+LATTICE = 4  #: apertures along each side of the plate among which the second perspective of C* is chosen
 
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
@@ -42,16 +41,13 @@ FILES = (_PAGE, *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Figure:
-    """The pictures of an aperture by camera, in the paper's order, with their wall seconds.
-
-    `other` is the image of another aperture by C* alone; None where the plate has one aperture.
-    """
+    """The pictures of an aperture by camera, in the paper's order, with their wall seconds."""
 
     scene: Scene
     aperture: Aperture
     settings: DoubleFrustum
     images: Mapping[Camera, HogelImage]
-    other: HogelImage | None
+    other: HogelImage | None  #: image of another aperture by C* alone; None where the plate has one aperture
     times_s: Mapping[str, float]
     device: str
 
@@ -68,16 +64,16 @@ def draw_figure(
     """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone.
 
     `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice over the
-    plate from which C* shows most.
-
-    Raises
-    ------
-    InputError
-        near is not smaller than the reach, the aperture sees nothing of the objects, or there is no usable
-        OpenGL.
+    plate from which C* shows most. InputError where near is not smaller than the reach, the aperture sees
+    nothing of the objects, or there is no usable OpenGL.
     """
     require_seen(scene, [aperture])
-    times_s, images = {}, {}
+    times_s, images, alone = {}, {}, replace(settings, camera=Camera.C_STAR)
+    columns, rows = (
+        [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)]
+        for count in scene.plate.hogels
+    )
+    lattice = dict.fromkeys(scene.plate.aperture(column, row) for row, column in product(rows, columns))
     with Rasterizer(scene) as rasterizer:
         # The first picture compiles the shaders.
         rasterizer.render(aperture, settings, normals=False)
@@ -85,48 +81,33 @@ def draw_figure(
             begun = time.perf_counter()
             images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
             times_s[camera.value] = time.perf_counter() - begun
-        alone = replace(settings, camera=Camera.C_STAR)
-        second = _fullest(rasterizer, alone, aperture) if other is None else other
-        perspective = None if second is None else rasterizer.render(second, alone, normals=False)
-        device = rasterizer.device["renderer"]
-    return Figure(
-        scene=scene,
-        aperture=aperture,
-        settings=settings,
-        images=images,
-        other=perspective,
-        times_s=times_s,
-        device=device,
-    )
 
+        def covered(one: Aperture) -> int:
+            return int(rasterizer.render(one, alone, normals=False, color=False).covered.sum())
 
-def _fullest(rasterizer: Rasterizer, settings: DoubleFrustum, apart_from: Aperture) -> Aperture | None:
-    """Return the aperture of a lattice whose picture is fullest; None where the plate has no other one."""
-    plate = rasterizer.scene.plate
-    columns, rows = (
-        [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)] for count in plate.hogels
-    )
-    lattice = dict.fromkeys(plate.aperture(column, row) for row, column in product(rows, columns))
-
-    def covered(aperture: Aperture) -> int:
-        drawn = rasterizer.render(aperture, settings, normals=False, color=False)
-        return int(drawn.covered.sum())
-
-    return max((one for one in lattice if one != apart_from), key=covered, default=None)
+        if other is None:
+            other = max((one for one in lattice if one != aperture), key=covered, default=None)
+        return Figure(
+            scene=scene,
+            aperture=aperture,
+            settings=settings,
+            images=images,
+            other=None if other is None else rasterizer.render(other, alone, normals=False),
+            times_s=times_s,
+            device=rasterizer.device["renderer"],
+        )
 
 
 def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
     """Write index.html and the pictures, all or nothing; InputError where the folder cannot be written."""
-    pictures = {camera.value: png(image) for camera, image in figure.images.items()}
+    images = {camera.value: image for camera, image in figure.images.items()}
+    images |= {} if figure.other is None else {_OTHER: figure.other}
+    pictures = {name: png(image, as_seen=name == _OTHER) for name, image in images.items()}
     pictures[_AS_SEEN] = png(figure.images[Camera.C_STAR], as_seen=True)
-    covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}
-    if figure.other is not None:
-        pictures[_OTHER] = png(figure.other, as_seen=True)
-        covered[_OTHER] = float(figure.other.covered.mean())
     values = {
         "figure": figure,
         "reach": figure.scene.frustum.longest_reach,
-        "covered": covered,
+        "covered": {name: float(image.covered.mean()) for name, image in images.items()},
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},
     }
     with Staging(out, FILES) as staging:

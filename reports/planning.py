@@ -51,11 +51,8 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import MAX_WRONG
 
-LINE_CHARACTERS = 100
-"""Largest number of characters in a line of a reason."""
-
-FILM_COLUMNS = 64
-"""Columns of the films of both eyes: of no more hogels than pixels a part is drawn."""
+LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason
+FILM_COLUMNS = 64  #: columns of the films of both eyes: of no more hogels than pixels a part is drawn
 
 
 def make_plan(
@@ -69,12 +66,8 @@ def make_plan(
 ) -> Plan:
     """Plan how to draw some apertures of a scene, by default the whole plate, and measure the plan.
 
-    `choices` are the depth buffers to choose from, None for all.
-
-    Raises
-    ------
-    InputError
-        None of the apertures sees anything of the objects, or there is no usable OpenGL.
+    `choices` are the depth buffers to choose from, None for all. InputError where none of the apertures sees
+    anything of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     requirement = Requirement() if requirement is None else requirement
@@ -88,8 +81,7 @@ def make_plan(
         return replace(plan_apertures(scene, chosen, requirement, choices, bar.update), auto=auto)
 
 
-plan = make_plan
-"""The name of `make_plan` in the public API, beside the other commands."""
+plan = make_plan  #: the name of `make_plan` in the public API, beside the other commands
 
 
 def make_viewer_plan(

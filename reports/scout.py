@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.ndimage import distance_transform_edt
 
-from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, ChosenAperture, scout
+from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, scout
 from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.arrays import Floats, Mask
@@ -22,14 +21,9 @@ MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
 each is five pixels wide on the page."""
 
-MAP_PIXELS = 340
-"""Height of the map of a plate as high as wide, on the page."""
-
-MARK = "#D55E00"
-"""Color of the marks of apertures."""
-
-LABEL = "#1b1f24"
-"""Color of their labels, which lie on white on light and on dark paper."""
+MAP_PIXELS = 340  #: height of the map of a plate as high as wide, on the page
+MARK = "#D55E00"  #: color of the marks of apertures
+LABEL = "#1b1f24"  #: color of their labels, which lie on white on light and on dark paper
 
 
 def auto_apertures(scene: Scene, *, progress: bool = False) -> AutoApertures:
@@ -49,30 +43,13 @@ def notes(auto: AutoApertures) -> list[str]:
         lines.append(
             f"auto: at {auto.blocked} of these a surface lies in the aperture itself, which no settings draw"
         )
-    return [*lines, *(f"auto: {spelled(one)}" for one in auto.chosen)]
+    every = (f"auto: aperture {one.aperture.column},{one.aperture.row}: {one.why}" for one in auto.chosen)
+    return [*lines, *every]
 
 
-def spelled(chosen: ChosenAperture) -> str:
-    """Return an aperture with the reason for which it was chosen."""
-    return f"aperture {chosen.aperture.column},{chosen.aperture.row}: {chosen.why}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChoiceRecord:
-    """An aperture by its column and row, and the reason for which it was chosen."""
-
-    aperture: tuple[int, int]
-    why: str
-
-    @classmethod
-    def of(cls, chosen: ChosenAperture) -> ChoiceRecord:
-        """Return how a chosen aperture is written."""
-        return cls(aperture=chosen.aperture.index, why=chosen.why)
-
-
-def choices(auto: AutoApertures | None) -> tuple[ChoiceRecord, ...] | None:
+def choices(auto: AutoApertures | None) -> list[dict[str, Any]] | None:
     """Return how chosen apertures are written; None where nothing was to be chosen."""
-    return None if auto is None else tuple(ChoiceRecord.of(one) for one in auto.chosen)
+    return None if auto is None else [{"aperture": one.aperture.index, "why": one.why} for one in auto.chosen]
 
 
 def scout_record(auto: AutoApertures) -> dict[str, Any]:
@@ -131,10 +108,8 @@ def plate_map(
     the value of the nearest of those that are. The color scale may be `logarithmic`.
     """
     known = np.isfinite(values) if known is None else known
-    if known.any() and not known.all():
-        places = np.argwhere(known)
-        _, nearest = cKDTree(places).query(np.argwhere(np.ones_like(known)))
-        values = values[tuple(places[nearest].T)].reshape(values.shape)
+    if known.any():
+        values = values[tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))]
     shown = np.log10(np.where(values > 0, values, np.nan)) if logarithmic else values
     (columns, rows), (width, height) = plate.hogels, plate.size
     heat = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,34 +53,26 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     return "; ".join(parts)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TraceRecord:
-    """What `trace --json` prints."""
+def _record(
+    path: str | Path, decided_by: str, certainty: dict[str, int], alone: AloneNumbers | None = None
+) -> dict[str, Any]:
+    """Return what `trace --json` prints.
 
-    file: Path
-    decided_by: str
-    certainty: dict[str, int]  #: number of pixels by class of certainty
-    #: How many pixels each tracer alone would have got wrong; None where the truth was not certified.
-    alone: AloneNumbers | None
+    `certainty` is the number of pixels by class; `alone`, how many pixels each tracer alone would have got
+    wrong, is None where the truth was not certified, or nobody asked.
+    """
+    return {"file": Path(path), "decided_by": decided_by, "certainty": certainty, "alone": alone}
 
 
-def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> TraceRecord:
+def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> dict[str, Any]:
     """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
 
-    Raises
-    ------
-    InputError
-        The file cannot be written. It appears complete, or not at all.
+    InputError where the file cannot be written: it appears complete, or not at all.
     """
     image = reference.propose(aperture)
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
-    return TraceRecord(
-        file=Path(path),
-        decided_by=reference.tracer_name,
-        certainty={Certainty.UNEXAMINED.name.lower(): image.triangle.size},
-        alone=None,
-    )
+    return _record(path, reference.tracer_name, {Certainty.UNEXAMINED.name.lower(): image.triangle.size})
 
 
 def trace_to_file(
@@ -89,26 +82,20 @@ def trace_to_file(
     *,
     compared: bool = False,
     progress: bool = False,
-) -> TraceRecord:
+) -> dict[str, Any]:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
-    `compared` says whether to count what each tracer alone would have got wrong, `progress` whether to draw a
-    bar on standard error.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written. It appears complete, or not at all.
+    `compared` says whether to count what each tracer alone would have got wrong. InputError where the file
+    cannot be written: it appears complete, or not at all.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
-    height = reference.scene.frustum.resolution[1]
+    height, row = reference.scene.frustum.resolution[1], 0
     camera, rendering = reference.camera(aperture), reference.rendering()
     with (
         image_writer(path, camera, ("normal", "color", "certainty"), rendering) as write,
         progress_bar(height, "trace", "row", shown=progress) as bar,
     ):
-        row = 0
         for band in reference.trace_bands(aperture):
             write(band)
             assert band.certainty is not None, "the truth is certified"
@@ -119,13 +106,9 @@ def trace_to_file(
                 counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
-    numbers = {name: counted[name] for name in ("judged", "embree", "mitsuba")}
-    return TraceRecord(
-        file=Path(path),
-        decided_by="certified",
-        certainty={kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
-        alone=None if alone is None else AloneNumbers(**numbers),
-    )
+    numbers = AloneNumbers(**{name: counted[name] for name in ("judged", "embree", "mitsuba")})
+    classes = {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty}
+    return _record(path, "certified", classes, None if alone is None else numbers)
 
 
 def trace_transported(
@@ -134,12 +117,8 @@ def trace_transported(
     """Trace the truth of an aperture and color it by light paths, as its scene asks; write it as EXR.
 
     Surfaces are those of the certified truth. The color is a mean, whose variance goes into channels of its
-    own, and the number of light paths into the camera.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written. It appears complete, or not at all.
+    own, and the number of light paths into the camera. InputError where the file cannot be written: it
+    appears complete, or not at all.
     """
     scene = reference.scene
     with progress_bar(1 + scene.sampling.aperture, "trace", "image", shown=progress) as bar:

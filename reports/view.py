@@ -71,23 +71,18 @@ NAMES = {"true": "the true view", "replayed": "the replayed truth", "drawn": "th
 UNKNOWN = "wrong surfaces unknown"
 """Words for the share of wrong surfaces of a picture that does not say which surfaces it shows."""
 
-SEEN_ARCMIN = 1.0
-"""Displacement from which on a map is in full color: what a good eye resolves."""
+SEEN_ARCMIN = 1.0  #: displacement from which on a map is in full color: what a good eye resolves
 
 HEIGHT_STEPS = 65535
 """Steps between the lowest and the highest z in a picture of heights; the last one stands for no surface."""
 
-FRAME_MS = 350
-"""Time that an animation shows each eye's picture."""
-
-MAX_SHOWN_EYES = 4
-"""Largest number of eyes whose pictures a notebook shows."""
+FRAME_MS = 350  #: time that an animation shows each eye's picture
+MAX_SHOWN_EYES = 4  #: largest number of eyes whose pictures a notebook shows
 
 CONE_DEGREES = 40.0
 """Angle between the outermost views of a quilt, which is that of the displays that show quilts."""
 
-MAX_TILES = 1 << 10
-"""Largest number of tiles of a quilt."""
+MAX_TILES = 1 << 10  #: largest number of tiles of a quilt
 
 # Where hogels come from ------------------------------------------------------------------------------------
 
@@ -335,12 +330,8 @@ def view(
 
     Light is that of one sample a pixel, without light transport, and of the given effects (None: those that
     the scene calls for). Without a source the display alone is judged. Two eyes, `stereo` apart in scene
-    units, may take the place of each eye.
-
-    Raises
-    ------
-    InputError
-        There is no eye, one sees the plate from too far aside, or the hogels cannot be had.
+    units, may take the place of each eye. InputError where there is no eye, one sees the plate from too far
+    aside, or the hogels cannot be had.
     """
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")

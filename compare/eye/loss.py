@@ -33,8 +33,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 T = TypeVar("T")
 
-LEVELS = 255
-"""Value that stands for radiance one where color is stored in 8 bits."""
+LEVELS = 255  #: value that stands for radiance one where color is stored in 8 bits
 
 DEFAULT_COLOR = ColorType.FLOAT16
 """Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""

@@ -71,8 +71,7 @@ and distance of two eyes."""
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Length of the units that are known by name."""
 
-GREEN_MM = 550e-6
-"""A wavelength to which eyes are most sensitive."""
+GREEN_MM = 550e-6  #: a wavelength to which eyes are most sensitive
 
 ARCSEC_PER_RADIAN = 60 * ARCMIN_PER_RADIAN
 
