@@ -1,7 +1,5 @@
 """`xfrustum budget`: the error of one image link by link, as numbers, text, a page and pictures."""
 
-from __future__ import annotations
-
 import io
 import shlex
 from collections.abc import Sequence

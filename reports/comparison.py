@@ -1,7 +1,5 @@
 """`xfrustum compare`: two images from files, and what a person wants to see of the outcome."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras, as one page."""
 
-from __future__ import annotations
-
 import io
 import time
 from collections.abc import Mapping

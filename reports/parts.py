@@ -6,8 +6,6 @@ was damaged from outside, and counts as missing. The folder says what its rows w
 be continued with anything else.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """`xfrustum plan`: which settings to draw with, what they keep, what a viewer notices, and the command."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Callable, Sequence

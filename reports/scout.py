@@ -1,7 +1,5 @@
 """What people see of the scout of a plate: chosen apertures with their reasons, and a map; maps of plates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """`xfrustum trace`: the truth of one aperture to a file, in the memory of a band, whatever its size."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 As pictures and numbers, as a page, and as quilts: views from an arc as tiles of one picture.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import math

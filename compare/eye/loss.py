@@ -5,8 +5,6 @@ drawn hogels against true ones (B against C). Two eyes lose disparity besides: t
 other depths than their own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

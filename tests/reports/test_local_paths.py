@@ -1,7 +1,5 @@
 """Names that look like addresses, such as `run:1`, are local paths; options that fail leave nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow.parquet as pq

@@ -1,7 +1,5 @@
 """Parts of rows: whole as they were written, or made again."""
 
-from __future__ import annotations
-
 import os
 import random
 from pathlib import Path

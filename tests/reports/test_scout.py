@@ -1,7 +1,5 @@
 """`--apertures auto`: what the commands say of it, on standard error, in JSON and on the page."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`view` from the command line: what it prints, what it writes, and where hogels may come from."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -15,14 +13,11 @@ from PIL import Image
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.view import eyes_on_path
-from xfrustum.scenes import DoubleFrustum, InputError, Scene, open_scene
+from xfrustum.scenes import DoubleFrustum, InputError, open_scene
 from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye
 
-EYES = "--eye=-20,3,300;25,3,300"
-EYE = "--eye=0,0,300"
-RESOLUTION = "--resolution=24,18"
-NEAR = "--near=0.5"
+EYES, EYE, RESOLUTION, NEAR = "--eye=-20,3,300;25,3,300", "--eye=0,0,300", "--resolution=24,18", "--near=0.5"
 SCENE = """
 name = "two"
 units = "mm"
@@ -45,32 +40,46 @@ translate = [6.0, -3.0, 12.0]
 
 
 @pytest.fixture(scope="module")
-def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scene") / "two.toml"
-    path.write_text(SCENE)
-    return path
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene, its plate, its hogels as OpenEXR and as pictures of triangle numbers, and a view of it."""
+    here = tmp_path_factory.mktemp("scene")
+    (here / "two.toml").write_text(SCENE)
+    scene = open_scene(str(here / "two.toml"))
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
+            name = "{}x{}".format(*aperture.index)
+            write_image(here / f"{name}.exr", image)
+            number = (image.triangle + 1).astype(np.uint32)
+            rgb = np.stack((number >> 16 & 255, number >> 8 & 255, number & 255), axis=-1)
+            Image.fromarray(rgb.astype(np.uint8)).save(here / f"{name}.png")
+    run("plate", here, NEAR, "--ids", "--out", str(here / "plate.zarr"))
+    run("view", here, EYES, RESOLUTION, NEAR, "--out", str(here / "fly"))
+    return here
 
 
-def told(capfd: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+def run(command: str, folder: Path, *arguments: str) -> None:
+    assert main([command, str(folder / "two.toml"), *arguments, "--quiet"]) == 0
+
+
+def told(capfd: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> dict[str, Any]:
     """Run `view --json` and return the object that it prints."""
-    assert main(["view", *arguments, "--json", "--quiet"]) == 0
+    capfd.readouterr()
+    run("view", folder, *arguments, "--json")
     found: dict[str, Any] = json.loads(capfd.readouterr().out)
     return found
 
 
-def drawn_pixels(folder: Path) -> list[bytes]:
-    return [path.read_bytes() for path in sorted(folder.glob("drawn_*.exr"))]
+def drawn_anew(folder: Path) -> list[dict[str, Any]]:
+    eyes: list[dict[str, Any]] = json.loads((folder / "fly" / "view.json").read_text())["eyes"]
+    return eyes
 
 
-def test_view_prints_the_contract_and_writes_all_its_files(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    found = told(capfd, str(scene_file), EYES, RESOLUTION, NEAR, "--out", str(out))
-    assert [eye["eye"] for eye in found["eyes"]] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
-    for eye in found["eyes"]:
-        for name in ("display", "renderer"):
-            loss = eye[name]
+def test_view_tells_the_contract_and_writes_all_its_files(folder: Path) -> None:
+    eyes, out = drawn_anew(folder), folder / "fly"
+    assert [eye["eye"] for eye in eyes] == [[-20.0, 3.0, 300.0], [25.0, 3.0, 300.0]]
+    for eye in eyes:
+        for loss in (eye["display"], eye["renderer"]):
             assert loss["fraction"] == loss["wrong"] / loss["judged"]
             assert set(loss["displacement_arcmin"]) == {"p50", "p99", "max"}
             assert loss["depth_error"]["p50"] <= loss["depth_error"]["p99"]
@@ -79,10 +88,8 @@ def test_view_prints_the_contract_and_writes_all_its_files(
     pictures = [f"{name}_{kind}" for name in ("true", "replayed", "drawn") for kind in kinds]
     names = sorted(path.name for path in out.iterdir())
     assert names == sorted(["index.html", "view.json", "views.gif", *pictures])
-    assert json.loads((out / "view.json").read_text()) == found
     page = (out / "index.html").read_text()
-    assert "http://" not in page.replace("http://www.w3.org", "")
-    assert "https://" not in page
+    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
     header = OpenEXR.InputFile(str(out / "true_0.exr")).header()
     assert json.loads(header["xfrustum:eye"])["position"] == [-20.0, 3.0, 300.0]
     assert {"R", "P.X", "Z", "id.triangle", "certainty"} <= set(header["channels"])
@@ -91,114 +98,88 @@ def test_view_prints_the_contract_and_writes_all_its_files(
 
 
 def test_the_display_alone_is_judged_where_no_hogels_are_named(
-    scene_file: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (eye,) = told(capfd, str(scene_file), "--eye=0,0,300", RESOLUTION)["eyes"]
-    assert eye["renderer"] is None
-    assert eye["display"]["flip"] > 0
+    """An eye within the scene's depth is told that numbers say little."""
+    (eye,) = told(capfd, folder, EYE, RESOLUTION)["eyes"]
+    assert eye["renderer"] is None and eye["display"]["flip"] > 0
+    run("view", folder, "--eye=0,0,10;0,0,300", RESOLUTION)
+    assert (
+        "At 1 of 2 eyes the numbers say little: these lie within the scene's depth" in capfd.readouterr().out
+    )
 
 
 def test_a_stored_plate_and_one_made_on_the_fly_show_the_same_pixels(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    stored, folders = tmp_path / "plate.zarr", [tmp_path / "fly", tmp_path / "stored"]
-    fly = told(capfd, str(scene_file), EYES, RESOLUTION, NEAR, "--out", str(folders[0]))
-    assert main(["plate", str(scene_file), NEAR, "--ids", "--out", str(stored), "--quiet"]) == 0
-    capfd.readouterr()
-    again = told(capfd, str(scene_file), EYES, RESOLUTION, "--plate", str(stored), "--out", str(folders[1]))
-    assert drawn_pixels(folders[0]) == drawn_pixels(folders[1])
-    assert again["eyes"] == fly["eyes"]
+    stored = told(
+        capfd, folder, EYES, RESOLUTION, f"--plate={folder / 'plate.zarr'}", f"--out={tmp_path / 'out'}"
+    )
+    pixels = [
+        [path.read_bytes() for path in sorted(one.glob("drawn_*.exr"))]
+        for one in (folder / "fly", tmp_path / "out")
+    ]
+    assert len(pixels[0]) == 2 and pixels[0] == pixels[1]
+    assert stored["eyes"] == drawn_anew(folder)
+    assert json.loads((tmp_path / "out" / "view.json").read_text()) == stored
 
 
+@pytest.mark.parametrize("encoding", ["rgb", "triangle-id"])
 def test_anybodys_images_are_judged_by_what_they_say(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    encoding: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    scene = open_scene(str(scene_file))
-    write_hogels(scene, tmp_path)
-    fly = told(capfd, str(scene_file), EYES, RESOLUTION, NEAR)
-    for pattern, encoding in (("{i}x{j}.exr", "rgb"), ("{i}x{j}.png", "triangle-id")):
-        source = (f"--images={tmp_path / pattern}", f"--encoding={encoding}")
-        files = told(capfd, str(scene_file), EYES, RESOLUTION, *source)
-        for one, other in zip(files["eyes"], fly["eyes"], strict=True):
+    pattern = folder / ("{i}x{j}.exr" if encoding == "rgb" else "{i}x{j}.png")
+    files = told(capfd, folder, EYES, RESOLUTION, f"--images={pattern}", f"--encoding={encoding}")
+    for one, other in zip(files["eyes"], drawn_anew(folder), strict=True):
+        found, expected = one["renderer"], other["renderer"]
+        if encoding == "rgb":
+            assert found["wrong"] == expected["wrong"]
+            # Positions in files are single precision.
+            p99 = expected["displacement_arcmin"]["p99"]
+            assert found["displacement_arcmin"]["p99"] == pytest.approx(p99, rel=1e-3)
+        else:
             # Pictures of numbers do not say where on a triangle their points lie.
-            if encoding == "rgb":
-                assert one["renderer"]["wrong"] == other["renderer"]["wrong"]
-                shift = one["renderer"]["displacement_arcmin"]["p99"]
-                # Positions in files are single precision.
-                assert shift == pytest.approx(other["renderer"]["displacement_arcmin"]["p99"], rel=1e-3)
-            else:
-                assert one["renderer"]["wrong"] <= other["renderer"]["wrong"]
-                assert one["renderer"]["displacement_arcmin"] is None
+            assert found["wrong"] <= expected["wrong"] and found["displacement_arcmin"] is None
 
 
 def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stored, pictures, out = tmp_path / "plate.zarr", tmp_path / "pictures", tmp_path / "out"
-    assert main(["plate", str(scene_file), NEAR, "--out", str(stored), "--quiet"]) == 0
+    run("plate", folder, NEAR, "--out", str(stored))
     assert main(["convert", str(stored), str(pictures), "--to", "hogels", "--quiet"]) == 0
-    capfd.readouterr()
     source = f"--images={pictures / 'hogel_{i}x{j}.exr'}"
-    found = told(capfd, str(scene_file), EYE, RESOLUTION, source, "--out", str(out))
-    same = told(capfd, str(scene_file), EYE, RESOLUTION, "--plate", str(stored))
-    assert found["eyes"] == same["eyes"]
-    for eye in found["eyes"]:
-        assert eye["renderer"]["wrong"] is None
-        assert eye["renderer"]["fraction"] is None
-        assert eye["renderer"]["flip"] < 0.1
-    page = (out / "index.html").read_text()
-    assert "The renderer looks different by FLIP" in page
-    assert "wrong surfaces unknown" in page
-    assert main(["view", str(scene_file), EYE, RESOLUTION, source, "--quiet"]) == 0
+    capfd.readouterr()
+    run("view", folder, EYE, RESOLUTION, source, "--out", str(out))
     lines = capfd.readouterr().out.splitlines()
     assert sum("renderer  wrong surfaces unknown, FLIP" in line for line in lines) == 1
-
-
-def test_pictures_read_as_colors_name_no_surfaces(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    write_hogels(open_scene(str(scene_file)), tmp_path)
+    found = json.loads((out / "view.json").read_text())
+    assert found["eyes"] == told(capfd, folder, EYE, RESOLUTION, "--plate", str(stored))["eyes"]
+    (eye,) = found["eyes"]
+    assert eye["renderer"]["wrong"] is None and eye["renderer"]["fraction"] is None
+    assert eye["renderer"]["flip"] < 0.1
+    page = (out / "index.html").read_text()
+    assert "The renderer looks different by FLIP" in page and "wrong surfaces unknown" in page
     for encoding in ("rgb", "srgb"):
-        source = (f"--images={tmp_path / '{i}x{j}.png'}", f"--encoding={encoding}")
-        for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
-            assert eye["renderer"]["fraction"] is None
+        source = f"--images={folder / '{i}x{j}.png'}"
+        (eye,) = told(capfd, folder, EYE, RESOLUTION, source, f"--encoding={encoding}")["eyes"]
+        assert eye["renderer"]["fraction"] is None
 
 
 def test_images_that_name_surfaces_are_charged_with_wrong_ones(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    blank = Image.new("RGB", (32, 24))
     for column, row in np.ndindex(8, 6):
-        blank.save(tmp_path / f"{column}x{row}.png")
-    source = (f"--images={tmp_path / '{i}x{j}.png'}", "--encoding=object-id")
-    for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
-        assert eye["renderer"]["fraction"] > 0.1
-
-
-def test_an_eye_within_the_scene_is_told_that_numbers_say_little(
-    scene_file: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    for height, said in ((10, True), (300, False)):
-        assert main(["view", str(scene_file), f"--eye=0,0,{height}", RESOLUTION, "--quiet"]) == 0
-        assert ("within the scene's depth" in capfd.readouterr().out) == said
-
-
-def write_hogels(scene: Scene, folder: Path) -> None:
-    """Write all hogels as OpenEXR and as pictures of triangle numbers."""
-    with Rasterizer(scene) as rasterizer:
-        for aperture in scene.plate.apertures():
-            image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
-            column, row = aperture.index
-            write_image(folder / f"{column}x{row}.exr", image)
-            packed = (image.triangle + 1).astype(np.uint32)
-            rgb = np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
-            Image.fromarray(rgb).save(folder / f"{column}x{row}.png")
+        Image.new("RGB", (32, 24)).save(tmp_path / f"{column}x{row}.png")
+    source = f"--images={tmp_path / '{i}x{j}.png'}"
+    (eye,) = told(capfd, folder, EYE, RESOLUTION, source, "--encoding=object-id")["eyes"]
+    assert eye["renderer"]["fraction"] > 0.1
 
 
 def test_a_pair_of_eyes_tells_at_which_depth_things_are_seen(
-    scene_file: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    found = told(capfd, str(scene_file), "--eye=0,0,300", "--resolution=96,72", "--near=2", "--stereo=65")
+    found = told(capfd, folder, EYE, "--resolution=96,72", "--near=2", "--stereo=65")
     assert [eye["eye"][0] for eye in found["eyes"]] == [-32.5, 32.5]
     (pair,) = found["stereo"]
     # One object lies behind the plate and is seen 2 too far, the other before it and is seen 2 too near.
@@ -207,10 +188,10 @@ def test_a_pair_of_eyes_tells_at_which_depth_things_are_seen(
 
 
 def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out, single = tmp_path / "quilt", tmp_path / "single"
-    found = told(capfd, str(scene_file), "--eye=1,0,300", RESOLUTION, NEAR, "--quilt=3x2", "--out", str(out))
+    found = told(capfd, folder, "--eye=1,0,300", "--resolution=12,9", NEAR, "--quilt=3x2", f"--out={out}")
     places = [eye["eye"] for eye in found["eyes"]]
     angles = [math.degrees(math.atan2(x - 1.0, 300)) for x, _, _ in places]
     assert angles == pytest.approx([-20, -12, -4, 4, 12, 20])
@@ -218,10 +199,10 @@ def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
     assert sorted(path.name for path in out.iterdir()) == [*names, "view.json"]
     # The fourth view is the first tile of the second row from the bottom.
     fourth = ",".join(str(value) for value in places[3])
-    told(capfd, str(scene_file), f"--eye={fourth}", RESOLUTION, NEAR, "--out", str(single))
+    run("view", folder, f"--eye={fourth}", "--resolution=12,9", NEAR, f"--out={single}")
     with Image.open(out / names[0]) as quilt, Image.open(single / "drawn_0.png") as alone:
-        assert quilt.size == (3 * 24, 2 * 18)
-        np.testing.assert_array_equal(np.asarray(quilt)[:18, :24], np.asarray(alone))
+        assert quilt.size == (3 * 12, 2 * 9)
+        np.testing.assert_array_equal(np.asarray(quilt)[:9, :12], np.asarray(alone))
 
 
 def test_eyes_on_a_path_are_evenly_spaced() -> None:
@@ -237,38 +218,33 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
     [
         (["--eye=0,0,-5"], "before the plate"),
         (["--eye=0,0"], "X,Y,Z"),
-        (["--eye=0,0,300", "--near=1", "--plate=x.zarr"], "one of them"),
-        (["--eye=0,0,300", "--plate=nowhere.zarr"], "is no plate"),
-        (["--eye=0,0,300", "--images=none_{i}x{j}.png"], "none of its files exists"),
-        (["--eye=0,0,300", "--depth=d16"], "give --near too"),
-        (["--eye=0,0,300", "--encoding=rgb"], "give both"),
-        (["--eye=0,0,300", "--path=3"], "two eyes"),
-        (["--eye=0,0,300", "--resolution=4"], "W,H"),
-        (["--eye=0,0,300", "--quilt=2x2"], "needs --out"),
-        (["--eye=0,0,300", "--quilt=2"], "COLUMNSxROWS"),
+        ([EYE, "--near=1", "--plate=x.zarr"], "one of them"),
+        ([EYE, "--plate=nowhere.zarr"], "is no plate"),
+        ([EYE, "--images=none_{i}x{j}.png"], "none of its files exists"),
+        ([EYE, "--depth=d16"], "give --near too"),
+        ([EYE, "--encoding=rgb"], "give both"),
+        ([EYE, "--path=3"], "two eyes"),
+        ([EYE, "--resolution=4"], "W,H"),
+        ([EYE, "--quilt=2x2"], "needs --out"),
+        ([EYE, "--quilt=2"], "COLUMNSxROWS"),
         (["--eye=1e200,0,1", "--near=0.5"], "bring it nearer"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(
-    scene_file: Path, arguments: list[str], said: str, capfd: pytest.CaptureFixture[str]
+    folder: Path, arguments: list[str], said: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["view", str(scene_file), *arguments, "--quiet"]) == 2
+    capfd.readouterr()
+    assert main(["view", str(folder / "two.toml"), *arguments, "--quiet"]) == 2
     output = capfd.readouterr()
-    assert output.out == ""
-    assert said in output.err
-    assert output.err.count("\n") == 1
+    assert output.out == "" and said in output.err and output.err.count("\n") == 1
 
 
 def test_a_plate_of_another_scene_or_with_holes_is_refused(
-    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    stored = tmp_path / "row.zarr"
-    assert main(["plate", str(scene_file), NEAR, "--apertures=*,2", "--out", str(stored), "--quiet"]) == 0
-    asked = ["view", str(scene_file), "--eye=0,0,300", "--plate", str(stored), "--quiet"]
-    assert main(asked) == 2
-    assert "40 of 48 hogels" in capfd.readouterr().err
-    other = tmp_path / "other.toml"
+    stored, other = tmp_path / "row.zarr", tmp_path / "other.toml"
+    run("plate", folder, NEAR, "--apertures=*,2", "--out", str(stored))
     other.write_text(SCENE.replace("scale = 6.0", "scale = 7.0"))
-    asked[1] = str(other)
-    assert main(asked) == 2
-    assert "another scene" in capfd.readouterr().err
+    for scene, said in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
+        assert main(["view", str(scene), EYE, "--plate", str(stored), "--quiet"]) == 2
+        assert said in capfd.readouterr().err

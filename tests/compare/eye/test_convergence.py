@@ -3,8 +3,6 @@
 `python -m pytest tests/compare/eye/test_convergence.py -m slow -s` prints the measured order.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

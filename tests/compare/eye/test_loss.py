@@ -1,7 +1,5 @@
 """What an eye loses to the display and to the renderer, on small plates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The theorem of docs/method.md: what a viewer sees of the near offset is a gap opened at the plate."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

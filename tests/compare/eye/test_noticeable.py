@@ -1,7 +1,5 @@
 """What eyes notice, in closed form: against points that are replayed, one aperture after the other."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
