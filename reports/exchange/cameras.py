@@ -4,8 +4,6 @@
 Blender's camera is the crossed frustum itself: blender/render.py.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Plates from one layout into another, from and into Zarr, and as they are drawn."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path

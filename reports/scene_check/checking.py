@@ -1,7 +1,5 @@
 """`xfrustum check`: what lies where in a scene, which apertures see it, and what looks like a mistake."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`xfrustum new`: a scene file whose plate, reach and field of view fit a mesh."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """`xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong with it?"""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor

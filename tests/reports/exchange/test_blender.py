@@ -4,8 +4,6 @@ The tests that need Blender use build/blender, which `make test-blender` makes, 
 bpy that XFRUSTUM_BLENDER_PYTHON names.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """`camera`: C and C* as files, fed into renderers that share no code with the rasterizer."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`convert`: a plate goes through every layout and through Zarr, and comes back with the same bits."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing written."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`plate --layout` writes a drawn plate in a layout: beside its Zarr group, or instead of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

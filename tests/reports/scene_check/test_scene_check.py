@@ -1,7 +1,5 @@
 """`xfrustum check` and `xfrustum new`: facts and pictures of a scene, and a scene that fits a mesh."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

@@ -1,7 +1,5 @@
 """Verifications whose measures are chosen, so that nothing has to be traced; and small repositories."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """A baseline tells what got worse since what was accepted, and loses nothing."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping

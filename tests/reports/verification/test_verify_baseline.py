@@ -1,7 +1,5 @@
 """`verify --baseline` from the command line, and the action; the verification itself is a stand-in."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

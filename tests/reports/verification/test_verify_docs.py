@@ -1,7 +1,5 @@
 """The examples of docs/verify.md run, and say what they say they say."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import re

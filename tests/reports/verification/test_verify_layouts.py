@@ -1,7 +1,5 @@
 """`verify` reads layouts by name, and names the wrong readings that people are known for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

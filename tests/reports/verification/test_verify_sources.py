@@ -1,7 +1,5 @@
 """Files, commands and functions that do not give what they should are reported, hogel by hogel."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

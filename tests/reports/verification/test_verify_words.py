@@ -1,7 +1,5 @@
 """What a verification says: of refuted faults, of guesses, and of displacement that is not known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Verifications in blocks are those that one process makes alone, whoever judges the blocks."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from contextlib import AbstractContextManager
