@@ -89,6 +89,14 @@ def test_a_pipe_in_a_group_is_refused_and_not_waited_for(group: Path, place: str
     assert "no regular file" in refused(group, tmp_path / "out")
 
 
+def folder_of(place: Path, *names: str) -> Path:
+    """Return a folder of small pictures of these names."""
+    place.mkdir()
+    for name in names:
+        Image.new("RGB", (4, 4)).save(place / name)
+    return place
+
+
 @pytest.mark.parametrize(
     ("name", "facts"),
     [
@@ -100,23 +108,16 @@ def test_a_pipe_in_a_group_is_refused_and_not_waited_for(group: Path, place: str
 def test_more_hogels_than_allowed_are_refused_before_anything_is_made_of_them(
     name: str, facts: list[int] | None, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "files"
-    folder.mkdir()
-    for one in (name, "hogel_0x0.png") if "x" in name else (name,):
-        Image.new("RGB", (4, 4)).save(folder / one)
+    folder = folder_of(tmp_path / "files", name, *(["hogel_0x0.png"] if "x" in name else []))
     if facts:
         (folder / "plate.json").write_text(json.dumps({"hogels": facts, "resolution": [4, 4]}))
-    assert "--max-hogels" in refused(folder, tmp_path / "out")
-    told = refused(folder, tmp_path / "out", hogels=(99_999_999, 99_999_999))
-    assert "--max-hogels" in told
+    for hogels in (None, (99_999_999, 99_999_999)):
+        assert "--max-hogels" in refused(folder, tmp_path / "out", hogels)
 
 
 @pytest.mark.parametrize("name", ["hogel_0000_4000_0000_4000.png", "9999_9999.png", "input_Cam99999999.png"])
 def test_names_of_millions_of_files_take_no_memory(name: str, tmp_path: Path) -> None:
     # 16 million hogels are allowed; their files are counted, and not listed.
-    folder = tmp_path / "files"
-    folder.mkdir()
-    Image.new("RGB", (4, 4)).save(folder / name)
     first = name.replace("9", "0") if name[0] != "h" else name
-    Image.new("RGB", (4, 4)).save(folder / first)
+    folder = folder_of(tmp_path / "files", name, first)
     assert " files of the layout " in refused(folder, tmp_path / "out")

@@ -1,6 +1,7 @@
 """`plate --layout` writes a drawn plate in a layout: beside its Zarr group, or instead of it."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -64,17 +65,17 @@ def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on
     assert (out / "Hogel_1x3.exr").exists()
 
 
-def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path: Path) -> None:
+def test_triangle_numbers_alone_become_pictures_and_a_quilt_states_the_shape_of_the_plate(
+    scene: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "plate.zarr"
     assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
     expected = whole_plate(open_plate(out, PlateArray.TRIANGLE))
     found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
-    assert np.array_equal(found.plate.pixels, expected.pixels)
-    assert expected.pixels.any()
-
-
-def test_a_quilt_states_the_shape_of_the_plate(scene: Path, tmp_path: Path) -> None:
-    assert plate(scene, tmp_path / "quilt.png", "--layout", "quilt", "--color", "uint8") == 0
+    assert np.array_equal(found.plate.pixels, expected.pixels) and expected.pixels.any()
+    quilt = LaidOutPlate(out=tmp_path / "quilt.png", layout="quilt")
+    shutil.copytree(out, quilt.group)
+    assert quilt.write(open_scene(scene)).files == 1
     assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]
 
 

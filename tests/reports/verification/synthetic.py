@@ -60,24 +60,14 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
 
 def git(folder: Path, *arguments: str) -> str:
     """Run git in a repository, with nothing of this machine's own settings."""
-    done = subprocess.run(
-        ["git", "-C", str(folder), "-c", "user.name=Ada", "-c", "user.email=ada@example.org", *arguments],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
-
-
-def repository(folder: Path) -> Path:
-    """Make an empty repository."""
-    folder.mkdir(parents=True, exist_ok=True)
-    git(folder, "init", "--quiet", "--initial-branch=main")
-    return folder
+    who = ("-c", "user.name=Ada", "-c", "user.email=ada@example.org")
+    return subprocess.check_output(["git", "-C", str(folder), *who, *arguments], text=True).strip()
 
 
 def commit(folder: Path, subject: str) -> str:
-    """Commit what is there, if anything, and return the commit's name."""
+    """Commit what is there, if anything, and return the commit's name; the first makes the repository."""
+    if not (folder / ".git").exists():
+        git(folder, "init", "--quiet", "--initial-branch=main")
     git(folder, "add", "--all")
     git(folder, "commit", "--quiet", "--allow-empty", "--message", subject)
     return git(folder, "rev-parse", "HEAD")

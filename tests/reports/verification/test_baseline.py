@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.reports.verification.synthetic import commit, repository, verification
+from tests.reports.verification.synthetic import commit, verification
 from xfrustum.reports.verification.baseline import (
     ACCEPTED,
     Baseline,
@@ -39,7 +39,6 @@ def held(
 
 
 def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Path) -> None:
-    repository(tmp_path)
     runs, commits = [], []
     for wrong, approve in ((RIGHT, True), (RIGHT, False), (WORSE, False), (WORSE, True), (WORSE, False)):
         commits.append(commit(tmp_path, "Another"))
@@ -94,7 +93,6 @@ def test_a_hogel_whose_runs_are_alike_by_chance_has_the_spread_of_all(tmp_path: 
 
 def test_what_is_worse_at_the_same_commit_is_no_noise_unless_the_user_says_so(tmp_path: Path) -> None:
     """A clean commit may have been built by another compiler: its 5,000 wrong pixels are not forgiven."""
-    repository(tmp_path)
     commit(tmp_path, "A renderer")
     held(tmp_path, {(0, 0): 40}, approve=True)
     worse = held(tmp_path, {(0, 0): 500}, approve=True)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.brute_force import first_hits
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
@@ -223,35 +224,19 @@ def test_rows_of_hogels_as_videos(kept: bool, tmp_path: Path) -> None:
     assert faults(found) == (set() if kept else {"lossy"})
 
 
-def first_hits(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return the number of the first triangle along each line (N, 3), -1 where there is none."""
-    p, q, r = (scene.triangles[:, corner] for corner in range(3))
-    normal = np.cross(q - p, r - p)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = ((p * normal).sum(1) - origin @ normal.T) / (direction @ normal.T)
-        at = origin[:, None] + t[..., None] * direction[:, None]
-    inside = np.isfinite(t) & (t > 0)
-    for one, other in ((p, q), (q, r), (r, p)):
-        inside &= (np.cross(other - one, at - one) * normal).sum(-1) >= 0
-    t = np.where(inside, t, np.inf)
-    return np.where(np.isfinite(t).any(1), t.argmin(1), -1).astype(np.int32)
-
-
 def sheared_views(scene: Scene, factor: float) -> Plates:
     """Return a plate of views by eyes on the screen, each sheared by a factor of what the plate needs."""
     screen = scene.frustum.screen
     assert screen is not None
     (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
-    apertures = np.zeros((rows, columns, 3))
-    for i, j in np.ndindex(columns, rows):
-        apertures[j, i, :2] = scene.plate.aperture(i, j).x, scene.plate.aperture(i, j).y
+    apertures = [scene.plate.aperture(i, j) for j in range(rows) for i in range(columns)]
+    centers = np.array([(one.x, one.y, 0.0) for one in apertures])
     pixels = np.zeros((rows, columns, 1, width, 3), dtype=np.uint8)
     for c in range(width):
         # On a screen before the plate the film is mirrored.
         eye = np.array([-((2 * c + 1) / width - 1) * screen.size[0] / 2, 0.0, screen.height])
-        seen = apertures + (1 - factor) * np.array([eye[0], 0.0, 0.0])
-        origin = np.broadcast_to(eye, seen.shape).reshape(-1, 3)
-        hits = first_hits(scene, origin, (seen - eye).reshape(-1, 3)).reshape(rows, columns)
+        lines = centers + (1 - factor) * np.array([eye[0], 0.0, 0.0]) - eye
+        hits = first_hits(scene.triangles, eye, lines, (1e-9, 1e3)).triangle.reshape(rows, columns)
         pixels[:, :, 0, c] = packed(hits)
     return Plates(pixels=pixels, levels=255)
 
@@ -287,17 +272,13 @@ def test_openexr_files_keep_their_numbers_points_and_turns(layout: str, tmp_path
     assert found.passed and found.as_found is not None and found.as_found.wrong == 0
 
 
-def test_a_missing_view_is_missing_in_every_hogel(tmp_path: Path) -> None:
+def test_a_missing_view_is_missing_in_every_hogel_and_files_must_fit_a_stated_layout(tmp_path: Path) -> None:
     scene, plate = plated("full")
     (written(plate, "views", tmp_path) / "3_4.png").unlink()
+    with pytest.raises(InputError, match="cannot be read in the layout hocking"):
+        asked(scene, tmp_path, "hocking")
     found = asked(scene, tmp_path)
     assert {hogel.problem for hogel in found.hogels} == {f"{tmp_path}: has no file such as 3_4.png"}
-
-
-def test_files_that_do_not_fit_a_stated_layout(tmp_path: Path) -> None:
-    scene, plate = plated("full")
-    with pytest.raises(InputError, match="cannot be read in the layout views"):
-        asked(scene, written(plate, "hocking", tmp_path), "views")
 
 
 def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:

@@ -15,20 +15,12 @@ from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import open_scene
 
 SPHERE = """
-units = "mm"
-
-[plate]
-size   = [40.0, 30.0]
-hogels = [16, 12]
-
+plate = { size = [40.0, 30.0], hogels = [16, 12] }
+object = [{ shape = "sphere", scale = 12.0 }]
 [frustum]
 resolution = [16, 12]
 screen = { height = 120.0, center = [0.0, 0.0], size = [80.0, 60.0] }
 reach  = [60.0, 60.0]
-
-[[object]]
-shape = "sphere"
-scale = 12.0
 """
 
 SHIFT = Fault(
@@ -40,10 +32,8 @@ SHIFT = Fault(
 def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
     corrected: tuple[int, int], named: bool
 ) -> None:
-    found, other = (
-        verification({(0, 0): 100, (1, 0): 100}),
-        verification({(0, 0): corrected[0], (1, 0): corrected[1]}),
-    )
+    found = verification({(0, 0): 100, (1, 0): 100})
+    other = verification({(i, 0): wrong for i, wrong in enumerate(corrected)})
     # None of these wrong pixels has a cause that is nobody's fault.
     numbers = [None if one.as_found is None else replace(one.as_found, causes=None) for one in other.hogels]
     hogels = tuple(replace(mine, corrected=its) for mine, its in zip(found.hogels, numbers, strict=True))

@@ -72,16 +72,21 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(
     pattern, folder = str(images / "{i}x{j}.exr"), out / "verification.parquet"
     assert verified(right_path, tmp_path / "alone", pattern) == 0
     assert verified(right_path, out, pattern, "--part", "2/2") == 0
-    assert files_of(out) == {}
+    assert files_of(out) == {} and "this part is judged" in capsys.readouterr().err
     # What another diagnosis judged is not put together.
     question = (folder / QUESTION).read_bytes()
     (folder / QUESTION).write_bytes(question + b" ")
     assert verified(right_path, out, pattern, "--part", "1/2") == 2
     assert "was judged by another diagnosis than the rest" in capsys.readouterr().err
     (folder / QUESTION).write_bytes(question)
+    # What was lost is judged again, and nothing else.
     for path in folder.glob("part-*[024].parquet"):
         path.unlink()
-    assert verified(right_path, out, pattern, "--part", "1/2") == 0
+    times = {path: path.stat().st_mtime_ns for path in folder.glob("part-*")}
+    assert verified(right_path, out, pattern, "--part", "1/1") == 0
+    assert "3 of 6 blocks were judged before" in capsys.readouterr().err
+    assert len(times) == 3 and all(path.stat().st_mtime_ns == time for path, time in times.items())
+    assert json.loads((out / "verification.json").read_text())["verdict"] == "pass"
     assert files_of(out) == files_of(tmp_path / "alone") != {}
     # Pictures would fill the disk of a large plate: only those of the worst hogels of all are made.
     kept = [str(pq.read_table(path).to_pylist()) for path in sorted(folder.glob("part-*"))]
@@ -181,29 +186,6 @@ def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
     )
     assert found is not None and found.passed
     assert found.source == "{i}x{j}.exr"
-
-
-@pytest.mark.slow
-def test_parts_of_a_job_array_make_the_verification_between_them(
-    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    alone, out, pattern = tmp_path / "alone", tmp_path / "verified", pattern_of(scene_path)
-    assert verified(scene_path, alone, pattern) == 1
-    capsys.readouterr()
-    assert verified(scene_path, out, pattern, "--part", "2/2") == 0
-    assert files_of(out) == {}
-    assert "this part is judged" in capsys.readouterr().err
-    assert verified(scene_path, out, pattern, "--part", "1/2") == 1
-    assert json.loads(capsys.readouterr().out) == json.loads((alone / "verification.json").read_text())
-    assert files_of(out) == files_of(alone)
-    # What was lost is judged again, and nothing else.
-    parts = sorted((out / "verification.parquet").glob("part-*"))
-    times = {path: path.stat().st_mtime_ns for path in parts}
-    parts[1].unlink()
-    assert verified(scene_path, out, pattern, "--part", "1/1") == 1
-    assert [path for path in parts if path.stat().st_mtime_ns != times[path]] == [parts[1]]
-    assert f"{len(parts) - 1} of {len(parts)} blocks were judged before" in capsys.readouterr().err
-    assert files_of(out) == files_of(alone)
 
 
 @pytest.mark.slow
