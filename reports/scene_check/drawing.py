@@ -173,6 +173,10 @@ def draw_view(scene: Scene, view: View) -> str:
     title, subtitle = (
         side if view is View.SIDE else ("Top view", "seen from above, x is up: the viewer's right")
     )
+
+    def signed(value: float) -> str:
+        return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
+
     values = {
         "scene": scene,
         "title": title,
@@ -191,8 +195,8 @@ def draw_view(scene: Scene, view: View) -> str:
             for z, low, high, color, width in lines
         ],
         "ticks": [
-            [(frame.x(z), _signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
-            [(frame.y(across), _signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
+            [(frame.x(z), signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
+            [(frame.y(across), signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
         ],
         # The outer labels keep away from the middle one as far as their texts need.
         "marks": [
@@ -217,11 +221,6 @@ def _ticks(low: float, high: float) -> list[float]:
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
     return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
-
-
-def _signed(value: float) -> str:
-    """Write a coordinate with a real minus sign."""
-    return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
 
 def scene_fit(scene: Scene) -> dict[str, Any]:

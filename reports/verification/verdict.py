@@ -165,9 +165,9 @@ class Hogel:
 
     def summary(self) -> dict[str, Any]:
         """Return the JSON object."""
-        fields = {**json_object(self), "aperture": list(self.aperture.index), "verdict": self.verdict}
-        names = ("aperture", "verdict", "problem", "checks", "as_found", "corrected")
-        return {name: fields[name] for name in names}
+        fields = json_object(self)
+        first = {"aperture": list(self.aperture.index), "verdict": self.verdict}
+        return first | {name: fields[name] for name in ("problem", "checks", "as_found", "corrected")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -573,9 +573,8 @@ def table(found: Verification) -> str:
 
 def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
-    if found.diagnosis.refuted:
-        return "no single fault that was tried explains all hogels; one of the alternatives may"
-    return "no known fault explains what is wrong"
+    several = "no single fault that was tried explains all hogels; one of the alternatives may"
+    return several if found.diagnosis.refuted else "no known fault explains what is wrong"
 
 
 def explained(found: Verification) -> list[str]:

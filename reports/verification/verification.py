@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -74,16 +75,14 @@ class VerifyOptions:
     encoding: Encoding | str | None = None  #: what pictures mean, `rgb` where nobody says
     layout: str | None = None  #: of a folder or picture (docs/layouts.md)
     apertures: Sequence[tuple[int, int]] | None = None  #: column and row of each; None for the whole plate
-    near: float | None = None
-    """The near offset that the renderer's author states; it is then part of the question."""
-    accept: Sequence[str] = ()
-    """Conventions out of `ACCEPTABLE`, of which images are judged by what was found."""
-    max_wrong: float = MAX_WRONG
-    """Limits the share of wrong surfaces of each hogel; of plain pictures, of wrong colors or outlines."""
+    near: float | None = None  #: offset that the renderer's author states; it is then part of the question
+    accept: Sequence[
+        str
+    ] = ()  #: conventions out of `ACCEPTABLE`: images are judged by what was found of them
+    max_wrong: float = MAX_WRONG  #: share of wrong surfaces of each hogel; of pictures, of colors or outlines
     max_displacement_px: float | None = TOLERANCE_PX
     """Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit."""
-    max_color: float | None = None
-    """Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None."""
+    max_color: float | None = None  #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
     compare: Compared | str = Compared.COLOR
     """What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines."""
     channels: bool = False  #: whether to keep all channels of the worst hogels
@@ -125,12 +124,8 @@ def verify(
 ) -> Verification:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
-    Parameters
-    ----------
-    scene, source
-        What was to be drawn; and files named by {i} and {j}, a place of files, or a function of both.
-    options, fields
-        What is judged, and by what; single fields of `VerifyOptions` may be given by name.
+    `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture; single
+    fields of `VerifyOptions` may be given by name.
 
     Raises
     ------
@@ -338,14 +333,10 @@ def with_layout_named(
 def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
     """Yield other layouts in which the same files form the plate that is told."""
     for layout in (*LAYOUTS, *(other for each in LAYOUTS for other in mistaken(each))):
-        if layout == stated.layout:
-            continue
-        try:
-            found = find_files(stated.place, told, (layout,))
-        except InputError:
-            continue
-        if found.shape == told and not found.missing:
-            yield found
+        with suppress(InputError):
+            found = find_files(stated.place, told, (layout,)) if layout != stated.layout else stated
+            if found is not stated and found.shape == told and not found.missing:
+                yield found
 
 
 def mistaken(layout: Layout) -> tuple[Layout, ...]:

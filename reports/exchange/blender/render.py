@@ -294,7 +294,7 @@ def hide_known_complaints() -> None:
     shown, unraisable = sys.excepthook, sys.unraisablehook
 
     def show(kind: Any, error: BaseException, trace: Any) -> None:
-        if not (isinstance(error, ImportError) and error.name == "oslquery"):
+        if getattr(error, "name", None) != "oslquery":
             shown(kind, error, trace)
 
     def show_unraisable(told: Any) -> None:
@@ -321,8 +321,8 @@ def progress(hogels: int, say: Callable[[str], None]) -> Callable[[int], None]:
 # ---------------------------------------------------------------- Blender
 
 
-def blender_modules() -> tuple[Any, Any]:
-    """Return `bpy` and the module of Cycles."""
+def blender_modules() -> tuple[Any, Any, Any]:
+    """Return `bpy`, the module of Cycles, and `mathutils`."""
     try:
         import bpy  # noqa: PLC0415
     except ImportError as error:
@@ -335,14 +335,13 @@ def blender_modules() -> tuple[Any, Any]:
             f"needs Blender 4.5 or newer, whose cameras may be shaders; this is {bpy.app.version_string}"
         )
     import _cycles  # noqa: PLC0415
+    import mathutils  # noqa: PLC0415
 
-    return bpy, _cycles
+    return bpy, _cycles, mathutils
 
 
-def build_scene(bpy: Any, plate: Mapping[str, Any]) -> None:
+def build_scene(bpy: Any, mathutils: Any, plate: Mapping[str, Any]) -> None:
     """Make the scene of the scene file: its meshes with numbers of triangles and objects, and its lights."""
-    import mathutils  # noqa: PLC0415 - it comes with Blender
-
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with np.load(HERE / "scene.npz") as stored:
         mesh = {name: stored[name] for name in stored.files}
@@ -468,20 +467,6 @@ def set_renderer(
     scene.camera = eye
 
 
-def aim(bpy: Any, cycles: Any, shader: str, matrix: Array, folder: Path, number: int) -> None:
-    """Give the camera the shader of an aperture and its place."""
-    import mathutils  # noqa: PLC0415 - it comes with Blender
-
-    source, compiled = folder / f"{number}.osl", folder / f"{number}.oso"
-    source.write_text(shader, encoding="ascii")
-    if not cycles.osl_compile(str(source), str(compiled)):
-        raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
-    eye = bpy.context.scene.camera
-    eye.matrix_world = mathutils.Matrix(matrix.tolist())
-    eye.data.custom_mode = "EXTERNAL"
-    eye.data.custom_filepath = str(compiled)
-
-
 # ---------------------------------------------------------------- hogels
 
 
@@ -492,12 +477,12 @@ def render_hogels(
     say: Callable[[str], None],
 ) -> None:
     """Render the hogels that are not there yet."""
-    bpy, cycles = blender_modules()
+    bpy, cycles, mathutils = blender_modules()
     if arguments.blend:
         bpy.ops.wm.open_mainfile(filepath=str(arguments.blend))
     own = not bpy.data.filepath
     if own:
-        build_scene(bpy, plate)
+        build_scene(bpy, mathutils, plate)
     encoding = arguments.encoding or ("triangle-id" if own else "picture")
     empty = plate_empty(bpy, plate)
     if arguments.save:
@@ -527,7 +512,13 @@ def render_hogels(
             stands[:3, :3] /= scale
             turned = arguments.layout == "burnett"
             shader = shader_of(plate, index, scale, centered=encoding != "picture", turned=turned)
-            aim(bpy, cycles, shader, stands, Path(scratch), number)
+            source, compiled = Path(scratch, f"{number}.osl"), Path(scratch, f"{number}.oso")
+            source.write_text(shader, encoding="ascii")
+            if not cycles.osl_compile(str(source), str(compiled)):
+                raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
+            eye = bpy.context.scene.camera
+            eye.matrix_world = mathutils.Matrix(stands.tolist())
+            eye.data.custom_mode, eye.data.custom_filepath = "EXTERNAL", str(compiled)
             rendered = Path(scratch) / ("hogel.png" if encoding == "picture" else "hogel.exr")
             bpy.context.scene.render.filepath = str(rendered)
             bpy.ops.render.render(write_still=True)
