@@ -16,25 +16,7 @@ opening      Scenes by name or path
 Words: see the glossary in CONVENTIONS.md.
 """
 
-from importlib import import_module
+import lazy_loader
 
-#: Public names by the module that has them; type checkers read `__init__.pyi`. They are imported when first
-#: used: the command line, which must not load meshes to answer `--help`, imports this package.
-_NAMES = {
-    "errors": "InputError",
-    "model.hogel_image": "NOTHING Certainty HogelCamera HogelImage",
-    "model.scene": "Scene SceneObject",
-    "opening": "open_scene",
-    "plate.double_frustum": "Camera Cull DepthFormat DepthMapping DoubleFrustum Fit Offset Pivot",
-    "plate.frustum": "Frustum Screen",
-    "plate.plate": "Aperture Plate",
-}
-
-_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
-__all__ = sorted(_MODULES)  # noqa: PLE0605 - a list, of what is above
-
-
-def __getattr__(name: str) -> object:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'xfrustum.scenes' has no attribute {name!r}")
-    return getattr(import_module(f"xfrustum.scenes.{_MODULES[name]}"), name)
+# Names are imported when first used: the command line, which answers `--help` without meshes, imports this.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -18,12 +18,12 @@ import OpenEXR
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from xfrustum.scenes import HogelCamera, HogelImage, InputError
 from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.disk.durable import new_file
 from xfrustum.scenes.disk.input_files import check_declared, head_of
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, Rendering
+from xfrustum.scenes.model.hogel_image import Rendering
 
 Described = TypeVar("Described")
 Planes = Mapping[str, NDArray[Any]]  # channels (H, W) by name, each with its own type

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.scenes import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.appearance.display import decoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.notebook import Brief
 
 

@@ -26,6 +26,7 @@ from trimesh.resolvers import FilePathResolver
 from trimesh.visual.color import srgb_to_linear
 from trimesh.visual.material import SimpleMaterial
 
+from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.disk.input_files import (
     bounded_memory,
@@ -34,8 +35,6 @@ from xfrustum.scenes.disk.input_files import (
     check_picture_size,
     regular_size,
 )
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import SceneObject
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 #: Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits.

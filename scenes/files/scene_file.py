@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.appearance.appearance import (
     DEFAULT_LIGHT,
     LARGEST_COEFFICIENT,
@@ -33,13 +34,9 @@ from xfrustum.scenes.disk.input_files import (
     read_small,
     regular_size,
 )
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry import SHAPE_NAMES
 from xfrustum.scenes.geometry.operations import magnification, place, placement, smoothed
 from xfrustum.scenes.geometry.shapes import build_shape
-from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.frustum import Frustum, Screen
-from xfrustum.scenes.plate.plate import Plate
 
 Location = tuple[int | str, ...]
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from xfrustum.scenes import Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
+from xfrustum.scenes.model.scene import NormalsMade
 
 Vector = tuple[float, float, float]
 

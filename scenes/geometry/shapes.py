@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry import SHAPE_NAMES
-from xfrustum.scenes.model.scene import SceneObject
 
 Mesh = tuple[Floats, Indices]  #: vertices (V, 3) and faces (F, 3)
 

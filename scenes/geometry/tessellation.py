@@ -12,11 +12,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.shapes import drop_flat, grid_faces
-from xfrustum.scenes.model.scene import SceneObject
 
 #: Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding.
 EPSILON = float(np.finfo(np.float64).eps)

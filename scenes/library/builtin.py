@@ -10,9 +10,8 @@ from math import radians
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from xfrustum.scenes import Frustum, Plate, Screen
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.plate.frustum import Frustum, Screen
-from xfrustum.scenes.plate.plate import Plate
 
 if TYPE_CHECKING:
     from xfrustum.scenes.appearance.appearance import Appearance

@@ -10,14 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from xfrustum.scenes import Aperture, Camera, Frustum, InputError, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.library.car import car
-from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.double_frustum import Camera
-from xfrustum.scenes.plate.frustum import Frustum, Screen
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 REACH = 1000.0
 #: Reach on both sides, scene units, and the largest |z| of any surface: the reach cuts nothing.

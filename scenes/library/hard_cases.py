@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from xfrustum.scenes import Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.geometry.shapes import as_object, build_shape, grid_faces, triangulate
 from xfrustum.scenes.library.builtin import BuiltinScene
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.targets import asymmetric
-from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.frustum import Frustum, Screen
-from xfrustum.scenes.plate.plate import Plate
 
 Objects = tuple[SceneObject, ...]
 REACH = 128.0  #: reach on both sides, in millimeters

@@ -5,13 +5,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import refine, smoothed
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import car, rim_faces
-from xfrustum.scenes.model.scene import Scene, SceneObject, read_only
+from xfrustum.scenes.model.scene import read_only
 
 _MATERIALS = MappingProxyType({
     "paint": Material(ambient=(0.03, 0.006, 0.008), diffuse=(0.42, 0.045, 0.05), specular=(0.35,) * 3,

@@ -9,9 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.geometry.shapes import (
     Mesh,
@@ -24,9 +24,6 @@ from xfrustum.scenes.geometry.shapes import (
     triangulate,
 )
 from xfrustum.scenes.library.studio import surroundings
-from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Plate
 
 Vector = tuple[float, float, float]
 
