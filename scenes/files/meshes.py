@@ -190,10 +190,19 @@ def _checked_source(path: Path) -> dict[str, Any]:
             check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
         if not name.endswith(GLTF_SUFFIXES):
             return {}
-        tree = _gltf_json(path.read_bytes())
+        data = path.read_bytes()
     except (OSError, EOFError, zipfile.BadZipFile, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise InputError(f"{path}: cannot be unpacked ({reason}); pack it again") from error
+    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
+        length, kind = struct.unpack_from("<II", data, 12)
+        data = data[20 : 20 + length] if kind == _GLB_JSON else b""
+    try:
+        tree = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}  # trimesh will report it
+    if not isinstance(tree, dict):
+        return {}
     total, accessors = 0, tree.get("accessors")
     for accessor in accessors if isinstance(accessors, list) else ():
         with suppress(AttributeError, TypeError, ValueError, OverflowError):  # trimesh refuses these
@@ -202,18 +211,6 @@ def _checked_source(path: Path) -> dict[str, Any]:
             total += count * size * _COMPONENTS.get(accessor.get("type"), 1)
     check_declared(path, MEMORY_PER_UNPACKED_BYTE * total, "arrays")
     return tree
-
-
-def _gltf_json(data: bytes) -> dict[str, Any]:
-    """Return the JSON of a glTF file; nothing where there is none, which trimesh will report."""
-    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
-        length, kind = struct.unpack_from("<II", data, 12)
-        data = data[20 : 20 + length] if kind == _GLB_JSON else b""
-    try:
-        tree = json.loads(data)
-    except (ValueError, RecursionError):
-        return {}
-    return tree if isinstance(tree, dict) else {}
 
 
 # The parts of a file
@@ -426,7 +423,12 @@ def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Nu
         pixels, name = None, part.texture
         if part.picture is not None:
             check_picture_size(path, *part.picture.size)  # pictures within glTF files too
-            pixels = _decoded(part.picture)
+            with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
+                if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
+                    gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(np.uint8)
+                    pixels = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
+                elif part.picture.mode not in ("I", "F"):  # 32 bits a pixel, of any scale
+                    pixels = np.array(part.picture.convert("RGBA"), dtype=np.uint8)
         index_of_name[part.name] = -1 if pixels is None else len(pictures)
         if pixels is not None:
             pictures.append(pixels)
@@ -438,16 +440,3 @@ def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Nu
             warnings.append(f"the texture {name} {lost}; the surface is drawn without it")
     indices = [np.full(len(part.mesh.faces), index_of_name[part.name], np.int32) for part in parts]
     return tuple(pictures), np.concatenate(indices) if pictures else None, warnings
-
-
-def _decoded(picture: Any) -> Bytes | None:
-    """Return a picture's (H, W, 4) pixels; None where it is damaged or its numbers have no full scale."""
-    if picture.mode in ("I", "F"):  # 32 bits a pixel, of any scale
-        return None
-    try:
-        if picture.mode == "I;16":  # gray of 16 bits, which Pillow itself would clip instead of scaling
-            gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
-            return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
-        return np.array(picture.convert("RGBA"), dtype=np.uint8)
-    except (OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
-        return None

@@ -110,22 +110,20 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
         split = np.zeros(len(size), dtype=np.bool_)
         split[np.argsort(-size, kind="stable")[:splits]] = True
         ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
-        objects = map(_in_three, scene.objects, np.split(split, ends))
+        objects = []
+        for part, chosen in zip(scene.objects, np.split(split, ends), strict=True):
+            # The parts of a face stay neighbors in the order of drawing.
+            (a, b, c), numbers = part.faces[chosen].T, np.flatnonzero(chosen)
+            middle, faces = len(part.vertices) + np.arange(len(numbers)), part.faces.copy()
+            faces[chosen, 2] = middle
+            others = np.stack([b, c, middle, c, a, middle], axis=1).reshape(-1, 3)
+            faces = np.insert(faces, np.repeat(numbers + 1, 2), others, axis=0)
+            centroids = part.vertices[part.faces[chosen]].mean(axis=1)
+            vertices = np.concatenate([part.vertices, centroids])
+            objects.append(replace(part, vertices=vertices, faces=faces))
         scene = replace(scene, objects=tuple(objects))
     reflective = np.arange(len(scene.faces)) < round(reflective_share * len(scene.faces))
     return TessellatedCar(scene=scene, reflective=read_only(reflective))
-
-
-def _in_three(part: SceneObject, split: Mask) -> SceneObject:
-    """Split some faces (F,) at their centroids; the parts stay neighbors in the order of drawing."""
-    (a, b, c), numbers = part.faces[split].T, np.flatnonzero(split)
-    middle = len(part.vertices) + np.arange(len(numbers))
-    faces = part.faces.copy()
-    faces[split, 2] = middle
-    others = np.stack([b, c, middle, c, a, middle], axis=1).reshape(-1, 3)
-    faces = np.insert(faces, np.repeat(numbers + 1, 2), others, axis=0)
-    centroids = part.vertices[part.faces[split]].mean(axis=1)
-    return replace(part, vertices=np.concatenate([part.vertices, centroids]), faces=faces)
 
 
 def mirrored(car: TessellatedCar) -> Scene:
@@ -133,8 +131,7 @@ def mirrored(car: TessellatedCar) -> Scene:
     studio_look = studio()
     paint = studio_look.materials["paint"]
     dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))
-    objects = []
-    first = 0
+    objects, first = [], 0
     for part in map(smoothed, car.scene.objects):
         reflective = car.reflective[first : first + len(part.faces)]
         first += len(part.faces)

@@ -33,6 +33,10 @@ def asymmetric() -> tuple[SceneObject, ...]:
 
     The torus in front hides the box behind from the middle aperture; the bar crosses the plate beside it.
     """
+    corners, faces = box()
+    along = corners[:, 2:] + 0.5
+    middle = np.array((17.0, 7.0, -75.0)) * (1 - along) + np.array((9.0, -18.0, 75.0)) * along
+    bar = middle + corners * (3.0, 3.0, 0.0)  # with square ends parallel to the plate
     return (
         _shape("torus", 19.0, (70.0, 15.0, 0.0), (14.0, 10.0, 60.0)),
         _shape("cone", 13.0, (0.0, 0.0, -65.0), (-15.0, 9.0, 48.0)),
@@ -41,7 +45,7 @@ def asymmetric() -> tuple[SceneObject, ...]:
         _letter(2.6, (8.0, -20.0, 5.0), (-3.0, 15.0, -62.0)),
         _letter(3.2, (-12.0, 30.0, -20.0), (-14.0, -17.0, 70.0)),
         _shape("cylinder", 22.0, (20.0, 0.0, 70.0), (34.0, -9.0, -85.0)),
-        _bar((17.0, 7.0, -75.0), (9.0, -18.0, 75.0), width=3.0),
+        as_object("bar", (bar, faces)),
     )
 
 
@@ -59,14 +63,6 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
     corners, faces = box()
     letter = join(*((corners * extent + middle, faces) for middle, extent in strokes))
     return place(as_object("letter", letter), placement(size, rotate_deg, center))
-
-
-def _bar(start: Vector, end: Vector, *, width: float) -> SceneObject:
-    """Return a bar with square ends parallel to the plate."""
-    corners, faces = box()
-    along = corners[:, 2:] + 0.5
-    middle = np.array(start) * (1 - along) + np.array(end) * along
-    return as_object("bar", (middle + corners * (width, width, 0.0), faces))
 
 
 #: Height of each row of pairs above or below the plate, as a fraction of the reach.

@@ -83,8 +83,7 @@ class Rendering:
         cls, effects: Iterable[Effect], sampling: Sampling, transport: Transport | None = None
     ) -> Rendering:
         """Return the rendering with its effects in order."""
-        asked = frozenset(effects)
-        ordered = tuple(effect for effect in Effect if effect in asked)
+        ordered = tuple(sorted(set(effects), key=list(Effect).index))
         return cls(effects=ordered, sampling=sampling, transport=transport)
 
 
@@ -135,11 +134,9 @@ class SurfaceImage(Shown):
         """Return the size of the image, how many pixels show a surface, and at which heights."""
         rows, columns = self.covered.shape
         count, height = int(np.count_nonzero(self.covered)), self.position[..., 2]
-        known = height[np.isfinite(height)]
-        where = ""
-        if known.size:
+        where, share = "", percent(count / max(1, self.covered.size))
+        if (known := height[np.isfinite(height)]).size:
             where = f" at heights {digits(float(known.min()))} to {digits(float(known.max()))} scene units"
-        share = percent(count / self.covered.size) if self.covered.size else "0 %"
         return f"{sides((columns, rows))} pixels, {count:,} ({share}) show a surface{where}"
 
 

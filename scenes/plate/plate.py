@@ -54,11 +54,11 @@ class Plate:
 
     def aperture(self, column: int, row: int) -> Aperture:
         """Return the aperture in a column and row; InputError where it lies outside the plate."""
-        columns, rows = self.hogels
-        given, column, row = (column, row), whole(column), whole(row)
+        (columns, rows), given = self.hogels, f"{column},{row}"
+        column, row = whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
             raise InputError(
-                f"aperture {given[0]},{given[1]} lies outside the plate: "
+                f"aperture {given} lies outside the plate: "
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size
