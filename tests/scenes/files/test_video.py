@@ -31,14 +31,11 @@ def declaring(path: Path, frames: int) -> Path:
     return path
 
 
-def test_frames_beyond_the_declared_ones_are_not_kept(tmp_path: Path) -> None:
+def test_frames_that_are_too_many_are_not_kept_and_too_few_are_named(tmp_path: Path) -> None:
     path = declaring(written(tmp_path / "HogelRow_0.avi", 40), 3)
     frames, size = video_size(path)
     with pytest.raises(InputError, match=f"more than {min(frames, 3)} frames"):
         read_video(path, min(frames, 3), size)
-
-
-def test_fewer_frames_than_the_layout_needs_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has 3 frames, and the plate 4 columns"):
         read_video(written(tmp_path / "a.avi", 3), 4, (16, 12))
 

@@ -110,7 +110,7 @@ def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
         assert error == pytest.approx(sagitta, rel=1e-3)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(net=NETS, tolerance=st.sampled_from([1.0, 0.3, 0.1]))
 def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> None:
     try:
@@ -235,10 +235,9 @@ def test_the_teapot_keeps_every_tolerance_and_is_not_cut_much_too_fine(shared_da
 
 
 def test_the_distance_to_the_surface_falls_with_the_square_of_the_steps(shared_data: Path) -> None:
-    nets = teapot(shared_data)[::9]
-    counts = (4, 8, 16)
+    nets = teapot(shared_data)[::16]
     errors = []
-    for count in counts:
+    for count in (4, 8, 16):
         steps = [(count, count)] * len(nets)
         errors.append(chord_errors(nets, cut(nets, steps, name="teapot"), steps, 4).max())
     orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
@@ -307,10 +306,8 @@ def test_a_damaged_patch_file_is_one_line_that_names_it(tmp_path: Path, text: st
     (tmp_path / "scene.toml").write_text(HEAD + '[[object]]\nmesh = "bad.bpt"\n')
     with pytest.raises(InputError) as caught:
         open_scene(str(tmp_path / "scene.toml"))
-    message = str(caught.value)
-    assert "\n" not in message
-    for words in ("object[0].mesh", "bad.bpt", told):
-        assert words in message
+    assert all(words in str(caught.value) for words in ("object[0].mesh", "bad.bpt", told))
+    assert "\n" not in str(caught.value)
 
 
 def test_unreadable_patch_files_and_senseless_tolerances_are_input_errors(tmp_path: Path) -> None:

@@ -25,9 +25,8 @@ FULL: Asked = ((512, 512), DEFAULT_DEPTHS, 1)
 
 
 @cache
-def rows(
-    levels: int, resolution: tuple[int, int], depths: tuple[tuple[DepthFormat, DepthMapping], ...], step: int
-) -> tuple[Measurement, ...]:
+def rows(levels: int, asked: Asked) -> tuple[Measurement, ...]:
+    resolution, depths, step = asked
     scene = refine(view("car", resolution), levels)
     nears = default_nears(scene.frustum)[::step]
     grid = settings_of(scene.frustum, ReportOptions(nears=nears, depths=depths))
@@ -46,26 +45,20 @@ def starved(settings: DoubleFrustum) -> bool:
 
 
 def changes(levels: int, asked: Asked) -> dict[DoubleFrustum, float]:
-    """Return by how much `surface` changes at each setting when every triangle is split."""
-    coarse, fine = rows(0, *asked), rows(levels, *asked)
+    """Return by how much `surface` changes, where it does, when every triangle is split."""
+    coarse, fine = rows(0, asked), rows(levels, asked)
     assert [row.settings for row in coarse] == [row.settings for row in fine]
-    return {
-        one.settings: abs(one.surface_fraction - other.surface_fraction)
-        for one, other in zip(coarse, fine, strict=True)
-    }
-
-
-def assert_same_verdict(levels: int, asked: Asked) -> None:
-    assert best_setting(rows(levels, *asked)).settings == best_setting(rows(0, *asked)).settings
-    found = {settings: change for settings, change in changes(levels, asked).items() if not starved(settings)}
-    assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}
+    pairs = zip(coarse, fine, strict=True)
+    found = {one.settings: abs(one.surface_fraction - other.surface_fraction) for one, other in pairs}
+    return {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", [QUICK, FULL], ids=["quick", "full"])
 @pytest.mark.parametrize("levels", [1, 2])
 def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: int, asked: Asked) -> None:
-    assert_same_verdict(levels, asked)
+    assert best_setting(rows(levels, asked)).settings == best_setting(rows(0, asked)).settings
+    assert all(map(starved, changes(levels, asked)))
 
 
 @pytest.mark.xfail(
@@ -76,14 +69,13 @@ def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: 
 @pytest.mark.slow
 @pytest.mark.parametrize("levels", [1, 2])
 def test_nor_where_depth_is_starved(levels: int) -> None:
-    found = changes(levels, QUICK)
-    assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}
+    assert changes(levels, QUICK) == {}
 
 
 @pytest.mark.slow
 def test_the_triangle_measure_does_depend_on_it() -> None:
     """The triangle measure depends on the mesh: a finer one has more pixels with another number."""
-    coarse, fine = rows(0, *QUICK), rows(1, *QUICK)
+    coarse, fine = rows(0, QUICK), rows(1, QUICK)
     at = [n for n, row in enumerate(coarse) if 1e-3 < row.settings.near / 150 < 1e-2]
     assert at
     for n in at:

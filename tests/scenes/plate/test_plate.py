@@ -14,14 +14,9 @@ from xfrustum.scenes.disk.input_files import largest_plate
 PLATE = Plate(size=(8.0, 6.0), hogels=(4, 2))
 
 
-def test_row_zero_is_at_the_top_and_column_zero_at_the_left() -> None:
-    first = PLATE.aperture(0, 0)
-    last = PLATE.aperture(3, 1)
-    assert (first.x, first.y) == (-3.0, 1.5)
-    assert (last.x, last.y) == (3.0, -1.5)
-
-
-def test_the_middle_aperture_of_an_odd_plate_is_at_the_origin_and_of_an_even_one_beside_it() -> None:
+def test_row_zero_is_at_the_top_and_the_middle_of_an_even_plate_beside_the_origin() -> None:
+    first, last = PLATE.aperture(0, 0), PLATE.aperture(3, 1)
+    assert (first.x, first.y, last.x, last.y) == (-3.0, 1.5, 3.0, -1.5)
     odd = Plate(size=(8.0, 6.0), hogels=(5, 3)).middle
     assert (odd.index, odd.x, odd.y) == ((2, 1), 0.0, 0.0)
     assert (PLATE.middle.index, PLATE.middle.x, PLATE.middle.y) == ((2, 1), 1.0, -1.5)
