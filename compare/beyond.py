@@ -14,8 +14,7 @@ from xfrustum.tolerances import MAX_WRONG
 if TYPE_CHECKING:
     from xfrustum.compare.metrics.comparison import ComparisonNumbers
 
-PERCENTILE = 99.0
-"""Percentile of displacement that a tolerance limits."""
+PERCENTILE = 99.0  #: percentile of displacement that a tolerance limits
 
 MAX_UNDEFINED = 1 - PERCENTILE / 100
 """Largest share of pixels in the plate itself, where displacement is undefined, that leaves the percentile

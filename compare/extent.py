@@ -3,8 +3,6 @@
 Occlusion is not considered: an object behind another one is in view.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.region import Region
@@ -218,16 +217,6 @@ def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tupl
     return first.astype(np.int64), last.astype(np.int64)
 
 
-def film_slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, float]:
-    """Return shear and half-extent of the lines through an aperture, along one axis (CONVENTIONS.md)."""
-    if frustum.screen is None:
-        assert frustum.fov is not None
-        return 0.0, float(np.tan(frustum.fov[axis] / 2))
-    depth = -frustum.screen.height
-    center = (aperture.x, aperture.y)[axis]
-    return (frustum.screen.center[axis] - center) / depth, frustum.screen.size[axis] / 2 / abs(depth)
-
-
 def in_view(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
     """Return whether the image of an aperture can show any of an object, without occlusion.
 
@@ -244,14 +233,13 @@ def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: A
     """Return (F,) whether a pixel's center may lie in the image of each triangle's part in a layer."""
     corners, valid, behind = layer
     shown: Mask = np.asarray(valid.any(axis=1))
-    s = -corners[..., 2]
+    s, (shear, half) = -corners[..., 2], film_window(frustum, aperture)
     for axis, pixels in enumerate(frustum.resolution):
-        shear, half = film_slopes(frustum, aperture, axis)
-        across = corners[..., axis] - (aperture.x, aperture.y)[axis] - shear * s
+        across = corners[..., axis] - (aperture.x, aperture.y)[axis] - shear[axis] * s
         # The sign is that of the layer: in the plate s is zero, or minus zero, on either side of it. A point
         # in the aperture itself lies on every line, and has no film coordinate.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            u = (across if behind else -across) / (half * np.abs(s))
+            u = (across if behind else -across) / (half[axis] * np.abs(s))
         first, last = _centers_between(u, u, valid, pixels)
         shown &= first <= last
     if shown.any():
@@ -266,7 +254,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     determinants det(d, Pi - a, Pj - a), i and j the ends of an edge, have the sign of s times that of
     det(P0 - a, P1 - a, P2 - a). They are linear in d, so four corners speak for the film.
     """
-    (kx, tx), (ky, ty) = (film_slopes(frustum, aperture, axis) for axis in (0, 1))
+    (kx, ky), (tx, ty) = film_window(frustum, aperture)
     corner = np.array([(kx + u * tx, ky + v * ty, -1.0) for u in (-1, 1) for v in (-1, 1)])
     from_aperture = triangles - (aperture.x, aperture.y, 0.0)
     # Coordinates are scaled to at most one, so that products of three neither underflow nor overflow.
@@ -315,7 +303,7 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
     """
     corners, valid, _ = layer
     s = -corners[..., 2]
-    _, half = film_slopes(frustum, plate.middle, axis)
+    half = film_window(frustum, plate.middle)[1][axis]
     x, toward_a = corners[..., axis], np.ones_like(s)
     if frustum.screen is not None:
         depth = -frustum.screen.height
@@ -336,10 +324,11 @@ def aside_of_frusta(
     between = [z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)]
     places = []
     for aperture in apertures:
-        shear, half = film_slopes(frustum, aperture, axis)
-        middle = (aperture.x, aperture.y)[axis]
-        places += [middle - z * shear + side * half * abs(z) for z in between for side in (-1, 1)]
-    return min(places), max(places)
+        shear, half = film_window(frustum, aperture)
+        middle = (aperture.x, aperture.y)[axis] - np.multiply(between, shear[axis])
+        aside = half[axis] * np.abs(between)
+        places += [*(middle - aside), *(middle + aside)]
+    return float(min(places)), float(max(places))
 
 
 # By depth ------------------------------------------------------------------------------------------------
@@ -487,9 +476,7 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
 def _first(found: list[str]) -> tuple[str, ...]:
     """Return the first few sentences; the last one ends with the number of sentences that are left out."""
     named, more = found[:MAX_NAMED_OBJECTS], len(found) - MAX_NAMED_OBJECTS
-    if more > 0:
-        named[-1] += f"; and so for {more} more objects"
-    return tuple(named)
+    return tuple(named) if more <= 0 else (*named[:-1], f"{named[-1]}; and so for {more} more objects")
 
 
 def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:

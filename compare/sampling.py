@@ -31,8 +31,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import SAMPLED_HOGELS
 
-CONFIDENCE = 0.95
-"""Probability that the bound on the share of hogels holds."""
+CONFIDENCE = 0.95  #: probability that the bound on the share of hogels holds
 
 
 def aperture_at(plate: Plate, place: int) -> Aperture:

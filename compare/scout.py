@@ -34,8 +34,7 @@ LATTICE_APERTURES = 400
 MAX_APERTURES = 1000
 """Largest number of apertures that are looked through, those around the worst ones included."""
 
-REFINED_APERTURES = 16
-"""Number of worst apertures so far whose neighbors are looked through next."""
+REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are looked through next
 
 MAX_AUTO_APERTURES = 4
 """Largest number of apertures that `auto` takes: the middle one, and the worst one in each of three respects

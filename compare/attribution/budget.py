@@ -35,8 +35,7 @@ from xfrustum.scenes.notebook import Brief, Shown
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 
-RIGHT = -1
-"""Value in a map of charges of a pixel that is right in the end, or not judged."""
+RIGHT = -1  #: value in a map of charges of a pixel that is right in the end, or not judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,13 +138,8 @@ class ChainStart(Brief):
         return self.images[0]
 
     @property
-    def rasterization(self) -> int:
-        """Number of the link to the last of these images."""
-        return len(self.images) - 2
-
-    @property
     def depth(self) -> int:
-        """Number of the link from the last of these images to what is drawn."""
+        """Number of the link from R0 to what is drawn; the one before it rasterizes."""
         return len(self.images) - 1
 
     @cached_property
@@ -317,20 +311,18 @@ class Budget(Shown):
     def numbers(self) -> BudgetNumbers:
         """The numbers alone, without the images."""
         counts = self.explanation.counts()
-        unexplained = counts.pop("unexplained")
-        links = (
-            LinkNumbers(**vars(cause), pixels=cause.triangle, height_rms=raised)
-            for cause, raised in zip(self.causes, self.height.rms(), strict=True)
-        )
         # Right in the end although some link changed them.
         cancelled = self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)
         return BudgetNumbers(
             judged=self.judged,
             wrong=self.wrong,
-            links=tuple(links),
+            links=tuple(
+                LinkNumbers(**vars(cause), pixels=cause.triangle, height_rms=raised)
+                for cause, raised in zip(self.causes, self.height.rms(), strict=True)
+            ),
+            unexplained=counts.pop("unexplained"),
             explained=counts,
             cancelled=int(cancelled.sum()),
-            unexplained=unexplained,
             not_in_every_link=self.displacement.elsewhere,
         )
 
@@ -368,7 +360,7 @@ def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPredict
     # What R0 shows rightly goes wrong by depth, whatever the images before show.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     rounding = start.rounding
-    rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.rasterization)
+    rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
     swapped = explain(start.reference.scene, exact, drawn, start.subpixel_bits, by_depth)
     return Budget(
         start=start,
@@ -379,9 +371,6 @@ def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPredict
         explanation=rounded.joined(swapped),
         predicted=predicted,
     )
-
-
-# Rounding ------------------------------------------------------------------------------------------------
 
 
 def explain(
@@ -412,9 +401,6 @@ def _drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> li
         RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
         for camera in model_cameras(scene.frustum, raster.camera.aperture, settings)
     ]
-
-
-# Shear ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

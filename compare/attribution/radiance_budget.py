@@ -8,8 +8,6 @@ bend, which belongs to a point and not to a pixel, is counted once:
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -93,18 +91,14 @@ class RadianceBudget(Brief):
         """The numbers alone, without the images."""
 
         def changed(change: Floats) -> RadianceChange:
-            sizes: list[tuple[float, float] | tuple[None, None]] = [
-                (float(np.sqrt(np.mean(some**2))), float(np.abs(some).max())) if len(some) else (None, None)
-                for some in (change[self.judged], change[self.same])
-            ]
-            (rms, largest), (rms_same, largest_same) = sizes
-            return RadianceChange(
-                mean=float(change[self.judged].mean()) if self.judged.any() else None,
-                rms=rms,
-                max=largest,
-                rms_same_triangle=rms_same,
-                max_same_triangle=largest_same,
-            )
+            found: dict[str, float | None] = {"mean": None}
+            for of, where in (("", self.judged), ("_same_triangle", self.same)):
+                some = change[where]
+                found[f"rms{of}"] = float(np.sqrt(np.mean(some**2))) if len(some) else None
+                found[f"max{of}"] = float(np.abs(some).max()) if len(some) else None
+            if self.judged.any():
+                found["mean"] = float(change[self.judged].mean())
+            return RadianceChange(**found)
 
         return RadianceNumbers(
             judged=int(self.judged.sum()),

@@ -480,8 +480,7 @@ def judged_pixels(truth: HogelImage) -> Mask:
 # Pairs of pictures ---------------------------------------------------------------------------------------
 
 
-CONFIDENCE = 0.95
-"""Probability that no picture among those compared is called worse than another by chance."""
+CONFIDENCE = 0.95  #: probability that no picture among those compared is called worse than another by chance
 
 
 @dataclass(frozen=True, kw_only=True)

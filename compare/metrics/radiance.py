@@ -33,8 +33,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.plate import Aperture
 
-ALPHA = 0.01
-"""Chance that a test of a whole picture fails although nothing is wrong."""
+ALPHA = 0.01  #: chance that a test of a whole picture fails although nothing is wrong
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m. It is that of a
@@ -46,11 +45,7 @@ SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 STEP = 1 / 255
 """One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
 
-Rgb = tuple[float, float, float]
-"""One number for each of red, green and blue."""
-
-
-# Noise ---------------------------------------------------------------------------------------------------
+Rgb = tuple[float, float, float]  #: one number for each of red, green and blue
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,9 +122,6 @@ def joint_chance(chance: float, tests: int) -> float:
 def single_level(chance: float, tests: int) -> float:
     """Return the level of each single test for which all tests together have the level `chance` (Sidak)."""
     return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))
-
-
-# What is left out ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,9 +207,6 @@ def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object
         alpha=test.numbers.alpha,
     )
     return LeftOut(numbers=numbers, difference=difference, without=without.mean)
-
-
-# Radiance and looks --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -39,9 +39,6 @@ SPREAD, SPREAD_SEPARATIONS = 0.02, 4.0
 toward the plate, so that not all their depths round alike."""
 
 
-# Hogels ----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class HogelResult(Errors):
     """How well a plan does at one hogel, measured."""
@@ -126,9 +123,6 @@ def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if ordered(middle) else (middle, high)
     return high
-
-
-# Sheets ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

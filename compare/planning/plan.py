@@ -8,8 +8,6 @@ a new sample is drawn. Where there is no plan for all, the hardest apertures are
 for which share of the plate it holds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -66,8 +64,7 @@ MAX_HALVINGS = 5
 """Times that the number of apertures to be set aside is halved, each with a search for a plan: it is known to
 a 32nd of all."""
 
-MAX_ROUNDS = 8
-"""Times that a plan is made anew with apertures that joined; each time the worst of them join."""
+MAX_ROUNDS = 8  #: times that a plan is made anew with apertures that joined; each time the worst of them join
 
 MAX_LISTED_APERTURES = 100
 """Largest number of apertures that a result lists of each kind: some rows of a scout, and still readable."""
@@ -141,19 +138,17 @@ class Plan(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return the plan as `plan --json` prints it."""
-        unknown, chosen = dict.fromkeys(Quality.__dataclass_fields__), None
-        if self.auto:
-            chosen = [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
-        return {
-            "near": self.near,
+        told, unknown = (
+            asdict(replace(self, plate=None, auto=None)),
+            dict.fromkeys(Quality.__dataclass_fields__),
+        )
+        del told["auto"]
+        chosen = self.auto and [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
+        return told | {
             "slabs": list(self.slabs),
-            "depth": self.depth,
-            "mapping": self.mapping,
-            "predicted": asdict(self.predicted) if self.predicted else unknown,
-            "measured": asdict(self.measured) if self.measured else unknown,
-            "within": self.within,
-            "reason": self.reason,
-            "plate": self.plate.summary() if self.plate else None,
+            "predicted": told["predicted"] or unknown,
+            "measured": told["measured"] or unknown,
+            "plate": self.plate and self.plate.summary(),
             "apertures": chosen,
         }
 
@@ -179,9 +174,8 @@ class Plan(Shown):
             head = ("at the worst aperture", "predicted", "measured")
             found.insert(0, Table(head=head, rows=rows, numbers=True))
         if (one := self.plate) is not None:
-            looked = (
-                f"{one.hogels:,}, of which {one.scouted:,} were looked through and {one.measured:,} measured"
-            )
+            looked = f"{one.hogels:,}, of which {one.scouted:,} were looked through"
+            looked += f" and {one.measured:,} measured"
             bound = f"{percent(one.share_beyond_at_most)}, with a confidence of {percent(one.confidence)}"
             found.append(Table(rows=[("hogels", looked), ("share of the plate beyond, at most", bound)]))
         return found

@@ -14,8 +14,6 @@ Lengths have three digits, so that they can be read and typed; a plan is then al
 differ by rounding alone, such as a refined one.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
@@ -40,22 +38,14 @@ TARGET_RATIO, MAX_TARGETS = 2.0**-0.5, 24
 """Ratio of successive targets for the cuts, where gaps in the scene are narrower than the separation, and the
 largest number of targets that are tried: down to 1/4096 of the separation."""
 
-INDICES_PER_OCTAVE = 271
-"""Mean number of lengths of three digits between a length and half of it."""
-
-MAX_CUTS = 16
-"""Largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera."""
-
-BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
-"""Bytes of a depth value."""
+INDICES_PER_OCTAVE = 271  #: mean number of lengths of three digits between a length and half of it
+MAX_CUTS = 16  #: largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera
+BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}  #: bytes of a depth value
 
 ENOUGH_MARGIN = 10.0
 """Margin beyond which more is worth nothing: a tenth of what is allowed. What no scout has seen takes little
 of it: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605 that a
 scout looked through, of `asymmetric` as much (`scout` with `LATTICE_APERTURES` of the whole plate)."""
-
-
-# Lengths of three digits -----------------------------------------------------------------------------------
 
 
 def round_number(index: int) -> float:
@@ -86,9 +76,6 @@ def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | 
 def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
     """Return the smallest index in low..high from which on a condition holds; `high` where it never does."""
     return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))
-
-
-# What holds ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

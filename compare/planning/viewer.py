@@ -1,7 +1,5 @@
 """What a viewer requires of a plan: nothing that eyes can see, whatever hogels' pixels show."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -48,11 +48,8 @@ HEIGHT_TOLERANCE_RATIO = 1e-9
 """Relative distance from a cut within which a surface counts on both sides of it. Rounding moves the surfaces
 of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
 
-NEIGHBORHOOD_PX = 3
-"""Width of a neighborhood in pixels: one to each side."""
-
-Done = Callable[[int], object]
-"""Function that is called with the number of hogels that are done."""
+NEIGHBORHOOD_PX = 3  #: width of a neighborhood in pixels: one to each side
+Done = Callable[[int], object]  #: function that is called with the number of hogels that are done
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,21 +14,19 @@ pixel wide or wider. A blur of b pixels, the sum of both axes, changes that mean
 < 1 the error of the points counts in a share b of the pixel only.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.compare.extent import DepthBin, depth_bins, film_slopes
+from xfrustum.compare.extent import DepthBin, depth_bins
+from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-LEVEL = 1 / 255
-"""One level of 8 bits, in radiance."""
+LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 
 DISCREPANCY = MappingProxyType(
     {
@@ -60,11 +58,12 @@ def blur_px(scene: Scene, z: float) -> tuple[float, float]:
     """Return columns and rows over which a hogel's area blurs what lies at a signed height z; 0: infinity."""
     frustum, plate, screen = scene.frustum, scene.plate, scene.frustum.screen
     moved = abs((math.inf if z == 0 else 1 / z) - (0.0 if screen is None else 1 / screen.height))
-    pixels = []
-    for axis in (0, 1):
-        _, half = film_slopes(frustum, plate.middle, axis)
-        pixels.append(plate.size[axis] / plate.hogels[axis] * moved * frustum.resolution[axis] / (2 * half))
-    return pixels[0], pixels[1]
+    _, half = film_window(frustum, plate.middle)
+    columns, rows = (
+        plate.size[axis] / plate.hogels[axis] * moved * frustum.resolution[axis] / (2 * half[axis])
+        for axis in (0, 1)
+    )
+    return columns, rows
 
 
 def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float:

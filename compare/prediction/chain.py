@@ -1,7 +1,5 @@
 """The chain from the truth to the raster, one thing changed per link (docs/method.md, "The error budget")."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from xfrustum.raster import Rasterizer
@@ -15,14 +13,9 @@ from xfrustum.scenes.plate.plate import Aperture
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""
 
-PIVOT = 1
-"""The link that moves the center of the shear."""
-
-RASTERIZATION, DEPTH = 4, 5
-"""The links that round, and must explain themselves: their places in `LINKS`."""
-
-CULLING = "culling"
-"""Link between slabs and rasterization that a chain has where its settings cull faces."""
+PIVOT = 1  #: the link that moves the center of the shear
+RASTERIZATION, DEPTH = 4, 5  #: the links that round, and must explain themselves: their places in `LINKS`
+CULLING = "culling"  #: link between slabs and rasterization that a chain has where its settings cull faces
 
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 """The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""

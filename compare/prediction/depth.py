@@ -39,8 +39,7 @@ MAX_MISORDERED_FRACTION = 0.01
 CLIP_DEPTH_ROUNDINGS = 3
 """Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is rounded."""
 
-PLANE_ROUNDINGS = 2
-"""Roundings of a triangle's plane equation: one step along x and one along y."""
+PLANE_ROUNDINGS = 2  #: roundings of a triangle's plane equation: one step along x and one along y
 
 W_ROUNDINGS = 6
 """Roundings of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the plane

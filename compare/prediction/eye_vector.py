@@ -14,8 +14,6 @@ specular term of a light from L then changes by
 and a mirror shows what lies at R + dR. Diffuse and ambient light do not depend on the eye.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Closed forms of every error, from the scene's geometry alone (docs/method.md)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

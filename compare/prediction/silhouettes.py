@@ -13,8 +13,6 @@ own nothing is hidden, but between c and b, where c < b, there is a gap. These s
 exact while displacement is small against the distance and the length of contours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -55,12 +53,9 @@ but for 4 t / W of their displacement."""
 class Kind(IntEnum):
     """The relation between the two sides of a contour."""
 
-    OBJECTS = 0
-    """The sides are different objects, or one shows no surface."""
-    OCCLUSION = 1
-    """One part of an object stands before another part."""
-    SEAM = 2
-    """One surface continues, but another camera draws it."""
+    OBJECTS = 0  #: the sides are different objects, or one shows no surface
+    OCCLUSION = 1  #: one part of an object stands before another part
+    SEAM = 2  #: one surface continues, but another camera draws it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,8 +79,7 @@ class Contours:
         return np.stack((columns.mean(axis=0), rows.mean(axis=0)), axis=-1)
 
 
-_NO_CONTOUR = -1
-"""Kind of a pair of neighbors that no contour runs between."""
+_NO_CONTOUR = -1  #: kind of a pair of neighbors that no contour runs between
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

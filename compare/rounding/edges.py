@@ -5,8 +5,6 @@ triangles. Which ones it does not say, but their common sides are diagonals of t
 that no mesh has.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 from typing import assert_never

@@ -1,7 +1,5 @@
 """How exactly a rasterizer in float32 can know the surface point that it draws."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -57,8 +57,7 @@ class RoundingCamera:
         return np.asarray((height >= low) & (height <= high))
 
 
-PixelIndex = tuple[Indices, Indices]
-"""Columns and rows of some pixels, (N,) each."""
+PixelIndex = tuple[Indices, Indices]  #: columns and rows of some pixels, (N,) each
 
 NEXT, AFTER_NEXT = (1, 2, 0), (2, 0, 1)
 """Number of the corner or coordinate after each of three, and of the one after that."""

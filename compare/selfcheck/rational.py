@@ -18,11 +18,8 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-Integers = tuple[int, int, int]
-"""Three coordinates of a point or vector as integers."""
-
-Ratio = tuple[int, int]
-"""Numerator and positive denominator."""
+Integers = tuple[int, int, int]  #: three coordinates of a point or vector as integers
+Ratio = tuple[int, int]  #: numerator and positive denominator
 
 BOX_MARGIN = 2.0**-40
 """Width added around every box, relative to the largest coordinate times 1 + the steepest slope. The bounds
@@ -64,9 +61,6 @@ def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> Exac
     return ExactRows(triangle=triangle, s=s, ties=np.array(ties, dtype=np.int64).reshape(-1, 3))
 
 
-# Bounding boxes ------------------------------------------------------------------------------------------
-
-
 def _boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> tuple[Indices, Indices, Floats]:
     """Return pairs (N,) of a pixel and a triangle that may meet, and a lower bound of s for each.
 
@@ -103,9 +97,6 @@ def _reached(s: tuple[Floats, Floats], ends: tuple[Floats, Floats], slopes: Floa
     one, other = (bound[:, None] * slopes for bound in s)
     low, high = (end[:, None] for end in ends)
     return np.asarray((np.minimum(one, other) <= high) & (np.maximum(one, other) >= low))
-
-
-# Integers ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

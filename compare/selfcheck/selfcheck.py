@@ -1,7 +1,5 @@
 """Is the truth true? The reference against integer brute force, pixel by pixel, and a sphere."""
 
-from __future__ import annotations
-
 import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -36,11 +34,8 @@ lines are aimed."""
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
 """Places of the apertures as shares of the plate's columns and rows: middle, off center, and two corners."""
 
-MAX_LISTED = 5
-"""Largest number of disagreements of one image that are described one by one."""
-
-UNIT_ROUNDOFF = 2.0**-53
-"""Largest relative error of one rounding to a double."""
+MAX_LISTED = 5  #: largest number of disagreements of one image that are described one by one
+UNIT_ROUNDOFF = 2.0**-53  #: largest relative error of one rounding to a double
 
 PLANE_ROUNDINGS = 16
 """Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
@@ -52,15 +47,8 @@ and the rounding of this bound itself."""
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
 
-COUNTS = {
-    "pixels": "pixels",
-    "covered": "covered",
-    "proven": "proven",
-    "exact": "exact",
-    "ties": "ties",
-    "wrong": "wrong",
-    "tracer_wrong": "float32 wrong",
-}
+COUNTS = {name: name for name in ("pixels", "covered", "proven", "exact", "ties", "wrong")}
+COUNTS["tracer_wrong"] = "float32 wrong"
 """Counts of each view that are summed, with their titles in the table."""
 
 
@@ -244,11 +232,10 @@ def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows
     for part in rows:
         parts.append(part)
         bar.update(part.triangle.size)
-    exact = ExactRows(
-        triangle=np.concatenate([part.triangle for part in parts]),
-        s=np.concatenate([part.s for part in parts]),
-        ties=np.concatenate([part.ties for part in parts]),
+    triangle, s, ties = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("triangle", "s", "ties")
     )
+    exact = ExactRows(triangle=triangle, s=s, ties=ties)
     pencil = crossed_frustum(scene.frustum, aperture)
     wrong, listed = disagreements(image, exact, pencil, scene.triangles)
     counts = np.bincount(image.certainty.ravel(), minlength=len(Certainty))
@@ -266,9 +253,6 @@ def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows
         tracer_wrong=int(image.overruled.sum()),
         seconds=time.perf_counter() - started,
     )
-
-
-# Disagreements -------------------------------------------------------------------------------------------
 
 
 def disagreements(
@@ -349,9 +333,6 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
     decidable = slope > 0
     error = (offset_error + np.abs(s) * slope_error) / np.where(decidable, slope, 1.0)
     return np.where(decidable, error, 0.0) + 2 * UNIT_ROUNDOFF * np.abs(s)
-
-
-# The sphere ----------------------------------------------------------------------------------------------
 
 
 def check_sphere(*, quick: bool = False) -> SphereCheck:

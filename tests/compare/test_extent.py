@@ -1,7 +1,5 @@
 """The place of a scene: what is in view, what the reach holds, and what commands say of unseen scenes."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -75,7 +73,7 @@ def one(corners: object) -> SceneObject:
 @pytest.mark.parametrize("size", [0.3, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_what_the_truth_shows_is_in_view(frustum: Frustum, size: float) -> None:
     """Most objects in view show, so that the test does not always say yes."""
-    scene = soup(triangles(5, 120, size), frustum)
+    scene = soup(triangles(5, 60, size), frustum)
     shown, claimed = set(), set()
     for index in ((8, 8), (0, 0), (15, 3)):
         aperture = scene.plate.aperture(*index)
@@ -89,17 +87,17 @@ def test_what_the_truth_shows_is_in_view(frustum: Frustum, size: float) -> None:
                     shown.add((index, number))
         truth = Reference(scene).trace(aperture).triangle
         assert {(index, int(k)) for k in np.unique(truth[truth >= 0])} <= claimed
-    assert len(claimed) > 15
+    assert len(claimed) > 7
     assert len(shown) > (0.9 if size > 1 else 0.5) * len(claimed)
 
 
 @FRUSTA
 def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum: Frustum) -> None:
-    plate = Plate(size=(16.0, 16.0), hogels=(9, 9))
+    plate = Plate(size=(16.0, 16.0), hogels=(6, 6))
     for corners in triangles(7, 4, 1.0):
         part = one(corners)
         flags = apertures_in_view(part, frustum, plate)
-        seen = np.array([[in_view(part, frustum, plate.aperture(i, j)) for i in range(9)] for j in range(9)])
+        seen = np.array([[in_view(part, frustum, plate.aperture(i, j)) for i in range(6)] for j in range(6)])
         assert not (seen & ~flags).any()
 
 

@@ -1,7 +1,5 @@
 """The scout finds the apertures that decide the error of a plate; a sample bounds what it has not seen."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -15,11 +13,9 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.geometry.shapes import build_shape
 
-RADIUS, GAP = 3.0, 0.25
-"""Radius of a ball, and its distance behind the plate."""
+RADIUS, GAP = 3.0, 0.25  #: radius of a ball, and its distance behind the plate
 
-OVER = (31, 7)
-"""Column and row of the aperture that lies right over the ball."""
+OVER = (31, 7)  #: column and row of the aperture that lies right over the ball
 
 
 @pytest.fixture(scope="module")

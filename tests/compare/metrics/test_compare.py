@@ -1,28 +1,51 @@
-"""The comparison of images: what counts as wrong, what does not, and the words for it."""
+"""The comparison of images: what counts as wrong and what does not, displacement, and what lies outside the
+film.
+
+What is computed at some pixels only is what plain formulas say of whole images, bit for bit.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support.long_tail import thinned
 from tests.support.views import at, reversed_d32f, soup, view
-from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.error_maps import Spread
+from xfrustum.compare.attribution.budget import make_budget, misplaced
+from xfrustum.compare.metrics.comparison import Comparison, compare_images
+from xfrustum.compare.metrics.error_maps import (
+    ErrorMaps,
+    Spread,
+    differing_pixels,
+    pixel_errors,
+    wrong_surface,
+)
+from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
+from xfrustum.compare.prediction.chain import make_chain
+from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
     NOTHING,
     Certainty,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
     Frustum,
     HogelImage,
     InputError,
+    Plate,
+    Scene,
+    SceneObject,
 )
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.geometry.shapes import square
 
 COLORS = {"rms": list, "mean": list, "p99": list, "max": list}
 RADIANCE = {
@@ -282,44 +305,34 @@ def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> N
 
 
 def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> None:
-    truth, scene = asymmetric.truth, asymmetric.reference.scene
+    truth, drawn, scene = asymmetric.truth, asymmetric.drawn, asymmetric.reference.scene
     smaller = Reference(view("asymmetric", (64, 64))).trace(scene.plate.middle)
-    with pytest.raises(InputError, match=r"96 x 64.*64 x 64"):
-        compare_images(truth, smaller, asymmetric.reference)
+    other = replace(drawn, camera=replace(drawn.camera, scene_hash="0" * 64))
     moved = asymmetric.reference.trace(scene.plate.aperture(3, 4))
-    with pytest.raises(InputError, match=r"aperture.*3,4"):
-        compare_images(truth, moved, asymmetric.reference)
-    other = replace(asymmetric.drawn, camera=replace(asymmetric.drawn.camera, scene_hash="0" * 64))
-    with pytest.raises(InputError, match="different scenes"):
-        compare_images(truth, other, asymmetric.reference)
+    for one, image, said in (
+        (truth, smaller, r"96 x 64.*64 x 64"),
+        (truth, moved, r"aperture.*3,4"),
+        (truth, other, "different scenes"),
+        (drawn, truth, "traced image first"),
+    ):
+        with pytest.raises(InputError, match=said):
+            compare_images(one, image, asymmetric.reference)
 
 
-class TestImagesOfOtherRenderers:
-    """A quantity that an image does not have is unknown, and neither right nor wrong."""
-
-    def test_without_objects_the_triangles_name_them(self, asymmetric: Case) -> None:
-        whole = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
-        nameless = replace(asymmetric.drawn, object=np.full_like(asymmetric.drawn.object, NOTHING))
-        compared = compare_images(asymmetric.truth, nameless, asymmetric.reference)
-        assert compared.summary() == whole.summary()
-
-    def test_without_triangles_only_they_are_unknown(self, asymmetric: Case) -> None:
-        whole = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference).summary()
-        numberless = replace(asymmetric.drawn, triangle=np.full_like(asymmetric.drawn.triangle, NOTHING))
-        compared = compare_images(asymmetric.truth, numberless, asymmetric.reference).summary()
-        assert compared["triangle"] is None and compared["height"] is None
-        assert compared["surface"] == whole["surface"]
-        assert compared["displacement_px"] == whole["displacement_px"]
-
-    def test_without_positions_displacement_is_unknown(self, asymmetric: Case) -> None:
-        placeless = replace(asymmetric.drawn, position=np.full_like(asymmetric.drawn.position, np.nan))
-        compared = compare_images(asymmetric.truth, placeless, asymmetric.reference).summary()
-        assert compared["displacement_px"] is None
-        assert compared["triangle"] is not None
-
-    def test_a_drawn_image_is_no_truth(self, asymmetric: Case) -> None:
-        with pytest.raises(InputError, match="traced image first"):
-            compare_images(asymmetric.drawn, asymmetric.truth, asymmetric.reference)
+def test_a_quantity_that_an_image_does_not_have_is_unknown_and_neither_right_nor_wrong(
+    asymmetric: Case,
+) -> None:
+    truth, drawn, reference = asymmetric.truth, asymmetric.drawn, asymmetric.reference
+    whole = compare_images(truth, drawn, reference).summary()
+    nameless = replace(drawn, object=np.full_like(drawn.object, NOTHING))
+    assert compare_images(truth, nameless, reference).summary() == whole, "triangles name objects"
+    numberless = replace(drawn, triangle=np.full_like(drawn.triangle, NOTHING))
+    found = compare_images(truth, numberless, reference).summary()
+    assert found["triangle"] is None and found["height"] is None
+    assert found["surface"] == whole["surface"] and found["displacement_px"] == whole["displacement_px"]
+    placeless = replace(drawn, position=np.full_like(drawn.position, np.nan))
+    found = compare_images(truth, placeless, reference).summary()
+    assert found["displacement_px"] is None and found["triangle"] is not None
 
 
 def test_an_empty_scene_has_no_errors_and_no_spread() -> None:
@@ -329,3 +342,306 @@ def test_an_empty_scene_has_no_errors_and_no_spread() -> None:
     summary = compare_images(truth, truth, reference).summary()
     assert summary["covered"] == summary["surface"]["wrong"] == 0
     assert summary["displacement_px"] is None and summary["height"] is None
+
+
+NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
+"""Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
+
+
+class Drawn:
+    """The chain of an aperture with a starved depth buffer, and the same cameras' exact one."""
+
+    def __init__(self, near_per_reach: float) -> None:
+        scene = view("car", (96, 96))
+        near = near_per_reach * scene.frustum.longest_reach
+        settings = DoubleFrustum(near=near, depth=DepthFormat.D16, mapping=DepthMapping.STANDARD)
+        self.reference = Reference(scene)
+        with Rasterizer(scene) as rasterizer:
+            self.chain = make_chain(self.reference, rasterizer, scene.plate.middle, settings)
+        self.truth, *_, self.exact, self.starved = self.chain.images
+
+
+@pytest.fixture(scope="module", params=NEARS_PER_REACH)
+def drawn(request: pytest.FixtureRequest) -> Drawn:
+    return Drawn(request.param)
+
+
+def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> None:
+    alone = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False)
+    judged = pixel_errors(drawn.truth, drawn.exact, drawn.reference)
+    beside = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False, beside=judged)
+    assert (drawn.starved.triangle != drawn.exact.triangle).any()
+    assert beside.numbers == alone.numbers
+    for item in fields(ErrorMaps):
+        np.testing.assert_array_equal(getattr(beside.maps, item.name), getattr(alone.maps, item.name))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_pixel_differs_if_one_coordinate_does(drawn: Drawn, axis: int) -> None:
+    moved = np.array(drawn.exact.position)
+    row, column = np.argwhere(drawn.exact.triangle >= 0)[0]
+    moved[row, column, axis] += 1
+    found = differing_pixels(drawn.exact, replace(drawn.exact, position=moved))
+    assert found.tolist() == [row * moved.shape[1] + column]
+
+
+def test_a_pixel_is_charged_to_the_last_link_that_changed_it(drawn: Drawn) -> None:
+    budget = make_budget(drawn.reference, drawn.chain)
+    images = drawn.chain.images
+    wrong = np.argwhere(budget.charge >= 0)
+    assert len(wrong)
+    for row, column in wrong[:: max(1, len(wrong) // 200)]:
+        numbers = [image.triangle[row, column] for image in images]
+        last = max(link for link in range(len(numbers) - 1) if numbers[link] != numbers[link + 1])
+        assert budget.charge[row, column] == last
+
+
+def test_a_wrong_surface_is_charged_to_the_link_from_which_on_it_is_wrong(drawn: Drawn) -> None:
+    budget = make_budget(drawn.reference, drawn.chain)
+    images = drawn.chain.images
+    right = np.stack([~wrong_surface(drawn.truth, image, drawn.reference) for image in images])
+    last_right = len(images) - 1 - np.argmax(right[::-1], axis=0)
+    wrong = ~right[-1] & budget.start.judged
+    assert wrong.any()
+    np.testing.assert_array_equal(budget.surface_charge, np.where(wrong, last_right, -1))
+
+
+NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: near offsets as fractions of the reach
+MOST_PX = 1e-3
+"""Largest 99th percentile of the difference between measured and predicted displacement on meshes, px."""
+
+MESHES = [
+    ("car", (40, 30)),
+    ("car", (12, 50)),
+    ("car-recentered", (0, 0)),
+    ("asymmetric", (25, 41)),
+    ("asymmetric-recentered", (0, 0)),
+    ("asymmetric-recentered", (80, 60)),
+    ("beetle", (40, 30)),
+    ("bunny-transfer", (150, 50)),
+    ("bunny-transfer", (299, 99)),
+    ("teapot-recentered", (119, 79)),
+    ("teapot-recentered", (60, 40)),
+    ("truck", (50, 30)),
+]
+OTHERS = [("crossing", (40, 30)), ("crossing", (31, 17)), ("large-triangles", (40, 30)), ("sheets", (40, 30))]
+
+
+def closed_form(image: HogelImage, near: float) -> np.ndarray:
+    """Return true minus drawn, (H, W, 2) columns and rows: +(W/2) u n/|z| and -(H/2) v n/|z|."""
+    height, width = image.triangle.shape
+    u = (2 * np.arange(width) + 1) / width - 1
+    v = 1 - (2 * np.arange(height) + 1) / height
+    per_film_unit = near / np.abs(image.height.astype(np.float64))
+    return np.stack((width / 2 * u * per_film_unit, -height / 2 * v[:, None] * per_film_unit), axis=-1)
+
+
+@pytest.mark.parametrize(("name", "index"), thinned(MESHES + OTHERS, 5))
+def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, index: tuple[int, int]) -> None:
+    assert POSITION_ROUNDINGS <= 16
+    scene = view(name, (256, 192))
+    aperture = scene.plate.aperture(*index)
+    reference = Reference(scene)
+    truth = reference.trace(aperture)
+    largest_coordinate = np.abs(scene.triangles).max(axis=(1, 2))
+    half_extent = np.array(truth.camera.half_extent)
+    seen = 0
+    with Rasterizer(scene) as raster:
+        for near in np.array(NEARS) * scene.frustum.longest_reach:
+            drawn = raster.render(aperture, reversed_d32f(float(near)), normals=False, color=False)
+            measured = compare_images(truth, drawn, reference).maps.displacement
+            shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
+            np.testing.assert_array_equal(np.isfinite(measured), np.repeat(shown[..., None], 2, axis=2))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                off = np.abs(measured - closed_form(drawn, float(near)))[shown]
+            z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
+            # The points are computed on the drawn triangles: these must have been drawn there.
+            assert not misplaced(scene, drawn, int(raster.device["subpixel_bits"])).any()
+            known = POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
+            bound = known * np.array([256, 192]) / (2 * z * half_extent)
+            assert (off <= bound).all()
+            seen += len(off)
+            if len(off) and (name, index) in MESHES:
+                assert np.percentile(off.max(axis=1), 99) <= MOST_PX
+    assert seen > 2000
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])
+def test_the_signs_a_small_near_moves_the_drawn_picture_toward_the_middle(name: str) -> None:
+    scene = view(name, (128, 128))
+    aperture = scene.plate.middle
+    reference = Reference(scene)
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(aperture, reversed_d32f(1.5))
+    shift = compare_images(reference.trace(aperture), drawn, reference).maps.displacement
+    right, below = slice(70, None), slice(70, None)
+    for outward in (shift[:, right, 0], shift[below, :, 1], -shift[:, :58, 0], -shift[:58, :, 1]):
+        assert np.isfinite(outward).any()
+        assert (outward[np.isfinite(outward)] > 0).all()
+
+
+WIDTH, HEIGHT = 64, 48
+DEPTH = 40.0  #: distance of a wall from the plate, on either side
+
+
+@cache
+def wall(side: int) -> Scene:
+    """A wall parallel to the plate that is larger than every film; side -1 is behind the plate."""
+    corners, faces = square()
+    frustum = Frustum(
+        resolution=(WIDTH, HEIGHT), fov=(math.radians(50), math.radians(40)), reach=(100.0, 100.0)
+    )
+    plate = Plate(size=(10.0, 10.0), hogels=(5, 5))
+    vertices = 200.0 * corners + [3.0, -7.0, side * DEPTH]
+    return Scene(
+        name="wall",
+        plate=plate,
+        frustum=frustum,
+        objects=(SceneObject(name="wall", vertices=vertices, faces=faces),),
+    )
+
+
+def compared_wall(side: int, settings: DoubleFrustum) -> Comparison:
+    scene = wall(side)
+    aperture, reference = scene.plate.aperture(3, 1), Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        return compare_images(reference.trace(aperture), rasterizer.render(aperture, settings), reference)
+
+
+def beyond(factor: float) -> int:
+    """Return the number of pixels whose film coordinates are larger than a factor."""
+    u = np.abs((2 * np.arange(WIDTH) + 1) / WIDTH - 1)
+    v = np.abs(1 - (2 * np.arange(HEIGHT) + 1) / HEIGHT)
+    return int((np.maximum(u, v[:, None]) > factor).sum())
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("near", [1.0, 2.0, 20.0])
+def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(side: int, near: float) -> None:
+    """Drawn at u_r is what belongs at u_r (|z| + n)/|z|: outside from |u_r| = |z|/(|z| + n) on."""
+    found = compared_wall(side, DoubleFrustum(near=near))
+    assert found.surface is not None and found.maps.outside is not None
+    assert found.surface.outside == found.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
+    # Everywhere the right wall, and nothing in front of it.
+    assert found.triangle is not None
+    np.testing.assert_array_equal(found.maps.outside, found.maps.surface)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outside(side: int) -> None:
+    """The outermost center lies at 1 - 1/W: n/|z| below 1/(W - 1) leaves it inside."""
+    largest = DEPTH / (WIDTH - 1)
+    inside, outside = (compared_wall(side, DoubleFrustum(near=largest * factor)) for factor in (0.99, 1.01))
+    assert inside.surface is not None and outside.surface is not None
+    assert inside.surface.wrong == inside.surface.outside == 0
+    assert outside.surface.outside == 2 * HEIGHT
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_is_fitted_to_the_wall_shows_nothing_from_outside(side: int) -> None:
+    found = compared_wall(side, DoubleFrustum(near=20.0, fit=DEPTH))
+    assert found.surface is not None
+    assert found.surface.outside == found.surface.wrong == 0
+
+
+PERCENTS = (50, 95, 99)
+
+
+class Compared:
+    """A comparison of a small picture, some of whose pixels are ties, and its images."""
+
+    def __init__(self) -> None:
+        scene = view("asymmetric-recentered", (48, 36))
+        aperture = scene.default_apertures()[-1]
+        reference = Reference(scene)
+        traced = reference.trace(aperture)
+        assert traced.certainty is not None
+        certainty = traced.certainty.copy()
+        certainty[::5, ::3] = Certainty.TIE
+        self.truth = replace(traced, certainty=certainty)
+        near = 0.05 * scene.frustum.longest_reach
+        with Rasterizer(scene) as rasterizer:
+            self.drawn = rasterizer.render(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16))
+        self.found = compare_images(self.truth, self.drawn, reference)
+
+
+@pytest.fixture(scope="module")
+def compared() -> Compared:
+    return Compared()
+
+
+def plain_displacement(image: HogelImage) -> Floats:
+    """Return the displacement of every pixel by the formulas of CONVENTIONS.md, step by step."""
+    camera = image.camera
+    (width, height), (kx, ky), (tx, ty) = camera.resolution, camera.shear, camera.half_extent
+    x, y, z = np.moveaxis(image.position.astype(np.float64), -1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = ((x - camera.aperture.x) / -z - kx) / tx
+        v = ((y - camera.aperture.y) / -z - ky) / ty
+    shift = np.stack(
+        (
+            (u + 1) * width / 2 - 0.5 - np.arange(width),
+            (1 - v) * height / 2 - 0.5 - np.arange(height)[:, None],
+        ),
+        axis=-1,
+    )
+    shift[~np.isfinite(x + y + z) | (z == 0)] = np.nan
+    return shift
+
+
+def test_displacement_is_that_of_whole_images(compared: Compared) -> None:
+    shift = plain_displacement(compared.drawn)
+    np.testing.assert_array_equal(compared.found.maps.displacement, shift)
+    length = np.hypot(shift[..., 0], shift[..., 1])
+    known = length[np.isfinite(length)]
+    spread = compared.found.displacement_px
+    assert spread is not None and 0 < len(known) < length.size
+    expected = np.percentile(known, PERCENTS).tolist()
+    assert [spread.p50, spread.p95, spread.p99, spread.max] == [*expected, known.max()]
+
+
+def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> None:
+    truth, drawn, found = compared.truth, compared.drawn, compared.found
+    judged = truth.certainty != Certainty.TIE
+    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
+    expected = np.where(same, drawn.height - truth.height, np.nan)
+    np.testing.assert_array_equal(found.maps.height, expected)
+    np.testing.assert_array_equal(found.maps.triangle, judged & (truth.triangle != drawn.triangle))
+    assert found.height is not None
+    error = expected[same]
+    # Sums of other orders: each addition of n squares is off by 2^-53 of the sum, and the root by half.
+    assert found.height.rms == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=len(error) * 2**-53)
+    assert found.height.max == float(np.abs(error).max())
+
+
+def test_colors_are_those_of_whole_images(compared: Compared) -> None:
+    truth, drawn, found = compared.truth, compared.drawn, compared.found
+    assert truth.color is not None and drawn.color is not None
+    judged = truth.certainty != Certainty.TIE
+    error = drawn.color.astype(np.float64) - truth.color
+    error[~judged] = np.nan
+    np.testing.assert_array_equal(found.maps.radiance, error)
+    assert found.radiance is not None
+    assert_plain(found.radiance, error[judged])
+    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
+    assert found.radiance.away_from_edges is not None
+    assert_plain(found.radiance.away_from_edges, error[same])
+
+
+def assert_plain(found: RadianceSpread, error: Floats) -> None:
+    """Compare a spread with that of NumPy's own functions over errors (N, 3)."""
+    size = np.abs(error)
+    worst = size.max(axis=1)
+    squares = np.mean(error**2, axis=0)
+    # Sums of other orders: as of heights.
+    rounding = error.size * 2**-53
+    assert found.pixels == len(error)
+    assert found.rms == pytest.approx(float(np.sqrt(squares.mean())), rel=rounding)
+    assert found.mean == pytest.approx(float(error.mean()), abs=rounding * float(size.mean()))
+    assert (found.p99, found.max) == (np.percentile(worst, 99), worst.max())
+    assert found.above_step == np.mean(worst > STEP)
+    channels = found.channels
+    assert channels.rms == pytest.approx(tuple(np.sqrt(squares)), rel=rounding)
+    assert channels.mean == pytest.approx(tuple(error.mean(axis=0)), abs=rounding * float(size.mean()))
+    assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
+    assert channels.max == tuple(size.max(axis=0))

@@ -1,7 +1,5 @@
 """Every flip is seen: the asymmetric scenes with one axis or one of the paper's flips wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,8 +22,7 @@ SETTINGS = reversed_d32f(1.5e-4)
 
 RIGHT_SURFACE = 2e-3
 """Largest share of wrong pixels in the right picture, from near-plane error and silhouettes."""
-SEEN = 0.05
-"""Smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface."""
+SEEN = 0.05  #: smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface
 
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 

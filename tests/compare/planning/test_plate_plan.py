@@ -1,7 +1,5 @@
 """A plan for the plate: it holds where its scout has not looked, and its bounds are those of its samples."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex
@@ -42,8 +40,7 @@ FINE = ("--depth=d32f", "--mapping=reversed")
 
 REVERSED = [(DepthFormat.D32F, DepthMapping.REVERSED)]
 HOGELS = (9, 7)
-OVER = (7, 1)
-"""Aperture right over a small ball; all others see it from aside and a wall far behind it."""
+OVER = (7, 1)  #: aperture right over a small ball; all others see it from aside and a wall far behind it
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +54,7 @@ def near_ball() -> Scene:
         ),
         SceneObject(name="wall", vertices=500.0 * wall.vertices + [0.0, 0.0, -40.0], faces=wall.faces),
     )
-    frustum = Frustum(resolution=(48, 36), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0))
+    frustum = Frustum(resolution=(32, 24), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0))
     return Scene(name="near ball", plate=plate, frustum=frustum, objects=objects)
 
 

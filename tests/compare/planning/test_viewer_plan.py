@@ -1,7 +1,5 @@
 """Plans to what eyes see: near is as large as nobody notices, whatever hogels' pixels show."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Band limiting in closed form: the blur of a hogel's area, and the points that stand for the area."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The bent eye vector: the error of an offset camera in highlights and mirrors at fixed surface points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,8 +27,7 @@ from xfrustum.scenes.plate.double_frustum import Pivot
 
 SIZE = (96, 72)
 EXPONENT = 12.0
-NEARS = (4e-3, 1e-3, 2.5e-4)
-"""Near offsets as fractions of the reach."""
+NEARS = (4e-3, 1e-3, 2.5e-4)  #: near offsets as fractions of the reach
 
 
 def smooth_environment() -> Environment:

@@ -1,7 +1,5 @@
 """The surface error that displacement causes along silhouettes: predicted, in closed form, measured."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any
@@ -55,8 +53,7 @@ FACTOR = 2.0
 """Largest ratio of the predicted to the measured error, and the reverse. A contour along the pixels' rows or
 columns changes whole rows of pixels at once: the measured error is then a whole number of rows, and the
 predicted one the mean over all places that the contour can have on the grid."""
-ENOUGH_PIXELS = 40
-"""Smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %."""
+ENOUGH_PIXELS = 40  #: smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %
 DISPLACED_PX = (0.1, 5.0)
 """99th percentile of displacement, px, at which the first-order prediction holds and enough pixels change."""
 
@@ -117,7 +114,7 @@ def only_one_of_two_circles(r: float, other: float, distance: float) -> float:
     return math.pi * (r**2 + other**2) - 2 * common
 
 
-@pytest.mark.parametrize("turned", np.linspace(0, 90, 13))
+@pytest.mark.parametrize("turned", np.linspace(0, 90, 7))
 def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> None:
     angle = math.radians(turned)
     along = np.array([math.cos(angle), math.sin(angle)])
@@ -132,18 +129,19 @@ def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> No
 
 @pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
 @pytest.mark.parametrize(("center", "radius"), [((0.3, -0.2), 0.45), ((0.4, 0.35), 0.2), ((0.0, 0.0), 0.6)])
-@pytest.mark.parametrize("near", [0.01, 0.1, 0.5])
 def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
-    height: float, center: tuple[float, float], radius: float, near: float
+    height: float, center: tuple[float, float], radius: float
 ) -> None:
     """The drawn disc is |z| / (|z| + n) times as large, about the middle of the film."""
     scene = scene_of(part(on_film(circle(center, radius), height)))
-    smaller = abs(height) / (abs(height) + near)
-    r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
-    exact = only_one_of_two_circles(r, r * smaller, distance)
-    predicted = wrong_pixels(Silhouettes(traced(scene), scene.frustum), DoubleFrustum(near=near), scene)
-    # The contour itself shrinks while it is swept: n / |z| of the area.
-    assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
+    silhouettes = Silhouettes(traced(scene), scene.frustum)
+    for near in (0.01, 0.1, 0.5):
+        smaller = abs(height) / (abs(height) + near)
+        r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
+        exact = only_one_of_two_circles(r, r * smaller, distance)
+        predicted = wrong_pixels(silhouettes, DoubleFrustum(near=near), scene)
+        # The contour itself shrinks while it is swept: n / |z| of the area.
+        assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
 
 
 def two_sheets(front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31) -> Scene:
@@ -160,15 +158,14 @@ def two_sheets(front: float, back: float, turned: float, *, one: bool = False, e
     return scene_of(SceneObject(name="both", vertices=vertices, faces=faces))
 
 
-SHEETS = [(60, 30), (60, -30), (-30, -60), (30, -60), (90, 80)]
-"""Heights of the front and of the back sheet."""
+SHEETS = [(60, 30), (60, -30), (-30, -60), (30, -60), (90, 80)]  #: heights of the front and of the back sheet
 
 
 PLACED = itertools.product(SHEETS, (20, 165, 255), (0.31, -0.2), (False, True))
 
 
 @pytest.mark.parametrize(
-    ("front", "back", "turned", "edge", "one"), thinned(((*both, *rest) for both, *rest in PLACED), 7)
+    ("front", "back", "turned", "edge", "one"), thinned(((*both, *rest) for both, *rest in PLACED), 11)
 )
 def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     front: float, back: float, turned: float, edge: float, one: bool
@@ -253,7 +250,7 @@ contour on the grid, which is predicted, says nothing of the one place that is m
 
 
 @pytest.mark.parametrize(
-    "name", thinned((n for n in (*builtin.names(), *SHARED_SCENES) if n not in ALONG_THE_GRID), 2)
+    "name", thinned((n for n in (*builtin.names(), *SHARED_SCENES) if n not in ALONG_THE_GRID), 3)
 )
 def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
     scene = view(name, (256, 192))

@@ -1,7 +1,5 @@
 """The seams at which clipping may split a triangle equal those of polygons cut by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

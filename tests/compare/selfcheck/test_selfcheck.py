@@ -1,7 +1,5 @@
 """The self-check: integers that agree with fractions, and that notice whatever is wrong with the truth."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +25,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
 
-several = settings(max_examples=30, deadline=None, derandomize=True)
+several = settings(max_examples=20, deadline=None, derandomize=True)
 
 SQUARE = Frustum(
     resolution=(8, 8), reach=(8.0, 8.0), screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0))
@@ -201,10 +199,11 @@ def test_a_giant_is_refused_and_says_why() -> None:
         selfcheck(["hard/giant-mesh"])
 
 
-def test_no_line_from_a_spheres_center_misses_it() -> None:
+def test_no_line_from_a_spheres_center_misses_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines through all vertices and middles of edges; a vertex is shared by exactly its own triangles."""
+    monkeypatch.setattr(module, "QUICK_SUBDIVISIONS", 3)
     check = check_sphere(quick=True)
-    assert (check.triangles, check.vertices, check.edges) == (5120, 2562, 7680)
+    assert (check.triangles, check.vertices, check.edges) == (1280, 642, 1920)
     assert check.agrees
 
 

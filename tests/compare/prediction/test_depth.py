@@ -1,0 +1,556 @@
+"""Depth buffers: what they order, what they show wrongly, and the U of error against near.
+
+N. Reed, "Depth Precision Visualized" (2015): his table comes out of the project's own projection.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from tests.support.long_tail import thinned
+from tests.support.views import at, soup, view
+from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.metrics.error_maps import judged_pixels, wrong_surface
+from xfrustum.compare.prediction.depth import (
+    MAX_MISORDERED_FRACTION,
+    MAX_ORDER_FACTOR,
+    Stacks,
+    chances,
+    depth_wrong_share,
+    slabs,
+    smallest_separation,
+)
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera, clip_from_eye
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.scenes import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    HogelImage,
+    Plate,
+    Scene,
+    SceneObject,
+)
+from xfrustum.scenes.arrays import Floats, Singles
+from xfrustum.scenes.plate.double_frustum import Offset
+
+PIXELS, REACH, FOV = 64, 1000.0, math.radians(60)
+SLOPE = math.tan(FOV / 2)
+CELLS = 16  #: cells along each side of the film: a sheet has 512 triangles
+
+SETTINGS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
+PLACES = [(1.0, 3.0), (1.0, 400.0), (0.01, 3.0), (0.01, 50.0)]
+"""Near, and height |z| of the sheets: far from the near plane and close to it, down to 1e-5 of the reach."""
+
+WINNER = {Camera.C: 1, Camera.C_STAR: 3}
+FACTOR = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sheet:
+    """A sheet that covers the film of both cameras.
+
+    `tilt` is the change of |z| along x and y; None for a sheet parallel to the plate, whose cells
+    then lie a few percent apart, so that all their depths do not round alike.
+    """
+
+    near: float
+    height: float
+    tilt: tuple[float, float] | None
+
+    def distance(self, u: Floats, v: Floats) -> Floats:
+        """Return w, where the lines of a camera's film meet a tilted plane."""
+        assert self.tilt is not None
+        return (self.height + self.near) / (1 - SLOPE * (u * self.tilt[0] + v * self.tilt[1]))
+
+    def corners(self) -> Floats:
+        """Return the cells (N, 4, 3): film coordinates u, v and distance w, as a camera sees them."""
+        edges = np.linspace(-1, 1, CELLS + 1)
+        at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
+        row, column = np.divmod(np.arange(CELLS**2), CELLS)
+        u, v = edges[column[:, None] + at[:, 0]], edges[row[:, None] + at[:, 1]]
+        if self.tilt is None:
+            phases = np.random.default_rng(4).uniform(-0.05, 0.05, (CELLS**2, 1))
+            w = np.broadcast_to(self.height * (1 + phases) + self.near, u.shape)
+        else:
+            w = self.distance(u, v)
+        return np.stack((u, v, w), axis=-1)
+
+    def moved(self, separation: float) -> Floats:
+        """Return the cells of a parallel sheet farther away, seen at the same places of the film."""
+        corners = self.corners()
+        grows = 1.0 if self.tilt is None else corners[..., 2] / (self.height + self.near)
+        corners[..., 2] += separation * grows
+        return corners
+
+    def seen(self) -> Floats:
+        """Return distances w from the camera at some places of the film."""
+        if self.tilt is None:
+            return np.asarray(self.corners()[..., 2].ravel())
+        centers = (2 * np.arange(PIXELS) + 1) / PIXELS - 1
+        return self.distance(centers[None, :], centers[:, None])
+
+
+def scene_of(sheet: Sheet, distance: float) -> Scene:
+    """Return two sheets on either side of the plate, each time first the one that must not show."""
+    nearer, farther = sheet.corners(), sheet.moved(distance)
+    return Scene(
+        name="sheets",
+        plate=Plate(size=(1, 1), hogels=(1, 1)),
+        frustum=Frustum(resolution=(PIXELS, PIXELS), reach=(REACH, REACH), fov=(FOV, FOV)),
+        objects=tuple(
+            as_object(corners, sheet.near, side)
+            for corners, side in ((farther, -1), (nearer, -1), (nearer, 1), (farther, 1))
+        ),
+    )
+
+
+def as_object(corners: Floats, near: float, side: int) -> SceneObject:
+    u, v, w = np.moveaxis(corners, -1, 0)
+    # The film shows surfaces before the plate upside down and mirrored.
+    points = np.stack((-side * u * SLOPE * w, -side * v * SLOPE * w, side * (w - near)), axis=-1)
+    points = points.reshape(-1, 3)
+    cells = np.arange(len(points)).reshape(-1, 4)
+    return SceneObject(
+        name="sheet", vertices=points, faces=np.concatenate((cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]))
+    )
+
+
+def predicted(sheet: Sheet, depth: DepthFormat, mapping: DepthMapping) -> float:
+    """Return the separation along z at which the allowed fraction of pixels is predicted to be wrong.
+
+    Where tilted sheets lie at w, they are w / (h + n) times as far apart. Errors are close to normal,
+    so that a pixel's own chance follows from the separation that would leave it `MAX_MISORDERED_FRACTION`.
+    """
+    w = sheet.seen()
+    there = smallest_separation(w, sheet.near, sheet.near + REACH, depth, mapping)
+    if sheet.tilt is not None:
+        there *= (sheet.height + sheet.near) / w
+    certain = norm.isf(MAX_MISORDERED_FRACTION)
+
+    def excess(distance: float) -> float:
+        return float(norm.sf(certain * distance / there).mean()) - MAX_MISORDERED_FRACTION
+
+    return float(brentq(excess, 0.5 * there.min(), 2 * there.max()))
+
+
+def misordered(
+    sheet: Sheet, distance: float, depth: DepthFormat, mapping: DepthMapping
+) -> dict[Camera, float]:
+    """Draw two sheets with C and with C*, and return the share of pixels that show the wrong one."""
+    scene = scene_of(sheet, distance)
+    shares = {}
+    with Rasterizer(scene) as raster:
+        for camera, winner in WINNER.items():
+            settings = DoubleFrustum(near=sheet.near, depth=depth, mapping=mapping, camera=camera)
+            drawn = raster.render(scene.plate.middle, settings, normals=False, color=False)
+            shares[camera] = float((drawn.object != winner).mean())
+    return shares
+
+
+def random_tilts(count: int) -> list[tuple[float, float]]:
+    """Return tilts of up to 30 degrees in any direction."""
+    random = np.random.default_rng(1997)
+    slope = np.tan(np.radians(random.uniform(5, 30, count)))
+    turn = random.uniform(0, 2 * np.pi, count)
+    return [(float(s * np.cos(a)), float(s * np.sin(a))) for s, a in zip(slope, turn, strict=True)]
+
+
+TILTS = [None, *random_tilts(2)]
+
+
+@pytest.mark.parametrize(
+    ("depth", "mapping", "near", "height", "tilt"),
+    thinned(((*one, *two, tilt) for one in SETTINGS for two in PLACES for tilt in TILTS), 11),
+)
+def test_smallest_ordered_separation_is_as_predicted(
+    near: float, height: float, tilt: tuple[float, float] | None, depth: DepthFormat, mapping: DepthMapping
+) -> None:
+    """Twice the predicted separation orders all but a percent, half of it less: for C and for C*."""
+    sheet = Sheet(near=near, height=height, tilt=tilt)
+    distance = predicted(sheet, depth, mapping)
+    assert max(misordered(sheet, FACTOR * distance, depth, mapping).values()) <= MAX_MISORDERED_FRACTION
+    assert min(misordered(sheet, distance / FACTOR, depth, mapping).values()) > MAX_MISORDERED_FRACTION
+
+
+BEFORE = 100.0
+FRUSTUM = Frustum(resolution=(32, 24), reach=(BEFORE, 80.0), fov=(math.radians(60), math.radians(50)))
+EVERY = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
+
+
+def level(height: float) -> HogelImage:
+    """Return the true image of a square at one height that covers the film."""
+    corners = np.array([(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)])
+    scene = soup(corners[[(0, 1, 2), (0, 2, 3)]].astype(np.float64), FRUSTUM)
+    # The line does not go through the square's diagonal, which would be a tie.
+    return Reference(scene).trace(at(0.3, 0.1))
+
+
+def share(height: float, gap: float, settings: DoubleFrustum) -> float:
+    truth = level(height)
+    return depth_wrong_share(Stacks.of(truth, np.full(truth.covered.shape, gap)), FRUSTUM, settings)
+
+
+def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
+    """Return the chance that one surface is shown wrongly, whether or not linear depth fails too."""
+    camera = Camera.C if height < 0 else Camera.C_STAR
+    own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
+    return float(chances(own, np.array([abs(height)]), np.array([gap]), settings, 1.0)[0])
+
+
+@pytest.mark.parametrize(("depth", "mapping"), EVERY)
+@pytest.mark.parametrize("height", [-70.0, 90.0])
+def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
+    height: float, depth: DepthFormat, mapping: DepthMapping
+) -> None:
+    """Near is a tenth of the reach, so that nothing is lost; the worst order doubles the share."""
+    settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
+    assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
+    assert chance(height, 5.0, settings) < 1e-9
+    assert chance(height, math.inf, settings) < 1e-9
+
+
+@pytest.mark.parametrize(("depth", "mapping"), EVERY)
+@pytest.mark.parametrize("height", [-70.0, 90.0])
+def test_at_the_smallest_separation_about_a_percent_is_wrong(
+    height: float, depth: DepthFormat, mapping: DepthMapping
+) -> None:
+    """The closed form of the separation counts equal depths as wrong. There squares of step and error are
+    added, here the two are averaged over each other, which makes the most of a difference, four percent,
+    where they are alike."""
+    settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
+    reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
+    w = np.array([abs(height) + 10.0])
+    smallest = float(smallest_separation(w, 10.0, 10.0 + reach, depth, mapping)[0])
+    assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MAX_MISORDERED_FRACTION
+    assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MAX_MISORDERED_FRACTION
+
+
+def test_surfaces_in_different_slabs_are_never_misordered() -> None:
+    """The surfaces are two thirds of a step of 50 / 2^16 apart."""
+    settings = DoubleFrustum(
+        near=1.0, depth=DepthFormat.D16, mapping=DepthMapping.LINEAR, slabs=(50.0,), offset=Offset.NONE
+    )
+    for inside, across in ((-49.99, -49.9996), (50.01, 50.0004)):
+        assert share(inside, 0.0005, settings) > share(inside, math.inf, settings) + 0.1
+        assert share(across, 0.0005, settings) == share(across, math.inf, settings) < 0.6
+
+
+@pytest.mark.parametrize(("depth", "mapping"), EVERY)
+def test_what_linear_depth_cannot_tell_apart_either_is_not_charged(
+    depth: DepthFormat, mapping: DepthMapping
+) -> None:
+    settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
+    assert share(-70.0, 0.0, settings) == pytest.approx(0.0, abs=1e-3)
+    control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    assert share(-70.0, 1e-6, control) == 0.0
+
+
+def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> None:
+    truth = level(-70.0)
+    close, starved = np.full(truth.covered.shape, 1e-3), DoubleFrustum(near=1e-5, depth=DepthFormat.D16)
+    assert depth_wrong_share(Stacks.of(truth, close), FRUSTUM, starved, unlucky=True) == pytest.approx(
+        1.0, abs=1e-6
+    )
+    settings = replace(starved, near=1.0, mapping=DepthMapping.LINEAR)
+    likely, worst = (
+        depth_wrong_share(Stacks.of(truth, close), FRUSTUM, settings, unlucky=u) for u in (False, True)
+    )
+    assert likely > 0.05 and worst == pytest.approx(MAX_ORDER_FACTOR * likely, rel=0.01)
+
+
+@pytest.mark.parametrize("height", [-50.0, 50.0])
+def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: float) -> None:
+    settings = DoubleFrustum(near=1.0, depth=DepthFormat.D16, slabs=(50.0,))
+    assert share(height, math.inf, settings) < 1e-6
+
+
+def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
+    """C clears to far, where hyperbolic depth is dense; C* to near, where nothing that is seen lies."""
+    starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
+    for mapping in (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED):
+        settings = replace(starved, mapping=mapping)
+        assert share(-70.0, math.inf, settings) > 0.999
+        assert share(90.0, math.inf, settings) < 1e-9
+    for mapping in (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR):
+        assert share(-70.0, math.inf, replace(starved, mapping=mapping)) < 1e-9
+    # Half a step from the far value: 1 - d = n (f - w) / (w (f - n)) = 2^-17.
+    far, near = 80.1, 0.1
+    w = far / (1 + 2.0**-17 * (far - near) / near)
+    settings = DoubleFrustum(near=near, depth=DepthFormat.D16)
+    assert share(-(w - near) * 0.999, math.inf, settings) < 1e-3
+    assert share(-(w - near) * 1.001, math.inf, settings) > 0.999
+
+
+def test_only_what_is_drawn_and_judged_counts() -> None:
+    starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
+    truth = level(-70.0)
+    nothing = np.full(truth.covered.shape, np.inf)
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C_STAR)) == 0
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C)) > 0.999
+    assert truth.certainty is not None
+    truth.certainty[:] = 2
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, starved) == 0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        DoubleFrustum(near=0.5),
+        DoubleFrustum(near=0.5, slabs=(7.0, 30.0, 90.0)),
+        DoubleFrustum(near=0.5, slabs=(7.0,), offset=Offset.NONE),
+        DoubleFrustum(near=0.5, slabs=(7.0,), camera=Camera.C_STAR),
+    ],
+)
+def test_slabs_are_those_that_the_reference_traces(settings: DoubleFrustum) -> None:
+    aperture = at(1.0, 2.0)
+    cameras = model_cameras(FRUSTUM, aperture, settings)
+    expected = sorted(
+        (camera.orthoscopic, *sorted(abs(s) for s in camera.pencil.s_range), abs(camera.pencil.center[2]))
+        for camera in cameras
+    )
+    found = sorted(
+        (slab.camera is Camera.C, slab.near, slab.far, slab.step) for slab in slabs(FRUSTUM, settings)
+    )
+    assert found == expected
+    for slab in slabs(FRUSTUM, settings):
+        assert (slab.near, slab.far) == (slab.low + slab.step, slab.high + slab.step)
+
+
+MEASURED = [
+    (1e-4, DepthFormat.D16, DepthMapping.STANDARD),
+    (1e-6, DepthFormat.D16, DepthMapping.REVERSED),
+    (1e-6, DepthFormat.D24, DepthMapping.STANDARD),
+    (1e-6, DepthFormat.D24, DepthMapping.REVERSED),
+    (1e-7, DepthFormat.D32F, DepthMapping.GL),
+]
+
+
+@pytest.mark.parametrize(("near", "depth", "mapping"), MEASURED)
+def test_the_share_on_a_car_is_as_predicted(near: float, depth: DepthFormat, mapping: DepthMapping) -> None:
+    """Shares agree within a factor of two: the mesh's own draw order decides equal depths."""
+    scene = view("car", (256, 256))
+    reference, aperture = Reference(scene), scene.plate.middle
+    truth, gaps = reference.trace(aperture), reference.gaps(aperture)
+    settings = DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping)
+    linear = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    with Rasterizer(scene) as rasterizer:
+        wrong, without = (
+            wrong_surface(truth, rasterizer.render(aperture, one, normals=False, color=False), reference)
+            for one in (settings, linear)
+        )
+    judged = judged_pixels(truth)
+    measured = float((wrong & ~without & judged).sum() / judged.sum())
+    predicted = depth_wrong_share(Stacks.of(truth, gaps), scene.frustum, settings)
+    assert measured > 5e-4
+    assert measured / 2 <= predicted <= measured * 2
+
+
+NEARS = tuple(10.0**-e for e in (1, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7, 8))
+"""Near offsets as fractions of the reach."""
+
+DEPTHS = {
+    "d16": (DepthFormat.D16, DepthMapping.STANDARD),
+    "d24": (DepthFormat.D24, DepthMapping.STANDARD),
+    "d24 reversed": (DepthFormat.D24, DepthMapping.REVERSED),
+    "d32f": (DepthFormat.D32F, DepthMapping.STANDARD),
+    "d32f reversed": (DepthFormat.D32F, DepthMapping.REVERSED),
+}
+
+SNAPPED_SURFACE = 1e-4
+"""Vertices snap to 2^-8 px: of pixels along silhouettes, sqrt(2)/2 2^-8 to either side are in doubt, a share
+of 0.0055 l / W for silhouettes of l image widths. Half of them flip; the car's are about 7 widths long."""
+SNAPPED_TRIANGLE = 1e-3
+"""Share of pixels in which snapping changes the triangle, as above: all visible edges are 40 widths long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    surface: dict[float, float]
+    triangle: dict[float, float]
+
+
+@pytest.fixture(scope="module")
+def curves() -> dict[str, Curve]:
+    scene = view("car", (256, 256))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    found = {name: Curve(surface={}, triangle={}) for name in DEPTHS}
+    with Rasterizer(scene) as raster:
+        for name, (depth, mapping) in DEPTHS.items():
+            for near in NEARS:
+                settings = DoubleFrustum(
+                    near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping
+                )
+                drawn = raster.render(scene.plate.middle, settings, normals=False, color=False)
+                judged = compare_images(truth, drawn, reference).summary()
+                # What belongs outside the film is wrong from half a pixel of displacement on.
+                surface = judged["surface"]
+                inside = surface["wrong"] - surface["outside"]
+                found[name].surface[near] = inside / judged["judged"]
+                found[name].triangle[near] = judged["triangle"]["fraction"]
+    return found
+
+
+def slope(curve: dict[float, float], largest: float, smallest: float) -> float:
+    """Return the power of near by which an error falls, fitted between two nears."""
+    nears = [near for near in curve if smallest * 0.999 <= near <= largest * 1.001]
+    errors = [curve[near] for near in nears]
+    return float(np.polyfit(np.log(nears), np.log(errors), 1)[0])
+
+
+@pytest.mark.parametrize("depth", ["d24", "d24 reversed", "d32f", "d32f reversed"])
+def test_near_plane_error_is_proportional_to_near(curves: dict[str, Curve], depth: str) -> None:
+    curve = curves[depth]
+    assert slope(curve.surface, 1e-2, 1e-4) == pytest.approx(1, abs=0.1)
+    # At 1e-2 half the pixels show another triangle already: the curve levels off above.
+    assert slope(curve.triangle, 1e-3, 1e-5) == pytest.approx(1, abs=0.1)
+
+
+def test_the_falling_branch_does_not_depend_on_the_depth_format(curves: dict[str, Curve]) -> None:
+    for near in (1e-1, 1e-2, 1e-3):
+        values = [curve.surface[near] for curve in curves.values()]
+        assert max(values) < 1.1 * min(values)
+
+
+@pytest.mark.parametrize(("depth", "bottom", "top"), [("d16", 1e-4, 0.5), ("d24", 1e-5, 0.05)])
+def test_fixed_point_depth_rises_again(
+    curves: dict[str, Curve], depth: str, bottom: float, top: float
+) -> None:
+    surface = curves[depth].surface
+    best = min(surface, key=lambda near: surface[near])
+    assert bottom / 4 < best < bottom * 4
+    rising = [surface[near] for near in sorted(surface) if near <= best]
+    assert rising[0] > top
+    assert all(smaller >= larger for smaller, larger in pairwise(rising))
+    # Resolution n 2^b in w: ten times smaller near, about ten times more lost or swapped.
+    if depth == "d24":
+        assert 5 < surface[1e-7] / surface[1e-6] < 20
+
+
+def test_formats_differ_in_where_the_curve_rises(curves: dict[str, Curve]) -> None:
+    """Fewer bits rise sooner; fixed point gains little by reversing, for it has equal steps: only rounding
+    before the last step is better. Float gains nothing unless it is reversed, and then stays flat."""
+    assert curves["d16"].surface[1e-6] > 20 * curves["d24"].surface[1e-6]
+    assert curves["d24 reversed"].surface[1e-8] > 0.05
+    flat = curves["d32f reversed"]
+    for near in (1e-6, 1e-7, 1e-8):
+        assert curves["d32f"].surface[near] == pytest.approx(curves["d24"].surface[near], rel=0.5)
+        assert flat.surface[near] < SNAPPED_SURFACE and flat.triangle[near] < SNAPPED_TRIANGLE
+    assert min(flat.triangle.values()) > 0.5 * flat.triangle[1e-8]
+
+
+NEAR, FAR = 0.1, 1e4
+INFINITE = 1e30
+"""A far plane so distant that the matrix, rounded to float32, is the one of an infinite far plane."""
+SAMPLES, SEED = 10_001, 4177
+HALF_HEIGHT = math.tan(0.65)
+HALF_WIDTH = HALF_HEIGHT * 16 / 9
+
+PUBLISHED = {
+    # mapping, far: equal and swapped pairs in percent, as float32 and as 24 bits
+    (DepthMapping.STANDARD, FAR): ((77.20, 0.01), (77.20, 0.01)),
+    (DepthMapping.STANDARD, INFINITE): ((75.75, 0.01), (75.75, 0.01)),
+    (DepthMapping.REVERSED, FAR): ((0.0, 0.0), (75.77, 0.0)),
+    (DepthMapping.REVERSED, INFINITE): ((0.0, 0.0), (75.78, 0.0)),
+    (DepthMapping.GL, FAR): ((77.34, 0.0), (77.34, 0.0)),
+    (DepthMapping.GL, INFINITE): ((76.63, 0.0), (76.63, 0.0)),
+}
+
+
+def world_from_view() -> Floats:
+    """Return his rotations about x, then y, and his translation, for row vectors."""
+    (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (0.474747, 1.23123123))
+    about_x = np.array([[1, 0, 0, 0], [0, cx, sx, 0], [0, -sx, cx, 0], [0, 0, 0, 1]])
+    about_y = np.array([[cy, 0, -sy, 0], [0, 1, 0, 0], [sy, 0, cy, 0], [0, 0, 0, 1]])
+    moved = np.eye(4)
+    moved[3, :3] = 14.9914, 0.832148, 29.7142128
+    return np.asarray(about_x @ about_y @ moved)
+
+
+def world_points() -> Singles:
+    """Return points at depths in equal steps, scattered over the view, rounded in world coordinates."""
+    depth = np.linspace(NEAR, FAR, SAMPLES)
+    x, y = np.random.default_rng(SEED).uniform(-1, 1, (2, SAMPLES))
+    view = np.stack((x * HALF_WIDTH * depth, y * HALF_HEIGHT * depth, -depth, np.ones(SAMPLES)), axis=1)
+    return np.asarray((view @ world_from_view()).astype(np.float32))
+
+
+def view_from_world() -> Floats:
+    return np.asarray(np.linalg.inv(world_from_view()), dtype=np.float64)
+
+
+def projection(mapping: DepthMapping, far: float) -> Floats:
+    """Return the rasterizer's own projection, for row vectors."""
+    window = FilmWindow(axis=(0.0, 0.0), half_width=HALF_WIDTH, half_height=HALF_HEIGHT)
+    camera = SlabCamera(orthoscopic=True, step=0.0, near=NEAR, far=far, heights=(NEAR, far), scale=1.0)
+    return clip_from_eye(window, camera, MAPPINGS[mapping].ends).T
+
+
+def transformed(points: Singles, matrix: Floats) -> Singles:
+    """Apply a matrix in float32, term after term."""
+    rounded = matrix.astype(np.float32)
+    total = points[:, :1] * rounded[0]
+    for k in range(1, 4):
+        total = total + points[:, k, None] * rounded[k]
+    return np.asarray(total)
+
+
+def stored(clip: Singles, mapping: DepthMapping) -> Singles:
+    """Return depth as OpenGL's viewport makes it, ascending with distance."""
+    depth = clip[:, 2] / clip[:, 3]
+    if mapping is DepthMapping.GL:
+        depth = depth * np.float32(0.5) + np.float32(0.5)
+    return -depth if mapping is DepthMapping.REVERSED else depth
+
+
+def shares(depth: NDArray[np.floating]) -> tuple[float, float]:
+    """Return the percentages of adjacent pairs that are equal, and that are swapped."""
+    steps = np.diff(depth)
+    return 100 * float(np.mean(steps == 0)), 100 * float(np.mean(steps < 0))
+
+
+def in_24_bits(depth: Singles) -> Floats:
+    return np.rint(depth.astype(np.float64) * (2**24 - 1))
+
+
+@pytest.mark.parametrize(("mapping", "far"), PUBLISHED)
+def test_his_table_comes_out(mapping: DepthMapping, far: float) -> None:
+    clip = transformed(transformed(world_points(), view_from_world()), projection(mapping, far))
+    depth = stored(clip, mapping)
+    as_float, as_fixed = PUBLISHED[mapping, far]
+    assert shares(depth) == pytest.approx(as_float, abs=0.1)
+    assert shares(in_24_bits(depth)) == pytest.approx(as_fixed, abs=0.1)
+
+
+@pytest.mark.parametrize("mapping", [DepthMapping.STANDARD, DepthMapping.REVERSED, DepthMapping.GL])
+def test_the_distant_far_plane_is_an_infinite_one(mapping: DepthMapping) -> None:
+    """The limits of the projection's third row: slope e_f, and n (e_n - e_f)."""
+    ends = MAPPINGS[mapping].ends
+    limit = [-ends.far, NEAR * (ends.near - ends.far)]
+    np.testing.assert_allclose(projection(mapping, INFINITE)[2:, 2], limit, atol=1e-30)
+
+
+def test_premultiplied_matrices_keep_the_order() -> None:
+    """With one matrix for view and projection the numbers depend on summation, but not their order."""
+    points = world_points()
+
+    def wrong(mapping: DepthMapping, far: float) -> float:
+        return sum(shares(stored(transformed(points, view_from_world() @ projection(mapping, far)), mapping)))
+
+    hyperbolic = [wrong(mapping, far) for mapping, far in PUBLISHED if mapping is not DepthMapping.REVERSED]
+    reversed_float = [wrong(DepthMapping.REVERSED, far) for far in (FAR, INFINITE)]
+    assert max(reversed_float) < 0.1 * min(hyperbolic)
