@@ -1,7 +1,5 @@
 """How every figure looks: colors that are told apart, axes that can be read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

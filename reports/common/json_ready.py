@@ -1,7 +1,5 @@
 """Values as JSON takes them: one conversion for everything that is written or embedded."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

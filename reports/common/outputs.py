@@ -1,7 +1,5 @@
 """Outputs that are whole or absent: probed before the work, written aside, renamed at the end."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """One look for every progress bar."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What repeats a result: versions and machine, commands to be copied, and what nobody examined."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -1,7 +1,5 @@
 """Records as tables: columns and their types follow from the fields of a dataclass, not from the data."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

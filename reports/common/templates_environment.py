@@ -4,8 +4,6 @@ Every HTML page carries a Content-Security-Policy: the browser runs our own scri
 hashes, and nothing else, whatever text of a scene has found its way into the page; and it loads nothing.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

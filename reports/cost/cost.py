@@ -1,7 +1,5 @@
 """`xfrustum cost`: what accuracy costs in time, of every configuration, on one scene and machine."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import defaultdict

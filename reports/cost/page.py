@@ -1,7 +1,5 @@
 """What `xfrustum cost` shows: the answers first, then the front, then everything."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ Every measured point carries its row number in the sweep as `customdata`, so tha
 pictures of the point that was clicked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

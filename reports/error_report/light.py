@@ -1,7 +1,5 @@
 """What a report says about light beside its rows: effects, the eye vector, and what a rasterizer misses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """One row of a report: a raster image judged against the truth, its pictures, and its columns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

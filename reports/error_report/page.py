@@ -1,7 +1,5 @@
 """The page: one HTML file with its pictures, its plots and plotly.js inside."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from typing import Any

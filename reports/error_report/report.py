@@ -1,7 +1,5 @@
 """`xfrustum report`: writes index.html, report.json and measurements.parquet, all or none."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

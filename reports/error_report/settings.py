@@ -1,7 +1,5 @@
 """What a report sweeps: options, near planes, depth buffers, and camera geometries with their names."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The main job: trace the truth once per aperture, rasterize every setting, compare each."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Tables of records: columns and types follow from the dataclass of the rows, whatever the rows hold."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum

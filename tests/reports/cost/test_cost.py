@@ -1,7 +1,5 @@
 """The cost of accuracy: the front, the answers, and that no other way has less error for less time."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

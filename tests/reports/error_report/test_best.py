@@ -1,7 +1,5 @@
 """A report recommends a window of nears between which no measurement decides, and says so in a sentence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

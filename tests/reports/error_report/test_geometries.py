@@ -1,7 +1,5 @@
 """Camera geometries as settings of a report: lists that multiply the sweep, and both pivots compared."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

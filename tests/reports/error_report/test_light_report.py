@@ -1,7 +1,5 @@
 """The report of a shaded scene: color in rows, pictures and the page, and what light costs and misses."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

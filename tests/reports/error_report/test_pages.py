@@ -1,7 +1,5 @@
 """Every page shows texts as texts, runs our own scripts and no others, and needs nothing else."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

@@ -1,7 +1,5 @@
 """The report: what is swept, what its pages and tables say, and files that are whole or absent."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Reports without causes: the same pictures and numbers, nothing made that causes alone need, and said so."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A small scene, an inspection page of each command, and the OpenEXR files that all values must equal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """In a real browser, the values under the mouse are those of the OpenEXR files, bit for bit."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

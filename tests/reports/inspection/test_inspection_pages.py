@@ -1,7 +1,5 @@
 """Inspection pages hold the channels of the OpenEXR files, bit for bit, in files of bounded size."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
