@@ -5,14 +5,14 @@ blocks            Work in blocks: in this process, by others of this machine, by
 budget            The error of one image link by link, as numbers, text, a page and pictures
 common/           What all reports share: outputs, progress, times, pages, numbers in words
 comparison        Two images from files compared
-cost/             What accuracy costs in time
+cost              What accuracy costs in time
 explain           What a scene calls for, what bounds its errors by depth, and what a viewer sees
 exchange/         The exchange with other programs: plates in layouts of files, and cameras for other
                   renderers
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
 figure7           The paper's figure 7 as a page
-inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
+inspection        Inspection pages: every channel of truth and image at every pixel, and where they differ
 parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
 planning          Which settings to draw with, what they keep, what a viewer notices, and the command
 plate/            Plates drawn into stores, by any number of processes

@@ -1,36 +1,311 @@
-"""`xfrustum report`: writes index.html, report.json and measurements.parquet, all or none."""
+"""The main job: trace the truth once per aperture, rasterize every setting, compare each."""
 
+from __future__ import annotations
+
+import math
 import re
-from dataclasses import dataclass
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
+from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.metrics.error_maps import CONFIDENCE
+from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet
+from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.compare.scout import AutoApertures
-from xfrustum.reference.plain import CERTIFIED
+from xfrustum.reference.alone import AloneNumbers, TracersAlone
+from xfrustum.reference.plain import CERTIFIED, Decision, open_reference
+from xfrustum.reports.common import provenance
 from xfrustum.reports.common.json_ready import json_object, json_ready, write_json
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.provenance import plan_command, raster_command, unexamined_truth
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.error_report.best import Recommendation, best_per_depth, best_per_geometry, sentence
-from xfrustum.reports.error_report.measurement import TableRow
+from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.best import (
+    Measurement,
+    Recommendation,
+    TableRow,
+    best_per_depth,
+    best_per_geometry,
+    best_setting,
+    sentence,
+)
+from xfrustum.reports.error_report.light import LightReport, measure_light
 from xfrustum.reports.error_report.page import render_page
-from xfrustum.reports.error_report.settings import ReportOptions, settings_of
-from xfrustum.reports.error_report.sweep import LEFT_OUT, Sweep, sweep
-from xfrustum.reports.inspection.page import (
+from xfrustum.reports.error_report.settings import ReportOptions, geometries_of, geometry_of, settings_of
+from xfrustum.reports.inspection import (
+    MAX_HOGELS,
     PAGE,
+    InspectedHogel,
     Inspection,
     PlateMap,
+    inspected_drawings,
     replacing_inspection,
     write_inspection,
 )
 from xfrustum.reports.scout import scout_record
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import digits
+from xfrustum.scenes.model.effects import chosen
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene, is_shaded
+from xfrustum.scenes.notebook import counted, digits
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+PAGE_PIXELS = 120_000_000
+"""Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
+All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page stays under
+30 MB."""
+
+LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
+"""Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
+what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is kept of the truth of an aperture: its picture, and what each ray tracer alone would get wrong.
+
+    `alone` is None where a tracer alone made the truth; `marks` are encoded pictures of the pixels by the
+    tracer's name, and as `truth` of all surfaces, empty where no pixel would be wrong.
+    """
+
+    picture: bytes
+    alone: AloneNumbers | None
+    marks: Mapping[str, bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Everything measured on a scene, as options ask for it."""
+
+    scene: Scene
+    options: ReportOptions
+    apertures: tuple[Aperture, ...]
+    #: One for each aperture and setting: all settings of the first aperture first.
+    rows: tuple[Measurement, ...]
+    truths: tuple[Truth, ...]
+    decided_by: str  #: what decided the truths; see `reference.plain.DECISIONS`
+    reduction: int  #: image pixels per picture pixel, along each side
+    versions: Mapping[str, str]
+    devices: Mapping[str, str]
+    #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
+    #: `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and of a
+    #: shaded scene `light`. Stages run at the same time: the sum exceeds `wall_s`.
+    times_s: Mapping[str, float]
+    wall_s: float
+    #: Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
+    inspected: tuple[InspectedHogel, ...]
+    light: LightReport | None
+
+    @cached_property
+    def best(self) -> Recommendation:
+        """The recommended setting."""
+        return best_setting(self.rows)
+
+    @cached_property
+    def geometries(self) -> tuple[DoubleFrustum, ...]:
+        """Camera geometries of all settings, each once."""
+        return geometries_of(row.settings for row in self.rows)
+
+    @property
+    def auto(self) -> AutoApertures | None:
+        """The scout from which the apertures were chosen; None where they were given."""
+        given = self.options.apertures
+        return given if isinstance(given, AutoApertures) else None
+
+    def numbered(self, aperture: Aperture, geometry: DoubleFrustum) -> list[tuple[int, Measurement]]:
+        """Return the rows of an aperture and a geometry, with their numbers."""
+        return [
+            (number, row)
+            for number, row in enumerate(self.rows)
+            if row.aperture == aperture and geometry_of(row.settings) == geometry
+        ]
+
+    @property
+    def coverage_sentence(self) -> str:
+        """What the hogels leave out of the plate, and the command that asks; empty where they are all."""
+        columns, rows = self.scene.plate.hogels
+        measured = len(self.apertures)
+        if measured >= columns * rows:
+            return ""
+        return (
+            f"Measured at {measured:,} of {columns * rows:,} hogels, and others may need other settings: "
+            f"{provenance.plan_command(self.scene)} says what holds for the whole plate."
+        )
+
+    @property
+    def left_out_sentence(self) -> str:
+        """What the sweep was asked to leave out, in words; empty where that is nothing."""
+        if self.options.causes:
+            return ""
+        return (
+            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels are "
+            "counted and shown, and not explained."
+        )
+
+    @property
+    def cost_sentence(self) -> str:
+        """What measuring took, in words."""
+        truths = counted(len(self.truths), "certified truth")
+        if self.decided_by != CERTIFIED:
+            truths = f"{counted(len(self.truths), 'picture')} by {self.decided_by} alone"
+        frames = counted(len(self.rows), "raster frame")
+        return (
+            f"Measured in {self.wall_s:.2f} s of wall time, in which stages ran side by side: {frames} with "
+            f"read-back {self.times_s['raster']:.2f} s, {truths} {self.times_s['trace']:.2f} s, the page's "
+            f"pictures {self.times_s['pictures']:.2f} s."
+        )
+
+
+def sweep(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    options: ReportOptions | None = None,
+) -> Sweep:
+    """Measure every setting at every aperture, at least one each; options say how.
+
+    Only numbers and encoded pictures are kept, so memory does not grow with the float images.
+
+    Raises
+    ------
+    InputError
+        No usable OpenGL context, or an unknown tracer.
+    """
+    options, begun = options or ReportOptions(), time.perf_counter()
+    # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
+    effects = None if options.effects == "auto" else chosen(scene, options.effects)
+    decision = Decision(by=options.decided_by, tracer=options.tracer)
+    width, height = scene.frustum.resolution
+    pixels = width * height * len(apertures) * len(settings)
+    reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
+    with Judge(scene, reference=open_reference(scene, decision, effects), effects=effects) as judge:
+        seconds = defaultdict(float, prepare=time.perf_counter() - begun)
+        found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
+        rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
+        # The hogels where the best setting is worst are drawn anew with it, to be inspected.
+        since, best = time.perf_counter(), best_setting(rows).settings
+        worst = sorted((one for one in rows if one.settings == best), key=lambda one: -one.surface_fraction)
+        shown = [row.aperture for row in worst[:MAX_HOGELS]]
+        inspected = tuple(inspected_drawings(judge, shown, best, causes=options.causes))
+        seconds["inspection"] = time.perf_counter() - since
+        opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
+    since = time.perf_counter()
+    light = measure_light(scene, apertures, settings, effects=options.effects, progress=options.progress)
+    if light is not None:
+        seconds["light"] = time.perf_counter() - since
+    return Sweep(
+        scene=scene,
+        options=options,
+        apertures=tuple(apertures),
+        rows=rows,
+        truths=tuple(truths[aperture] for aperture in apertures),
+        decided_by=judge.reference.decided_by,
+        reduction=reduction,
+        versions={**provenance.versions(), **judge.reference.versions},
+        devices={**provenance.machine(), **opengl},
+        times_s=seconds,
+        wall_s=time.perf_counter() - begun,
+        inspected=inspected,
+        light=light,
+    )
+
+
+def _measure(
+    judge: Judge,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    options: ReportOptions,
+    reduction: int,
+    seconds: dict[str, float],
+) -> tuple[dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth]]:
+    """Draw and judge every setting at every aperture; add up the seconds of each stage."""
+    scene, rows, truths = judge.scene, {}, {}
+    tracers = TracersAlone(scene) if judge.reference.decided_by == CERTIFIED else None
+    shaded = is_shaded(scene)
+    # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
+    wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
+    total, finish = len(apertures) * (1 + len(settings)), partial(_finish, scene, reduction)
+    with (
+        progress_bar(total, "report", "image", shown=options.progress) as bar,
+        closing(judge.frames(apertures, settings, wanted, finish)) as frames,
+    ):
+        for row, truth, pictures_s in frames:
+            aperture, at = row.aperture, f"aperture {row.aperture.column},{row.aperture.row}"
+            rows[aperture, row.settings] = row
+            stages = {**asdict(row.times_s), "pictures": pictures_s, "alone": 0.0}
+            if aperture in truths:
+                stages["trace"] = 0.0  # all frames of an aperture have the time of its truth
+            else:
+                since = time.perf_counter()
+                picture = images.picture(truth, reduction)
+                drawn = time.perf_counter()
+                stages["pictures"] += drawn - since
+                found = tracers.find(truth) if tracers else None
+                marks = images.alone_pictures(truth, found.wrong, reduction) if found else {}
+                truths[aperture] = Truth(picture=picture, alone=found.numbers if found else None, marks=marks)
+                stages["alone"] = time.perf_counter() - drawn
+                bar.set_postfix_str(f"{at}: truth", refresh=False)
+                bar.update()
+            for stage, taken in stages.items():
+                seconds[stage] += taken
+            bar.set_postfix_str(f"{at}: near {row.settings.near:.3g}", refresh=False)
+            bar.update()
+    return rows, truths
+
+
+def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measurement, HogelImage, float]:
+    """Return the row of a frame, its truth, and the seconds that its pictures took to encode.
+
+    The thread that has judged the frame encodes them.
+    """
+    begun, reach, budget = time.perf_counter(), scene.frustum.longest_reach, frame.budget
+    comparison = frame.comparison
+    charge = None if budget is None else _charges(budget)
+    scale = reach, images.height_range(scene, reach)
+    wrong = {}
+    if comparison.errors.surface is not None:
+        wrong["surface"] = PixelSet.of(comparison.errors.surface)
+    if comparison.colors is not None:
+        with np.errstate(invalid="ignore"):
+            wrong["radiance"] = PixelSet.of(np.abs(comparison.colors.error).max(axis=-1) > STEP)
+    row = Measurement(
+        aperture=frame.aperture,
+        settings=frame.settings,
+        comparison=comparison.numbers,
+        causes=() if budget is None else budget.causes,
+        unexplained=None if budget is None else budget.explanation.counts()["unexplained"],
+        shear=None if budget is None else budget.start.shear,
+        predicted=frame.prediction,
+        times_s=frame.times,
+        gpu_s=frame.gpu_s,
+        wrong=wrong,
+        pictures=images.setting_pictures(comparison, charge, scale, reduction),
+    )
+    return row, frame.truth, time.perf_counter() - begun
+
+
+def _charges(budget: Budget) -> NDArray[np.int8]:
+    """Return the place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all."""
+    places = np.array([list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
+    wrong = budget.surface_charge >= 0
+    charge = budget.surface_charge.copy()
+    charge[wrong] = places[charge[wrong]]
+    charge[budget.explanation.unexplained & wrong] = len(images.CAUSE_COLORS)
+    return charge
+
 
 FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
 """Names of the files that a report writes; what is too large for its inspection page has files of its own."""

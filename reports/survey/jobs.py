@@ -14,7 +14,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, device_index
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
-from xfrustum.reports.inspection.channels import DRAWN, InspectedHogel, inspected_frame
+from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
 from xfrustum.reports.verification.sources import ForeignRenderer

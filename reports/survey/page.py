@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.reports import inspection
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.inspection import page as inspection
-from xfrustum.reports.inspection.page import PlateMap
+from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel

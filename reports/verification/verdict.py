@@ -28,13 +28,12 @@ from xfrustum.compare.judging.judged import (
     MeasuredBy,
     SurfaceFigures,
 )
+from xfrustum.reports import inspection
 from xfrustum.reports.common.json_ready import json_object, json_ready
 from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.inspection import page as inspection
-from xfrustum.reports.inspection.channels import InspectedHogel, inspected_figures
-from xfrustum.reports.inspection.page import PlateMap
+from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real

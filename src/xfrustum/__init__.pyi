@@ -11,8 +11,8 @@ from .raster import Rasterizer as Rasterizer
 from .reference import Reference as Reference
 from .reports.budget import BudgetReport as BudgetReport
 from .reports.budget import budget as budget
-from .reports.cost.cost import CostReport as CostReport
-from .reports.cost.cost import cost as cost
+from .reports.cost import CostReport as CostReport
+from .reports.cost import cost as cost
 from .reports.error_report.report import ReportFiles as ReportFiles
 from .reports.error_report.report import make_report as make_report
 from .reports.error_report.settings import ReportOptions as ReportOptions

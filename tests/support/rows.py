@@ -9,7 +9,7 @@ from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.run import StageTimes
-from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.best import Measurement
 from xfrustum.scenes import Aperture, DoubleFrustum
 
 MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)

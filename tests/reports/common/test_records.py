@@ -16,7 +16,7 @@ from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
-from xfrustum.reports.error_report.measurement import TableRow
+from xfrustum.reports.error_report.best import TableRow
 from xfrustum.scenes import DoubleFrustum
 
 

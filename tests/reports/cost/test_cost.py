@@ -16,15 +16,15 @@ from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
+from xfrustum.reports import cost as cost_module
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
-from xfrustum.reports.cost import cost as cost_module
-from xfrustum.reports.cost.page import trade_off_figure
-from xfrustum.reports.cost.trade_off import (
+from xfrustum.reports.cost import (
     Option,
     answers,
     pareto,
     rank,
+    trade_off_figure,
 )
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
 from xfrustum.scenes.model.hogel_image import Certainty

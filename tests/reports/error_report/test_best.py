@@ -13,6 +13,7 @@ from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet, Spread, is
 from xfrustum.reports.error_report.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,
+    Measurement,
     best_per_depth,
     best_setting,
     cause_sentences,
@@ -20,8 +21,7 @@ from xfrustum.reports.error_report.best import (
     pixels,
     sentence,
 )
-from xfrustum.reports.error_report.figures import cause_figure
-from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.page import cause_figure
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.plate.double_frustum import Pivot

@@ -10,9 +10,15 @@ import pytest
 
 from tests.reports.inspection.conftest import Channels, Inspected
 from xfrustum import open_scene
-from xfrustum.reports.inspection import page as inspection_page
-from xfrustum.reports.inspection.channels import InspectedHogel
-from xfrustum.reports.inspection.page import PAGE, Inspection, PlateMap, read_inspection, write_inspection
+from xfrustum.reports import inspection as inspection_page
+from xfrustum.reports.inspection import (
+    PAGE,
+    InspectedHogel,
+    Inspection,
+    PlateMap,
+    read_inspection,
+    write_inspection,
+)
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, the extra `browser`")
 

@@ -9,12 +9,12 @@ import pytest
 
 from tests.reports.inspection.conftest import Inspected
 from xfrustum import open_scene
+from xfrustum.reports import inspection as inspection_page
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.inspection import page as inspection_page
-from xfrustum.reports.inspection.channels import InspectedHogel
-from xfrustum.reports.inspection.page import (
+from xfrustum.reports.inspection import (
     MAX_MAP_CELLS,
     PAGE,
+    InspectedHogel,
     Inspection,
     PlateMap,
     read_inspection,

@@ -5,10 +5,9 @@ from functools import cache
 import pytest
 
 from tests.support.views import view
-from xfrustum.reports.error_report.best import best_setting
-from xfrustum.reports.error_report.measurement import Measurement
+from xfrustum.reports.error_report.best import Measurement, best_setting
+from xfrustum.reports.error_report.report import sweep
 from xfrustum.reports.error_report.settings import DEFAULT_DEPTHS, ReportOptions, default_nears, settings_of
-from xfrustum.reports.error_report.sweep import sweep
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.geometry.operations import refine
 

@@ -195,12 +195,11 @@ def cost(asked: _Cost) -> None:
     several apertures, the worst of which counts.
     """
     opened = options.open_scene(asked.scene)
-    from xfrustum.reports.cost import page
-    from xfrustum.reports.cost.cost import measure_cost
+    from xfrustum.reports.cost import FILES, cost_table, measure_cost, write_cost
 
-    options.check_out(asked.out, page.FILES)
+    options.check_out(asked.out, FILES)
     chosen = asked.chosen(opened)
     measured = measure_cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
     if asked.out is not None:
-        page.write_cost(measured, asked.out)
-    asked.tell(measured.summary, lambda: page.table(measured))
+        write_cost(measured, asked.out)
+    asked.tell(measured.summary, lambda: cost_table(measured))

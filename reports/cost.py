@@ -1,16 +1,19 @@
 """`xfrustum cost`: what accuracy costs in time, of every configuration, on one scene and machine."""
 
+from __future__ import annotations
+
 import math
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.beyond import displacement_p99
+from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.run import images_under_way, in_order
@@ -19,20 +22,23 @@ from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.figure_style import INK, Figure, look, styled
+from xfrustum.reports.common.json_ready import json_ready, write_json
+from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Timing
-from xfrustum.reports.cost.trade_off import FastestWithin, Option, answers, pareto
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, pixels, where_it_lies
 from xfrustum.reports.scout import choices
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, Table, digits, percent
+from xfrustum.scenes.notebook import Shown, Table, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 REPEAT = 5
 """Measured pictures of each configuration unless told otherwise: the fewest by which times are told apart."""
@@ -334,3 +340,274 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_W
         configuration={"certified": True},
         make=partial(tracers["embree"].trace, aperture),
     )
+
+
+STRICTER_FRACTION = 0.2
+"""Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
+
+MAX_NAMED_OPTIONS = 3
+"""Largest number of options that a sentence names one by one; more are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """One way to make a picture: its error and its time."""
+
+    renderer: str
+    label: str
+    family: str  #: group of options that it belongs to: a depth buffer, or whatever else was varied
+    configuration: Mapping[str, Any]
+    displacement_p99_px: float
+    surface_fraction: float  #: share of judged pixels with the wrong surface
+    #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
+    #: read back: None for a tracer, which does neither.
+    time_s: Timing
+    gpu_s: Timing | None = None
+    read_s: Timing | None = None
+
+    def beats(self, other: Option) -> bool:
+        """Whether this option is in nothing worse than another, and in something better.
+
+        Its time is no worse where its median is not beyond the other's interval, and better where the two
+        times are told apart.
+        """
+        mine, others = ((one.displacement_p99_px, one.surface_fraction) for one in (self, other))
+        if self.time_s.median > other.time_s.interval[1] or mine[0] > others[0] or mine[1] > others[1]:
+            return False
+        return mine != others or self.time_s.told_below(other.time_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FastestWithin:
+    """The options within a tolerance than which no other option is told to be faster.
+
+    `fastest` are those whose timing intervals overlap with that of the least median, which comes first; all
+    options within the tolerance where nothing was repeated often enough to rank it (`ranked` is false), and
+    none where nothing keeps it.
+    """
+
+    tolerance_px: float
+    fastest: tuple[Option, ...]
+    ranked: bool
+    sentence: str = ""  #: the answer in words
+
+    @property
+    def option(self) -> Option | None:
+        """The fastest option with the least displacement, then the fewest wrong surfaces."""
+
+        def error(one: Option) -> tuple[float, ...]:
+            moved = max(one.displacement_p99_px, DISPLACEMENT_TIE_PX)
+            return moved, one.surface_fraction, one.time_s.median
+
+        return min(self.fastest, key=error, default=None)
+
+
+def pareto(options: Sequence[Option]) -> list[bool]:
+    """Return which options no other one beats in time, displacement and wrong surfaces together."""
+    return [not any(other.beats(option) for other in options) for option in options]
+
+
+def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
+    """Return the fastest options within a tolerance, ties included; without a sentence."""
+    ascending = sorted(options, key=lambda one: one.time_s.median)
+    allowed = tuple(
+        one for one in ascending if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
+    )
+    repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
+    if len(allowed) < 2 or not repeated:
+        return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
+    tied = tuple(one for one in repeated if not repeated[0].time_s.told_below(one.time_s))
+    return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
+
+
+# In words ------------------------------------------------------------------------------------------------
+
+
+def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
+    """Return what a tolerance costs, and what a fifth of it would cost, in words."""
+    loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))
+    return replace(loose, sentence=_fastest(loose)), replace(strict, sentence=_stricter(loose, strict))
+
+
+def _fastest(ranking: FastestWithin) -> str:
+    under, count = f"under {digits(ranking.tolerance_px)} px", len(ranking.fastest)
+    if not count:
+        return f"Nothing that was measured stays {under} with at most {percent(MAX_WRONG)} of wrong surfaces."
+    if count == 1:
+        return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
+    if ranking.ranked:
+        return f"The fastest way to stay {under} is one of these {count}, {_tie(ranking)}"
+    return (
+        f"{count} ways stay {under}, {_milliseconds(ranking)} a picture; they are not ranked by time, which "
+        f"takes {FEWEST_REPETITIONS} repetitions. {_least(ranking)}"
+    )
+
+
+def _stricter(loose: FastestWithin, strict: FastestWithin) -> str:
+    if not (loose.ranked and strict.ranked):
+        return _fastest(strict)
+    asked, count = f"{digits(strict.tolerance_px)} px would cost", len(strict.fastest)
+    one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
+    cost = "nothing more that can be told"
+    if one.told_below(other):
+        low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
+        cost = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
+    elif loose.fastest == strict.fastest:
+        same = "configuration keeps" if count == 1 else f"{count} configurations keep"
+        return f"{asked} nothing more: the same {same} it."
+    if count > 1:
+        return f"{asked} {cost}: one of these {count} keeps it fastest, {_tie(strict)}"
+    said = f"{asked} {cost}: {_described(strict.fastest[0])}."
+    return said if one.told_below(other) else f"{said} {_least(strict)}"
+
+
+def _tie(ranking: FastestWithin) -> str:
+    """Say of several options how long they take, which they are, and which one is to be taken."""
+    fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
+    repetitions = f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
+    named = "; ".join(option.label for option in ranking.fastest)
+    if len(ranking.fastest) > MAX_NAMED_OPTIONS:
+        families = Counter(option.family for option in ranking.fastest)
+        named = ", ".join(f"{count} of {family}" for family, count in families.items())
+    times = f"{_milliseconds(ranking)} a picture"
+    return f"{times}, which {repetitions} do not tell apart: {named}. {_least(ranking)}"
+
+
+def _least(ranking: FastestWithin) -> str:
+    assert ranking.option is not None, "there are several options"
+    return f"The least error among them is that of {_described(ranking.option)}."
+
+
+def _described(option: Option) -> str:
+    """Write an option with its time and the interval of its median, and its error."""
+    low, high = option.time_s.interval
+    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if option.time_s.repetitions > 1 else ", taken once,"
+    return (
+        f"{option.label}, {1000 * option.time_s.median:.3g} ms{spread} a picture; "
+        f"{where_it_lies(option.displacement_p99_px)}, "
+        f"and {percent(option.surface_fraction)} of the judged pixels show the wrong surface"
+    )
+
+
+def _milliseconds(ranking: FastestWithin) -> str:
+    """Write the least and the largest median of the fastest options."""
+    medians = [1000 * one.time_s.median for one in ranking.fastest]
+    low, high = f"{min(medians):.3g}", f"{max(medians):.3g}"
+    return f"{low} ms" if low == high else f"{low} to {high} ms"
+
+
+FILES = PAGE, DATA = "index.html", "cost.json"
+
+SMALLEST_DRAWN_PX = 1e-4
+"""Displacement at which all smaller ones are drawn: 32-bit positions cannot tell them apart, and a
+logarithmic axis has no zero."""
+
+
+def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
+    """Return options by time, and whether they are on the front."""
+    pairs = zip(options, pareto(options), strict=True)
+    return sorted(pairs, key=lambda pair: pair[0].time_s.median)
+
+
+def cost_table(measured: CostReport) -> str:
+    """Return the answers, then every option on the front as aligned lines."""
+    rows: list[tuple[str, ...]] = [("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")]
+    for one, best in _ascending(measured.options):
+        if best:
+            times = (f"{1e3 * value:.2f}" for value in (one.time_s.median, *one.time_s.interval))
+            rows.append((one.label, *times, f"{one.displacement_p99_px:.3g}", f"{one.surface_fraction:.3g}"))
+    return "\n".join([*(answer.sentence for answer in measured.answers), "", aligned(rows)])
+
+
+def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
+    """Write index.html and cost.json to a folder, all or nothing; InputError where that cannot be."""
+    values = {
+        "cost": measured,
+        "confidence": CONFIDENCE,
+        "rows": _ascending(measured.options),
+        "figure": trade_off_figure(measured.options, measured.tolerance_px),
+    }
+    filters = {"digits": digits, "percent": percent, "pixels": pixels}
+    with Staging(out, FILES) as staging:
+        write_json(staging.folder / DATA, measured.summary())
+        page = html_page("cost.html.j2", filters, values)
+        (staging.folder / PAGE).write_text(page, encoding="utf-8")
+        return staging.commit()
+
+
+def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
+    """Draw the displacement of every option against its time; options on the front are filled.
+
+    More options are on the front of displacement, time and wrong surfaces than the line goes through: a
+    picture with many wrong surfaces may be fast and displaced little.
+    """
+    drawn = [
+        replace(one, displacement_p99_px=max(one.displacement_p99_px, SMALLEST_DRAWN_PX)) for one in options
+    ]
+    front, data = pareto(options), list[Figure]()
+    for place, family in enumerate(dict.fromkeys(option.family for option in options)):
+        mine = [(one, best) for one, best in zip(drawn, front, strict=True) if one.family == family]
+        color, symbol = look(place)
+        times = [one.time_s for one, _ in mine]
+        # Bars from the lowest to the highest repetition.
+        bars = {
+            "array": [1000 * (one.highest - one.median) for one in times],
+            "arrayminus": [1000 * (one.median - one.lowest) for one in times],
+        }
+        symbols = [symbol + ("" if best else "-open") for _, best in mine]
+        data.append(
+            {
+                "x": [1000 * one.median for one in times],
+                "y": [one.displacement_p99_px for one, _ in mine],
+                "error_x": {"type": "data", "symmetric": False, **bars, "thickness": 0.8, "width": 0},
+                "name": family,
+                "mode": "markers",
+                "marker": {
+                    "symbol": symbols,
+                    "size": [12 if best else 8 for _, best in mine],
+                    "color": color,
+                },
+                "text": [f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
+                "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
+            }
+        )
+    # The options with few wrong surfaces that none beats in time and displacement, the fastest first.
+    # Displacements that are drawn at one height are equal.
+    planar = [replace(one, surface_fraction=0.0) for one in drawn if one.surface_fraction <= MAX_WRONG]
+    line = [one for one, best in _ascending(planar) if best]
+    data.append(
+        {
+            "x": [1000 * one.time_s.median for one in line],
+            "y": [one.displacement_p99_px for one in line],
+            "name": f"front, at most {percent(MAX_WRONG)} wrong surfaces",
+            "mode": "lines",
+            "line": {"color": INK, "width": 1.5, "shape": "hv"},
+            "hoverinfo": "skip",
+        }
+    )
+    # The two lines are less than a decade apart: one label stands above its line, one below.
+    limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
+    across = {
+        "type": "line",
+        "xref": "x domain",
+        "x0": 0,
+        "x1": 1,
+        "line": {"color": INK, "dash": "dot", "width": 1},
+    }
+    at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
+    # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
+    ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]
+    labels = {"tickvals": ticks, "ticktext": [f"{value:g}" for value in ticks]}
+    decades = {"type": "log", "exponentformat": "power", "dtick": 1}
+    layout = {
+        "height": 520,
+        "xaxis": {"title": "time of a picture with read-back, ms", "type": "log", **labels},
+        "yaxis": {"title": "99th percentile of displacement, px", **decades},
+        # Shapes on a logarithmic axis take values, annotations their logarithms.
+        "shapes": [{**across, "y0": limit, "y1": limit} for limit in limits.values()],
+        "annotations": [
+            {"text": f"{limit:g} px", "y": math.log10(limit), "yanchor": anchor, **at_end}
+            for anchor, limit in limits.items()
+        ],
+    }
+    return styled(data, layout)
