@@ -1,5 +1,7 @@
 """One look for every progress bar."""
 
+from __future__ import annotations
+
 import sys
 from typing import Any
 

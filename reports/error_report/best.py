@@ -1,4 +1,4 @@
-"""One row of a report: a raster image judged against the truth, its pictures, and its columns."""
+"""One row of a report, and the recommendation: which depth buffer and near planes are best, in words."""
 
 from __future__ import annotations
 
@@ -219,29 +219,6 @@ class Recommendation:
     displaced_aperture: Aperture
 
 
-class _Candidate:
-    """One setting at all apertures."""
-
-    def __init__(self, rows: Sequence[Measurement]) -> None:
-        self.settings, self.rows = rows[0].settings, rows
-        self.displacement_p99_px = max(row.displacement_p99_px for row in rows)
-
-    def worst(self, kind: str) -> tuple[float, Aperture]:
-        """Return the largest share of pixels that are wrong in one sense, and its aperture."""
-        row = max(self.rows, key=lambda row: row.wrong_share(kind))
-        return row.wrong_share(kind), row.aperture
-
-    def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
-        """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
-        share, place = self.worst(kind)
-        if share <= other.worst(kind)[0] + SURFACE_TIE_FRACTION:
-            return False
-        here, there = (next(row for row in one.rows if row.aperture == place) for one in (self, other))
-        both = kind in here.wrong and kind in there.wrong
-        shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
-        return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
-
-
 def _grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[Row]]:
     """Return rows in groups of equal keys, in the order in which the keys come first."""
     found: dict[Hashable, list[Row]] = {}
@@ -250,8 +227,24 @@ def _grouped(rows: Iterable[Row], key: Callable[[Row], Hashable]) -> list[list[R
     return list(found.values())
 
 
-def _candidates(rows: Sequence[Measurement]) -> list[_Candidate]:
-    return [_Candidate(group) for group in _grouped(rows, lambda row: row.settings)]
+def _worst(rows: Sequence[Measurement], kind: str) -> Measurement:
+    """Return the row of a setting at the aperture with most pixels that are wrong in one sense."""
+    return max(rows, key=lambda row: row.wrong_share(kind))
+
+
+def _is_worse(one: Sequence[Measurement], other: Sequence[Measurement], kind: str, comparisons: int) -> bool:
+    """Return whether a setting is worse at its worst aperture: by more than a tie, and beyond chance."""
+    here = _worst(one, kind)
+    if here.wrong_share(kind) <= _worst(other, kind).wrong_share(kind) + SURFACE_TIE_FRACTION:
+        return False
+    there = next(row for row in other if row.aperture == here.aperture)
+    both = kind in here.wrong and kind in there.wrong
+    shared = here.wrong[kind].shared_with(there.wrong[kind]) if both else 0
+    return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
+
+
+def _displaced(rows: Sequence[Measurement]) -> float:
+    return max(row.displacement_p99_px for row in rows)
 
 
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
@@ -263,14 +256,13 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
     `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.error_maps`). The worst aperture counts.
     """
-    candidates = _candidates(rows)
+    candidates = _grouped(rows, lambda row: row.settings)
     comparisons = max(len(candidates) - 1, 1)
     for kind in ("surface", "radiance"):
-        least = min(candidates, key=lambda one: one.worst(kind)[0])
-        candidates = [one for one in candidates if not one.is_worse_than(least, kind, comparisons)]
-    least_px = min(one.displacement_p99_px for one in candidates)
-    limit = max(least_px + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
-    return {one.settings for one in candidates if one.displacement_p99_px <= limit}
+        least = min(candidates, key=lambda one: _worst(one, kind).wrong_share(kind))
+        candidates = [one for one in candidates if not _is_worse(one, least, kind, comparisons)]
+    limit = max(min(map(_displaced, candidates)) + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
+    return {one[0].settings for one in candidates if _displaced(one) <= limit}
 
 
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
@@ -282,29 +274,25 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     both from nears so large that they bend the picture and from nears so small that they starve it of depth;
     of two middles the larger near is taken.
     """
-    good = equally_good(rows)
-    windows: list[tuple[Window, list[_Candidate]]] = []
-    for line in _grouped(_candidates(rows), lambda one: replace(one.settings, near=1.0)):
-        ascending = sorted(line, key=lambda one: one.settings.near)
-        for is_good, neighbors in groupby(ascending, key=lambda one: one.settings in good):
+    good, windows = equally_good(rows), []
+    for line in _grouped(dict.fromkeys(row.settings for row in rows), lambda one: replace(one, near=1.0)):
+        for is_good, run in groupby(sorted(line, key=lambda one: one.near), key=good.__contains__):
             if is_good:
-                run = list(neighbors)
-                low, high = run[0].settings.near, run[-1].settings.near
-                windows.append((Window(low=low, high=high, nears=len(run)), run))
-    window, run = max(windows, key=lambda one: (one[0].high / one[0].low, one[0].high))
+                nears = [one.near for one in run]
+                windows.append((Window(low=nears[0], high=nears[-1], nears=len(nears)), nears, line[0]))
+    window, nears, cameras = max(windows, key=lambda one: (one[0].high / one[0].low, one[0].high))
     middle = (window.low * window.high) ** 0.5
     # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
-    chosen = min(
-        reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
-    )
-    shaded = all("radiance" in row.wrong for row in chosen.rows)
-    worst = max(chosen.rows, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
-    moved = max(chosen.rows, key=lambda row: (row.displacement_p99_px, row is worst))
+    near = min(reversed(nears), key=lambda near: round(max(near / middle, middle / near), 12))
+    chosen = [row for row in rows if row.settings == replace(cameras, near=near)]
+    shaded = all("radiance" in row.wrong for row in chosen)
+    worst = max(chosen, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
+    moved = max(chosen, key=lambda row: (row.displacement_p99_px, row is worst))
     return Recommendation(
-        settings=chosen.settings,
+        settings=worst.settings,
         surface_fraction=worst.surface_fraction,
-        displacement_p99_px=chosen.displacement_p99_px,
-        radiance_fraction=chosen.worst("radiance")[0] if shaded else None,
+        displacement_p99_px=moved.displacement_p99_px,
+        radiance_fraction=_worst(chosen, "radiance").wrong_share("radiance") if shaded else None,
         window=window,
         aperture=worst.aperture,
         displaced_aperture=moved.aperture,
@@ -359,14 +347,19 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentere
     colors = ""
     if best.radiance_fraction is not None:
         colors = f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
-    elsewhere = ""
+    elsewhere = gap = ""
+    if best.settings.offset is Offset.NONE:
+        gap = (
+            " The cameras stay in the aperture and clip all that is closer than near: a gap of "
+            f"{near} {units} on each side of the plate."
+        )
     if best.displaced_aperture != best.aperture and best.displacement_p99_px > DISPLACEMENT_TIE_PX:
         elsewhere = f" (the worst at {best.displaced_aperture.column},{best.displaced_aperture.row})"
     return (
         f"{where} {_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
         f"{equally if nears > 1 else '. '}{_wrong(best, rows)}, {colors}"
-        f"and {where_it_lies(best.displacement_p99_px)}{elsewhere}.{gap(best, units)}"
+        f"and {where_it_lies(best.displacement_p99_px)}{elsewhere}.{gap}"
     )
 
 
@@ -398,16 +391,6 @@ def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
     if best.surface_fraction <= SURFACE_TIE_FRACTION or most is None or 2 * most.surface <= wrong:
         return said
     return f"{said}, most of them by {worst.cause_words(most.name)}"
-
-
-def gap(best: Recommendation, units: str) -> str:
-    """Say what cameras that stay in the aperture leave out; nothing of cameras that step back."""
-    if best.settings.offset is Offset.PLATE:
-        return ""
-    return (
-        " The cameras stay in the aperture and clip all that is closer than near: a gap of "
-        f"{digits(best.settings.near)} {units} on each side of the plate."
-    )
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:

@@ -1,14 +1,14 @@
-"""The figures of a report: errors, causes and camera geometries against near, with closed forms, dashed.
+"""The page: one HTML file with its pictures, its figures and plotly.js inside.
 
-Every measured point carries its row number in the sweep as `customdata`, so that the page can show the
-pictures of the point that was clicked.
+Every measured point of a figure carries its row number in the sweep as `customdata`, so that the page can
+show the pictures of the point that was clicked.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.comparison import Share
@@ -21,7 +21,6 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import best, images
 from xfrustum.reports.error_report.best import Measurement
 from xfrustum.reports.error_report.images import CAUSE_COLORS
-from xfrustum.reports.error_report.report import Sweep
 from xfrustum.reports.error_report.settings import geometry_names, geometry_of
 from xfrustum.reports.inspection import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.drawing import scene_fit
@@ -33,6 +32,9 @@ from xfrustum.scenes.plate.plate import Aperture
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
 """Rows of one aperture and one camera geometry, with their numbers in the sweep."""
+
+if TYPE_CHECKING:
+    from xfrustum.reports.error_report.report import Sweep
 
 PANEL_PIXELS = 170
 """Height of the panel of causes of one depth buffer on the page."""
@@ -194,12 +196,8 @@ def _log_figure(lines: list[Figure], title: str, axis: Mapping[str, Any] | None 
     return styled(lines, {**layout, "yaxis": {**log_axis(_heights(lines)), **(axis or {})}})
 
 
-def is_blank(figure: Figure) -> bool:
-    """Return whether a figure with a logarithmic axis shows no point at all."""
-    return not _heights(figure["data"])
-
-
 def _heights(lines: Sequence[Figure]) -> list[float]:
+    """Return the heights that a logarithmic axis shows."""
     return [y for line in lines for y in line["y"] if y is not None and y > 0]
 
 
@@ -277,8 +275,11 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
 
     `sentence` and `command` are the recommendation in words, and the command that draws with it.
     """
-    scene, reach = sweep.scene, sweep.scene.frustum.longest_reach
-    names, shears = geometry_names(sweep.geometries), _shears(sweep)
+    scene, reach, names = sweep.scene, sweep.scene.frustum.longest_reach, geometry_names(sweep.geometries)
+    # The shear of each aperture and near, ascending; depth buffers, fits and cuts share it.
+    found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
+    order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
+    shears = {key: found[key] for key in order}
     (width, height), (toward, behind) = scene.frustum.resolution, scene.frustum.reach
     kind = "recentered" if scene.frustum.recentered else "centered"
     culled = "" if sweep.options.cull is Cull.NONE else ", faces turned away from the viewer culled"
@@ -393,7 +394,7 @@ def _curves(
     drawn = error_figures(rows, reach, shaded=sweep.light is not None)
     if len(sweep.geometries) > 1:
         drawn |= _comparison_figures(sweep, aperture, shears)
-    curves = {name: None if is_blank(figure) else figure for name, figure in drawn.items()}
+    curves = {name: figure if _heights(figure["data"]) else None for name, figure in drawn.items()}
     return curves | ({"causes": cause_figure(rows, reach)} if sweep.options.causes else {})
 
 
@@ -470,7 +471,11 @@ def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dic
         ),
     }
     if shears:
-        own = {near: one for (place, near), one in shears.items() if place == aperture and _sheared(one)}
+        own = {
+            near: one
+            for (place, near), one in shears.items()
+            if place == aperture and one.closed_form_rms_px > ROUNDED_SHEAR_PX
+        }
         drawn["geometry_shear"] = pair_figure(
             [near / reach for near in own],
             [one.rms_px for one in own.values()],
@@ -480,23 +485,10 @@ def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dic
     return drawn
 
 
-def _shears(sweep: Sweep) -> Shears:
-    """Return the shear of each aperture and near, ascending; depth buffers, fits and cuts share it."""
-    found: dict[tuple[Aperture, float], ShearNumbers] = {}
-    for row in sweep.rows:
-        if row.shear is not None:
-            found.setdefault((row.aperture, row.settings.near), row.shear)
-    return {key: found[key] for key in sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))}
-
-
-def _sheared(numbers: ShearNumbers) -> bool:
-    """Return whether there is a shear: right before the middle of its screen an aperture has none."""
-    return numbers.closed_form_rms_px > ROUNDED_SHEAR_PX
-
-
 def _shear_sentences(sweep: Sweep, shears: Shears) -> list[str]:
     """Say what the shear alone does, and how far its closed form is from what is traced."""
-    sheared = {key: one for key, one in shears.items() if _sheared(one)}
+    # Right before the middle of its screen an aperture has no shear.
+    sheared = {key: one for key, one in shears.items() if one.closed_form_rms_px > ROUNDED_SHEAR_PX}
     if not sheared:
         return []
     units = sweep.scene.units

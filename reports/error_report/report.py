@@ -1,4 +1,7 @@
-"""The main job: trace the truth once per aperture, rasterize every setting, compare each."""
+"""`xfrustum report`: rasterizes and judges every setting at every aperture, and writes what it found.
+
+Its index.html, report.json and measurements.parquet appear together or not at all.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet
 from xfrustum.compare.metrics.radiance import STEP
@@ -29,7 +30,6 @@ from xfrustum.reports.common import provenance
 from xfrustum.reports.common.json_ready import json_object, json_ready, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.provenance import plan_command, raster_command, unexamined_truth
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.best import (
@@ -136,12 +136,11 @@ class Sweep:
     @property
     def coverage_sentence(self) -> str:
         """What the hogels leave out of the plate, and the command that asks; empty where they are all."""
-        columns, rows = self.scene.plate.hogels
-        measured = len(self.apertures)
-        if measured >= columns * rows:
+        measured, hogels = len(self.apertures), math.prod(self.scene.plate.hogels)
+        if measured >= hogels:
             return ""
         return (
-            f"Measured at {measured:,} of {columns * rows:,} hogels, and others may need other settings: "
+            f"Measured at {measured:,} of {hogels:,} hogels, and others may need other settings: "
             f"{provenance.plan_command(self.scene)} says what holds for the whole plate."
         )
 
@@ -177,12 +176,8 @@ def sweep(
 ) -> Sweep:
     """Measure every setting at every aperture, at least one each; options say how.
 
-    Only numbers and encoded pictures are kept, so memory does not grow with the float images.
-
-    Raises
-    ------
-    InputError
-        No usable OpenGL context, or an unknown tracer.
+    Only numbers and encoded pictures are kept, so memory does not grow with the float images. Raises
+    InputError where there is no usable OpenGL or no such tracer.
     """
     options, begun = options or ReportOptions(), time.perf_counter()
     # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
@@ -271,11 +266,15 @@ def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measureme
 
     The thread that has judged the frame encodes them.
     """
-    begun, reach, budget = time.perf_counter(), scene.frustum.longest_reach, frame.budget
-    comparison = frame.comparison
-    charge = None if budget is None else _charges(budget)
+    begun, reach = time.perf_counter(), scene.frustum.longest_reach
+    comparison, budget, charge, wrong = frame.comparison, frame.budget, None, {}
+    if budget is not None:
+        # The place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all.
+        places = np.array([list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
+        is_wrong, charge = budget.surface_charge >= 0, budget.surface_charge.copy()
+        charge[is_wrong] = places[charge[is_wrong]]
+        charge[budget.explanation.unexplained & is_wrong] = len(images.CAUSE_COLORS)
     scale = reach, images.height_range(scene, reach)
-    wrong = {}
     if comparison.errors.surface is not None:
         wrong["surface"] = PixelSet.of(comparison.errors.surface)
     if comparison.colors is not None:
@@ -295,16 +294,6 @@ def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measureme
         pictures=images.setting_pictures(comparison, charge, scale, reduction),
     )
     return row, frame.truth, time.perf_counter() - begun
-
-
-def _charges(budget: Budget) -> NDArray[np.int8]:
-    """Return the place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all."""
-    places = np.array([list(images.CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
-    wrong = budget.surface_charge >= 0
-    charge = budget.surface_charge.copy()
-    charge[wrong] = places[charge[wrong]]
-    charge[budget.explanation.unexplained & wrong] = len(images.CAUSE_COLORS)
-    return charge
 
 
 FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
@@ -362,10 +351,26 @@ def make_report(
     require_seen(scene, apertures)
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         measured = sweep(scene, apertures, settings, options)
-        said = headline(measured)
-        command = raster_command(scene, measured.best.aperture, measured.best.settings)
+        best, frustum = measured.best, scene.frustum
+        said = sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
+        if measured.decided_by != CERTIFIED:
+            said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
+        command = provenance.raster_command(scene, best.aperture, best.settings)
         (staging.folder / FILES[0]).write_text(render_page(measured, said, command), encoding="utf-8")
-        write_inspection(staging.folder, _inspection(measured))
+        shares = [
+            (*row.aperture.index, row.surface_fraction)
+            for row in measured.rows
+            if row.settings == best.settings
+        ]
+        drawn = f"near {digits(best.settings.near)}, {best.settings.depth_label}"
+        inspection = Inspection(
+            command="report",
+            scene=scene,
+            told=(f"The apertures of the report, drawn with its best setting: {drawn}.",),
+            hogels=measured.inspected,
+            plate_map=PlateMap.of(scene.plate, "Share of wrong surfaces", shares),
+        )
+        write_inspection(staging.folder, inspection)
         content = report_content(measured, said, command)
         write_json(staging.folder / FILES[1], content)
         write_parquet(measured, staging.folder / FILES[2])
@@ -378,35 +383,12 @@ def make_report(
         json=staging.out / FILES[1],
         parquet=staging.out / FILES[2],
         inspection=staging.out / PAGE,
-        best=measured.best,
+        best=best,
         sentence=said,
         command=command,
         content=content,
         notes=tuple(filter(None, notes)),
         cost=measured.cost_sentence,
-    )
-
-
-def headline(measured: Sweep) -> str:
-    """Return the recommendation of a sweep in words; it says so where a tracer alone made the truths."""
-    frustum = measured.scene.frustum
-    said = sentence(measured.rows, measured.scene.units, frustum.longest_reach, recentered=frustum.recentered)
-    if measured.decided_by == CERTIFIED:
-        return said
-    return f"{said.removesuffix('.')} ({unexamined_truth(measured.decided_by)})."
-
-
-def _inspection(measured: Sweep) -> Inspection:
-    """Return what the inspection page of a sweep shows."""
-    best = measured.best.settings
-    shares = [(*row.aperture.index, row.surface_fraction) for row in measured.rows if row.settings == best]
-    drawn = f"near {digits(best.near)}, {best.depth_label}"
-    return Inspection(
-        command="report",
-        scene=measured.scene,
-        told=(f"The apertures of the report, drawn with its best setting: {drawn}.",),
-        hogels=measured.inspected,
-        plate_map=PlateMap.of(measured.scene.plate, "Share of wrong surfaces", shares),
     )
 
 
@@ -454,7 +436,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
                 "sentence": said,
                 **recommended(measured.best),
                 "command": command,
-                "plan_command": plan_command(scene),
+                "plan_command": provenance.plan_command(scene),
                 "confidence": CONFIDENCE,
             },
             "best_per_depth": [recommended(best) for best in best_per_depth(measured.rows)],
