@@ -1,7 +1,5 @@
 """What a plate's store holds: its arrays and their labels, and the blocks of hogels that are their shards."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -51,13 +49,9 @@ class ImageArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A rectangle of hogels that lie in one shard of every array, and those of them that are asked for.
+    """A rectangle of hogels that lie in one shard of every array, and those of them that are asked for."""
 
-    Blocks are numbered row by row from the top left; those at the right and lower ends of the plate may have
-    fewer columns and rows than others.
-    """
-
-    number: int
+    number: int  # row by row from the top left
     columns: range
     rows: range
     apertures: tuple[Aperture, ...]

@@ -23,11 +23,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
-Span = tuple[int, int] | None
-"""First and last index; None for all."""
-
-MOST_WORKERS = 1024
-"""Number of blocks from which on they do not bound the number of processes."""
+Span = tuple[int, int] | None  # first and last index; None for all
+MOST_WORKERS = 1024  # number of blocks from which on they do not bound the number of processes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,17 +67,13 @@ class PlateJob(Job):
 
     @contextmanager
     def open(self) -> Iterator[PlateSession]:
-        """Open what draws or traces the hogels, and the store, or make it.
-
-        A process with another device than the one that made the store is refused.
-        """
+        """Open what makes the hogels, and the store, or make it; a store of another device is refused."""
         with source_of(self.scene, self.settings, self.content, judge=self.judge) as source:
             store = open_store(self.out, self.layout, source.description, free=self.free)
             yield PlateSession(source, store, self.check)
 
 
-_opened = lru_cache(1)(PlateStore)
-"""Store of the last job, which this process asks about many blocks."""
+_opened = lru_cache(1)(PlateStore)  # store of the last job, which this process asks about many blocks
 
 
 @dataclass(frozen=True)

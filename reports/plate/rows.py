@@ -1,9 +1,4 @@
-"""Plates in Zarr groups as rows of pixels, for conversion from and to layouts of files.
-
-It reads the arrays that CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
-"""
-
-from __future__ import annotations
+"""Plates in Zarr groups (CONVENTIONS.md, "Plates") as rows of pixels, for conversion from and to files."""
 
 import math
 from collections.abc import Callable
@@ -23,8 +18,7 @@ from xfrustum.scenes.files.layouts import Pixels, PlateShape
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.files.plate_files import PlateRows, empty_row
 
-LAYOUT_ATTRIBUTE = "xfrustum:converted"
-"""Attribute of groups that were converted, which says from what; groups that `plate` draws have another."""
+LAYOUT_ATTRIBUTE = "xfrustum:converted"  # of converted groups, says from what; drawn ones have another
 
 
 class PlateArray(StrEnum):
@@ -49,10 +43,7 @@ class GroupRows(PlateRows):
 
 
 def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
-    """Return the pixels of a plate in a Zarr group, to be read by rows: colors if it has any, else numbers.
-
-    Raises InputError where the folder is no plate, or its arrays are of another kind.
-    """
+    """Return a plate's pixels, by default its colors or else its numbers; InputError where it is none."""
     group = open_group(place)
     try:
         names = [name for name in PlateArray if name in group]
@@ -98,10 +89,7 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
 
 
 def missing_hogels(rows: GroupRows) -> int:
-    """Return the number of hogels that were never drawn, which read as black or as no triangle.
-
-    Groups by others do not say it where several hogels share a file; then 0 is returned.
-    """
+    """Return the number of hogels that were never drawn; 0 where others' groups do not say it."""
     place, stored = rows.place, rows.stored
     try:
         finished = open_group(place).get(FINISHED)
@@ -121,11 +109,7 @@ def write_group(
     description: dict[str, object],
     done: Callable[[], object] = lambda: None,
 ) -> None:
-    """Write a plate into a new Zarr group with a chunk for each hogel, after each of which `done` is called.
-
-    Pixels of 8 bits or floating point are colors; numbers of triangles are packed in 8 bits. The description
-    says where the plate comes from.
-    """
+    """Write a plate into a new Zarr group with a chunk for each hogel; after each `done` is called."""
     group = zarr.create_group(place, attributes={LAYOUT_ATTRIBUTE: description})
     shape = plate.shape.array if array is PlateArray.COLOR else plate.shape.array[:4]
     names = ("row", "column", "v", "u", "rgb")

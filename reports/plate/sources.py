@@ -1,7 +1,5 @@
 """Sources of a plate's hogels: drawn, drawn and judged, or traced; and what decides their pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -57,10 +55,7 @@ class JudgedPlateHogel(PlateHogel):
 
 
 def measures_of(scene: Scene) -> dict[str, str]:
-    """Return the names of the measures of a scene's hogels, and the unit of each.
-
-    Errors of color are measures only where the scene says how it looks.
-    """
+    """Return the unit of each measure of a scene's hogels; colors are measured where it has an appearance."""
     nothing = dict.fromkeys(("surface", "triangle", "displacement_px", "height", "radiance"))
     counts = dict.fromkeys(("pixels", "judged", "covered", "at_plate"), 0)
     certainty = {kind.name.lower(): 0 for kind in Certainty}
@@ -86,10 +81,7 @@ class HogelSource:
 def source_of(
     scene: Scene, settings: DoubleFrustum | None, content: PlateContent, *, judge: bool = False
 ) -> Iterator[HogelSource]:
-    """Open what makes the hogels of a scene: with settings they are drawn, without they are traced.
-
-    InputError where truths are to be judged, or drawings are to say how certain they are.
-    """
+    """Open what makes the hogels of a scene: with settings they are drawn, without they are traced."""
     if settings is None:
         if judge:
             raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")

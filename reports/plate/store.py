@@ -11,8 +11,6 @@ read, completed and written under a lock on the group's description that nobody 
 every process has the same bytes, share it.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import warnings
@@ -89,10 +87,7 @@ def told(error: Exception) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """The measures of a plate's hogels as a folder of Parquet files, one for each block.
-
-    Times are left out: the same plate has the same bytes.
-    """
+    """The measures of a plate's hogels, a Parquet file for each block; the same plate has the same bytes."""
 
     folder: Path
 
@@ -109,10 +104,7 @@ class Table:
         return list(found.to_pylist()) if set(PLACES) <= set(found.column_names) else []
 
     def add(self, block: Block, hogels: Iterable[MeasuredHogel]) -> list[dict[str, Any]]:
-        """Write and return the rows of a block with those of some hogels, in the place of older ones.
-
-        The file is there whole or not at all.
-        """
+        """Write and return the rows of a block with those of some hogels, in the place of older ones."""
         added = table_of(MeasuredHogel, list(hogels))
         before = [row for row in self.rows(block) if row.keys() == set(added.column_names)]
         rows = {(row["row"], row["column"]): row for row in (*before, *added.to_pylist())}
@@ -195,8 +187,7 @@ class PlateStore:
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
         """Return the hogels of a block that are asked for and not finished, and how many of them are damaged.
 
-        With `check` every hogel that is called finished is read too: what is not what was written is damaged.
-        Without, only files that are gone are found.
+        Only `check` reads hogels and finds damage; without it, files that are gone are found.
         """
         flags, files = self._flags(block), all(self._shard(array, block).is_file() for array in self._arrays)
         measured = {(row["column"], row["row"]) for row in self.table.rows(block)} if self._maps else None

@@ -4,8 +4,6 @@ Closed forms answer for every plate, place, pivot, near and depth buffer; some a
 Lengths are in millimeters, the unit of the scenes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -116,18 +114,14 @@ class Row(Replay, Cell):
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Every combination is answered in closed form; some cells are replayed besides.
+    """Every combination is answered in closed form; some cells are replayed besides."""
 
-    `scenes` are names of built-in scenes with the pivots that each is drawn with. `replayed_nears` are
-    replayed with all depth buffers at the middle pitch and distance, whatever closed forms say of them.
-    """
-
-    scenes: tuple[tuple[str, tuple[Pivot, ...]], ...]
+    scenes: tuple[tuple[str, tuple[Pivot, ...]], ...]  # names, and the pivots that each is drawn with
     nears: tuple[float, ...]
     buffers: tuple[tuple[DepthFormat, DepthMapping], ...]
     pitches: tuple[float, ...]
     distances: tuple[float, ...]
-    replayed_nears: tuple[float, ...]
+    replayed_nears: tuple[float, ...]  # with all depth buffers at the middle pitch and distance
     pixels: int = PIXELS
 
     def cells(self) -> Iterator[Cell]:
@@ -350,8 +344,7 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     """Return how the rule does that near be at most a quarter of the pitch, at every distance.
 
-    Largest unnoticed near at the plate, largest pitch whose quarter is not noticed, number of plates and
-    nears that keep the rule, and of those in which the viewer notices the offset.
+    `near` and `pitch` are the largest that are not noticed; of `kept` plates and nears `failed` are noticed.
     """
     found = []
     for distance in sorted({row.distance for row in rows}):

@@ -5,8 +5,6 @@ one near and one depth buffer, judged beside its truth; and a pair of sheets at 
 the depth buffer orders or does not. All lengths are shares of the reach.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -568,9 +566,8 @@ def agreement(rows: Rows) -> dict[str, float]:
 def helps(rows: Rows) -> list[dict[str, Any]]:
     """Return what helps in each family, in the order of the rows.
 
-    Of the cases drawn as in the paper, each entry says in how many one pair is enough (`one_pair`), and of
-    the others in how many another of the depth buffers is, a fit at the screen, no offset (None where that
-    was not drawn), and slabs, with the largest number of cuts that one needed.
+    Of the cases drawn as in the paper in `one_pair` one pair is enough, and of the others in so many another
+    depth buffer is, a fit at the screen, no offset (None where not drawn), and slabs of at most so many cuts.
     """
     found, entries = outcomes(rows), []
 
@@ -601,8 +598,7 @@ def helps(rows: Rows) -> list[dict[str, Any]]:
 def advice(rows: Rows) -> tuple[list[list[str]], list[tuple[int, float, tuple[str, ...]]]]:
     """Return the study's table: columns of depth buffers that share it; resolutions, depths and advice.
 
-    An outcome serves both sides of the plate: nears that are enough on each, else the cuts of the side that
-    needs more.
+    Advice serves both sides: nears that are enough on each, else the cuts of the side that needs more.
     """
     found = outcomes(rows)
     kinds = sorted({(case.resolution, case.ratio) for case in found})
@@ -667,10 +663,7 @@ def svg(title: str, rows: Rows) -> str:
 
 
 def panels(rows: Rows) -> list[list[dict[str, Any]]]:
-    """Return the panels of a map, row by row: one for each picture and way of drawing it.
-
-    The lines of a panel are depth buffers, each with the colors of its squares, from the largest near down.
-    """
+    """Return the panels of a map, row by row: a line of colors for each buffer, largest near first."""
     found: dict[tuple[object, ...], list[dict[str, Any]]] = {}
     pictures: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:

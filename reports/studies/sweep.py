@@ -144,10 +144,7 @@ class Sweep(Job):
     def rows(
         self, blocks: Sequence[Sequence[Any]], workers: Workers, part: Part, *, progress: bool
     ) -> list[Any] | None:
-        """Measure what is missing of a part of some blocks, and return the rows of all of them.
-
-        None where other parts of a job array are not measured yet.
-        """
+        """Measure what is missing of a part; return all rows, None where other parts are not measured yet."""
         own = list(part.of(blocks))
         workers.run(self, own, sum(map(len, own)), progress=progress)
         if not all(map(self.finished, blocks)):

@@ -1,7 +1,5 @@
 """The answer of a survey: counts and bounds for each setting, the sentence, and the JSON object."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,10 +58,7 @@ class Extent:
         return self.judged == self.hogels
 
     def bound(self, beyond: int, settings: int) -> float | None:
-        """Return the bound on the share of hogels beyond; None where the sample is not complete.
-
-        It holds for all settings together, and at every look.
-        """
+        """Return the bound on the share beyond, for all settings and looks together; None if incomplete."""
         if self.everything:
             return beyond / self.hogels
         if not self.complete:

@@ -1,7 +1,5 @@
 """What a survey judges: hogels that our rasterizer draws, or those of another renderer, block by block."""
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +23,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 
-MAX_PICTURE_PX = 512
-"""Longest side of a picture on the page; larger images are reduced."""
-
+MAX_PICTURE_PX = 512  # longest side of a picture on the page; larger images are reduced
 PIXELS_PER_BLOCK = 1 << 22
 """Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
 core, while a task costs a scheduler a few milliseconds."""
@@ -64,14 +60,10 @@ class ShownHogel:
 
 @dataclass(frozen=True)
 class Session:
-    """What judges the hogels of a survey in one process.
+    """What judges the hogels of a survey in one process."""
 
-    `make` writes the rows of a block. `shown` returns what a page shows of the hogel at a column and row,
-    drawn with the setting of some number.
-    """
-
-    make: Callable[[HogelBlock], None]
-    shown: Callable[[tuple[int, int], int], ShownHogel]
+    make: Callable[[HogelBlock], None]  # writes the rows of a block
+    shown: Callable[[tuple[int, int], int], ShownHogel]  # of a column and row, and the number of a setting
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

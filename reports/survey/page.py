@@ -1,7 +1,5 @@
 """What a survey leaves behind: the page with its figures, and survey.json, beside the rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -26,8 +24,7 @@ FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 MARKED_HOGELS = 3  # of the worst, on the map of displacement: more would cover it
 DISTRIBUTION_MARGIN = 3.0  # by which the axis of displacement reaches beyond the smallest and largest value
 
-Pictured = Sequence[tuple[WorstHogel, ShownHogel]]
-"""The worst hogels with their pictures."""
+Pictured = Sequence[tuple[WorstHogel, ShownHogel]]  # the worst hogels with their pictures
 
 
 def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:

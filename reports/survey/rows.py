@@ -31,9 +31,7 @@ DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
 """Ends of the bins of |z|, as fractions of the reach: half decades, for displacement goes as n/|z|, so that
 from bin to bin it changes by a factor of about three; the first bin goes down to the plate."""
 
-WORST_HOGELS = 6
-"""Number of the worst hogels of each setting that are named, and shown on the page."""
-
+WORST_HOGELS = 6  # number of the worst hogels of each setting that are named, and shown on the page
 P99, SURFACE, FRACTION = "displacement_px_p99", "surface_fraction", "fraction"
 """Columns that decide which hogels are worst; images that name no surfaces have the last one alone."""
 

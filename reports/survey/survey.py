@@ -29,9 +29,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-ROWS = "survey.parquet"
-"""Folder of the rows."""
-
+ROWS = "survey.parquet"  # folder of the rows
 DEFAULT_SAMPLE = 300
 """Hogels of a sample unless another number is asked for: if none of them is beyond the limits, at most 1 %
 of all are, with a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""

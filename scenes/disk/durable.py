@@ -4,8 +4,6 @@ What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed.
 leaves it; the next one that writes there removes it, for no process has this number any more.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -34,10 +32,9 @@ def _host() -> str:
 
 
 class Aside:
-    """A file or a folder in the making, at `path`; a context manager that removes what still has this name.
+    """A file or a folder in the making, at `path` in the folder `host`: rename it to keep it.
 
-    What killed processes left in the host, the folder in which it is made, is removed first. Rename the path,
-    or its content, to keep it.
+    A context manager that removes what still has this name, and first what killed processes left there.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
@@ -112,7 +109,7 @@ def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = N
 
 
 def written_into(path: Path) -> bool:
-    """Return whether a path is written into and not replaced, as devices, pipes and own open files are.
+    """Return whether a path is written into, as devices, pipes and own open files are, and not replaced.
 
     Raises InputError where it is a folder, a block device or a socket.
     """

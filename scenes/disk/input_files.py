@@ -1,12 +1,9 @@
 """Files from outside: regular files only, and a bound on the memory that reading one may take.
 
-A scene names meshes, textures and maps, and people name scenes and pictures. A name may lead to a pipe, on
-which reading waits for ever, to a device without end, or to a file of a few bytes that declares gigabytes.
-Every file goes through `regular_size` before it is read, and the memory that it declares through
-`check_declared`.
+A name may lead to a pipe, on which reading waits for ever, to a device without end, or to a file of a few
+bytes that declares gigabytes. Every file goes through `regular_size` before it is read, and the memory that
+it declares through `check_declared`.
 """
-
-from __future__ import annotations
 
 import stat
 from collections.abc import Iterator
@@ -36,8 +33,7 @@ class _Bound:
     memory = 1 << 30
     """Bytes of memory that one input may take while it is read, whatever the size of its file."""
 
-    hogels = 20_000_000
-    """Largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million."""
+    hogels = 20_000_000  # largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million
 
 
 @contextmanager
@@ -72,12 +68,9 @@ def check_hogels(columns: int, rows: int) -> None:
 
 
 def regular_size(path: Path, what: str, advice: str = "") -> int:
-    """Return the size in bytes of a regular file; symbolic links are followed.
+    """Return the size in bytes of a regular file, called `what` in messages; symbolic links are followed.
 
-    `what` is the kind of file for the message, such as "mesh file"; the advice is given where there is none.
-
-    Raises InputError where the file is missing, cannot be reached, or is a folder, a pipe, a device or a
-    socket.
+    Raises InputError where it is missing, which gets the advice, cannot be reached, or is no regular file.
     """
     try:
         status = path.stat()

@@ -3,8 +3,6 @@
 Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR]`.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import importlib
@@ -25,9 +23,7 @@ from tests.fuzz.findings import findings
 from tests.fuzz.inputs import KINDS, Seed, with_payload
 from xfrustum.reference.llvm import THREADS_VARIABLE
 
-BATCH = 50
-"""Number of inputs in one task of a worker."""
-
+BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
@@ -37,11 +33,7 @@ PREPARED = (
         "xfrustum.reports.scene_check.checking",
         "xfrustum.reports.exchange.convert",
     ),
-    *(
-        "xfrustum.reports.trace",
-        "xfrustum.reports.trace",
-        "xfrustum.reports.verification.verification",
-    ),
+    *("xfrustum.reports.trace", "xfrustum.reports.trace", "xfrustum.reports.verification.verification"),
 )
 """Modules that children use, among them those that other libraries import late."""
 

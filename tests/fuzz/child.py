@@ -4,8 +4,6 @@ The child runs what users run, `xfrustum.__main__.run`, on a command line of its
 taken in hand, what libraries say is kept away, and the exit status is that of the program.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
@@ -20,9 +18,7 @@ HANG_S = 120.0
 """Seconds after which a command that reads one small input counts as hanging: some take six seconds of CPU
 time, and many run side by side."""
 
-WRITTEN_BYTES = 1 << 26
-"""Bytes of the largest file that an input may make a command write."""
-
+WRITTEN_BYTES = 1 << 26  # bytes of the largest file that an input may make a command write
 FORKED, CRASHED = 99, 98
 """Exit statuses that no command has: the child could not run its command, or the command raised."""
 

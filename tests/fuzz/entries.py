@@ -4,8 +4,6 @@ They run inside the program like every other command, so that standard streams, 
 those of `xfrustum`. The child adds them to the command line.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

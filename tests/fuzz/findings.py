@@ -1,24 +1,16 @@
 """The findings: outcomes that no input may have."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 
 from tests.fuzz.child import Outcome
 
-STATUSES = frozenset({0, 1, 2})
-"""Exit statuses that a command may end with when nobody sends it a signal."""
-
-MEMORY_BYTES = 2 << 30
-"""Memory that no small input may take."""
-
-PREFIX = b"xfrustum: "
-"""Beginning of every line that a command writes to standard error."""
+STATUSES = frozenset({0, 1, 2})  # exit statuses that a command may end with when nobody sends it a signal
+MEMORY_BYTES = 2 << 30  # memory that no small input may take
+PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
 
 
-BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")
-"""A progress bar, which is no message."""
+BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is no message
 
 
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:

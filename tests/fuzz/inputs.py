@@ -14,8 +14,6 @@ pattern, command                    the command itself
 The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -5,8 +5,6 @@ life of the process. Those before the program's first line, while Python starts,
 nobody can answer a signal yet.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Seeded damage: some of it blind, some of it aware of the parts of texts and binary files."""
 
-from __future__ import annotations
-
 import json
 import random
 import re
@@ -44,8 +42,7 @@ COUNTS = (0, 1, 2, 3, 5, 16, 99, 4000, 9999, 65_536, 99_999_999, 10**12, 10**30)
 
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w.-]*|\"[^\"\n]*\"")
-_LARGEST = 1 << 22
-"""Bytes of the largest mutated file: copies of copies grow without end."""
+_LARGEST = 1 << 22  # bytes of the largest mutated file: copies of copies grow without end
 
 Mutation = Callable[[bytes, random.Random], bytes]
 

@@ -1,7 +1,5 @@
 """Replay the corpus: `python -m tests.fuzz.replay` prints, as JSON, what each of its inputs finds."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

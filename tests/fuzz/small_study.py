@@ -1,7 +1,5 @@
 """`xfrustum study`, with one more command: `small FOLDER`, of so few cells that it can be killed often."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

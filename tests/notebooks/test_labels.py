@@ -1,7 +1,5 @@
 """Images turn into labelled arrays that fit to each other and to stored plates."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What docs/notebooks.md shows runs, also as a notebook, and does what it says."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results say in a line what they are, and notebooks show them with pictures and tables."""
 
-from __future__ import annotations
-
 import io
 import re
 import subprocess
@@ -46,8 +44,7 @@ from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stor
 from xfrustum.scenes.notebook import MAX_SIDE_PX, MAX_TABLE_ROWS, Figure, Shown, Table, png
 
 SETTINGS = DoubleFrustum(near=2.0)
-MAX_LINE = 420
-"""Largest number of characters of a line: what fits into two lines or three of a wide page."""
+MAX_LINE = 420  # largest number of characters of a line: what fits into two lines or three of a wide page
 
 
 def small_scene(name: str = "asymmetric", resolution: tuple[int, int] = (24, 18)) -> Scene:

@@ -1,7 +1,5 @@
 """Plates drawn on the engine have the bytes of those that one process draws alone."""
 
-from __future__ import annotations
-
 import random
 import subprocess
 import sys

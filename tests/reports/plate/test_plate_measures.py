@@ -1,7 +1,5 @@
 """Plates that are judged: the measures of `compare` beside the pixels, as arrays and as a table."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

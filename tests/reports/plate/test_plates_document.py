@@ -1,7 +1,5 @@
 """What docs/plates.md shows runs, and does what it says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

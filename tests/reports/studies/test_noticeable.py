@@ -1,7 +1,5 @@
 """The study of viewers: what its data say, and no replay is made twice."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Where one pair of frusta is enough: measured, resumed, and said from the data alone."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Surveys of the plates of other renderers say what `verify` says."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -12,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.scene_file import film, named, part
-from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image, write_plate
+from xfrustum import DoubleFrustum, Rasterizer, Scene, open_scene, verify, write_image, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import LaidOutPlate
 from xfrustum.reports.inspection import MAX_MAP_CELLS
@@ -25,6 +23,22 @@ def rows_of(out: Path) -> list[dict[str, Any]]:
     parts = sorted(out.glob("survey.parquet/part-*"))
     rows: list[dict[str, Any]] = pa.concat_tables(pq.ParquetFile(path).read() for path in parts).to_pylist()
     return rows
+
+
+def box(path: Path, hogels: tuple[int, int], resolution: tuple[int, int], size: tuple[float, float]) -> Path:
+    """Write a scene of one box behind the plate."""
+    text = named("box") + film(size, hogels, resolution, (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    path.write_text(text)
+    return path
+
+
+def draw(scene: Scene, near: float, pattern: Path, missing: tuple[int, int] | None = None) -> None:
+    """Draw the plate into files, but for one hogel."""
+    with Rasterizer(scene) as rasterizer:
+        for one in scene.plate.apertures():
+            if one.index != missing:
+                image = rasterizer.render(one, DoubleFrustum(near=near))
+                write_image(Path(str(pattern).format(i=one.column, j=one.row)), image)
 
 
 def survey_of(scene: Path, pattern: Path, out: Path, *more: str) -> int:
@@ -51,17 +65,10 @@ def assert_alike(rows: list[dict[str, Any]], verified: Verification) -> None:
 
 
 def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
-    path = tmp_path / "boxes.toml"
-    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
-    path.write_text(named("boxes") + film((40, 32), (4, 3), (24, 24), (60, 60), (60, 60)) + objects)
+    path, pattern, out = tmp_path / "boxes.toml", tmp_path / "{i}x{j}.exr", tmp_path / "survey"
+    box(path, (3, 2), (24, 24), (40, 32)).write_text(path.read_text() + part("box", 6, (-5, 2, 16)))
     scene = open_scene(path)
-    pattern = tmp_path / "{i}x{j}.exr"
-    with Rasterizer(scene) as rasterizer:
-        for aperture in scene.plate.apertures():
-            if aperture.index != (2, 1):
-                image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
-                write_image(Path(str(pattern).format(i=aperture.column, j=aperture.row)), image)
-    out = tmp_path / "survey"
+    draw(scene, 0.5, pattern, missing=(2, 1))
     assert survey_of(path, pattern, out) == 1
     verified = verify(scene, str(pattern))
     rows = rows_of(out)
@@ -82,13 +89,9 @@ def test_rows_name_files_as_they_were_given_whatever_folder_that_was_in(
     for folder in (tmp_path / "one", tmp_path / "another" / "folder"):
         folder.mkdir(parents=True)
         monkeypatch.chdir(folder)
-        path = Path("box.toml")
-        objects = part("box", 12, (4, 0, -14))
-        path.write_text(named("box") + film((40, 32), (2, 1), (8, 8), (60, 60), (60, 60)) + objects)
+        path = box(Path("box.toml"), (2, 1), (8, 8), (40, 32))
         scene = open_scene(path)
-        with Rasterizer(scene) as rasterizer:
-            drawn = rasterizer.render(scene.plate.aperture(0, 0), DoubleFrustum(near=0.5))
-        write_image(Path("0x0.exr"), drawn)
+        draw(scene, 0.5, Path("{i}x{j}.exr"), missing=(1, 0))
         survey_of(path, Path("{i}x{j}.exr"), Path("out"))
         told.append([row["problem"] for row in rows_of(Path("out"))])
         verified = verify(scene, "{i}x{j}.exr")
@@ -111,10 +114,7 @@ def test_a_wide_plate_of_which_nothing_can_be_read_has_a_small_map(
 ) -> None:
     folder = tmp_path / "br{a}ce"
     folder.mkdir()
-    path = folder / "box.toml"
-    path.write_text(
-        named("box") + film((20, 8), (300, 1), (8, 6), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
-    )
+    box(folder / "box.toml", (300, 1), (8, 6), (20, 8))
     (folder / "0x0.exr").write_bytes(b"damaged")
     monkeypatch.chdir(folder)
     words = ("--images", "{i}x{j}.exr", "--sample", "5", "--workers", "1", "--quiet", "--out", "survey")
@@ -130,19 +130,11 @@ def test_a_wide_plate_of_which_nothing_can_be_read_has_a_small_map(
 def test_images_that_were_drawn_again_are_another_survey(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "box.toml"
-    path.write_text(
-        named("box") + film((20, 8), (2, 1), (16, 16), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
-    )
-    scene = open_scene(path)
+    path = box(tmp_path / "box.toml", (2, 1), (16, 16), (20, 8))
     pattern, out = tmp_path / "{i}x{j}.exr", tmp_path / "survey"
-    with Rasterizer(scene) as rasterizer:
-        for near in (0.001, 5.0):
-            for aperture in scene.plate.apertures():
-                image = rasterizer.render(aperture, DoubleFrustum(near=near))
-                write_image(Path(str(pattern).format(i=aperture.column, j=aperture.row)), image)
-            status = survey_of(path, pattern, out)
-            assert status == (0 if near < 1 else 2)
+    for near, status in ((0.001, 0), (5.0, 2)):
+        draw(open_scene(path), near, pattern)
+        assert survey_of(path, pattern, out) == status
     assert "begun with another state of the images" in capsys.readouterr().err
     # The images as they are now are judged in a folder of their own, and are not right any more.
     assert survey_of(path, pattern, tmp_path / "again") == 1
@@ -152,10 +144,7 @@ def test_images_that_were_drawn_again_are_another_survey(
 def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path, out = tmp_path / "box.toml", tmp_path / "survey"
-    path.write_text(
-        named("box") + film((20, 8), (3, 2), (8, 6), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
-    )
+    path, out = box(tmp_path / "box.toml", (3, 2), (8, 6), (20, 8)), tmp_path / "survey"
     scene = open_scene(path)
     views = LaidOutPlate(out=tmp_path / "views", layout="views")
     content = PlateContent(channels=(Channel.TRIANGLE,))

@@ -5,8 +5,6 @@ what is beyond, as recorded in November 2026. The environment variable XFRUSTUM_
 another such survey of the car (its --out), whose rows are then taken instead.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Finished files replace old ones as a whole, and killed processes leave nothing in sight."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """A disk that is full at any byte: the files of a command are whole, or it says so and leaves none."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

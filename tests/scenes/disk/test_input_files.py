@@ -1,7 +1,5 @@
 """Files that nobody should have sent: pipes, devices, and a few bytes that declare gigabytes."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
