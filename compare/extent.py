@@ -14,7 +14,7 @@ import numpy as np
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.region import Region
+from xfrustum.scenes.model.effects import Region
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate

@@ -41,7 +41,7 @@ from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.studio import mirrored, tessellated_car
+from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.library.targets import globes
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.hogel_image import NOTHING

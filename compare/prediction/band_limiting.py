@@ -22,7 +22,7 @@ import numpy as np
 
 from xfrustum.compare.extent import DepthBin, depth_bins
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes.model.region import Region
+from xfrustum.scenes.model.effects import Region
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 

@@ -35,8 +35,7 @@ from xfrustum.scenes.disk.input_files import (
     regular_size,
 )
 from xfrustum.scenes.geometry import SHAPE_NAMES
-from xfrustum.scenes.geometry.operations import magnification, place, placement, smoothed
-from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, placement, smoothed
 
 Location = tuple[int | str, ...]
 

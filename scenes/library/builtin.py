@@ -78,7 +78,7 @@ class BuiltinScene:
 
 def _transferred_car() -> tuple[SceneObject, ...]:
     """Return the car about the transfer plane: all of it lies behind the plate, the master."""
-    from xfrustum.scenes.geometry.operations import place, placement  # noqa: PLC0415 - loads NumPy
+    from xfrustum.scenes.geometry.shapes import place, placement  # noqa: PLC0415 - loads NumPy
     from xfrustum.scenes.library.car import car  # noqa: PLC0415 - likewise
 
     behind = placement(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, _TRANSFER_HEIGHT - _CAR_MIDDLE))
@@ -114,7 +114,7 @@ _ENTRIES = (
                  _made_by("library.targets", "large_triangles")),
     BuiltinScene("car-studio", 41_896,
                  "the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
-                 _made_by("library.studio", "studio_car"), appearance=_made_by("library.studio", "studio")),
+                 _made_by("library.car", "studio_car"), appearance=_made_by("library.car", "studio")),
     BuiltinScene("mirror-sphere", 72_960,
                  "pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
                  _made_by("library.targets", "mirror_spheres"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from xfrustum.scenes import Aperture, Camera, Frustum, InputError, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.operations import place, placement
+from xfrustum.scenes.geometry.shapes import place, placement
 from xfrustum.scenes.library.car import car
 
 REACH = 1000.0

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.geometry.operations import place, placement
-from xfrustum.scenes.geometry.shapes import as_object, build_shape, grid_faces, triangulate
+from xfrustum.scenes.geometry.shapes import as_object, build_shape, grid_faces, place, placement, triangulate
 from xfrustum.scenes.library.builtin import BuiltinScene
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.targets import asymmetric

@@ -12,7 +12,6 @@ import numpy as np
 from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.operations import place, placement
 from xfrustum.scenes.geometry.shapes import (
     Mesh,
     as_object,
@@ -21,9 +20,11 @@ from xfrustum.scenes.geometry.shapes import (
     build_shape,
     join,
     open_grid,
+    place,
+    placement,
     triangulate,
 )
-from xfrustum.scenes.library.studio import surroundings
+from xfrustum.scenes.library.car import surroundings
 
 Vector = tuple[float, float, float]
 

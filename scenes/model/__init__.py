@@ -1,9 +1,8 @@
 """The scene that is asked about, and the image that every renderer returns.
 
-effects        The effects that a scene calls for, and why; the slabs of both frusta and what lies in them
+effects        The effects that a scene calls for, and why; a bound of the space that images can show
 eye            An eye before the plate, the pixels of hogels that it is shown, and what it sees
 hogel_image    The one kind of image that every renderer returns: what one aperture shows, pixel by pixel
 plate_content  A plate as a stream of hogels: the arrays that are wanted, and those of each hogel
-region         A bound of the space that images can show, with the largest near offset and all rounding
 scene          A scene, the question to every renderer: immutable, validated, in scene coordinates
 """

@@ -18,9 +18,8 @@ from xfrustum.scenes import DoubleFrustum, Frustum, Pivot, Plate, Scene, SceneOb
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.geometry.shapes import lathe
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, decide, needed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, Region, decide, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-from xfrustum.scenes.model.region import Region
 
 MIRRORED = frozenset({Effect.REFLECTION, Effect.SMOOTH_NORMALS, Effect.VERTEX_COLORS, Effect.SPECULAR})
 """Effects that the ball has, and nothing else in the scene."""

@@ -27,7 +27,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import NOTHING, HogelImage, InputError, SceneObject
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.studio import mirrored, tessellated_car
+from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 Told = Callable[..., tuple[dict[str, Any], str]]

@@ -48,7 +48,7 @@ from xfrustum.scenes import (
     SceneObject,
     open_scene,
 )
-from xfrustum.scenes.geometry.operations import refine
+from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
 
 SMALL = (96, 72)  #: pixels, where a scene's own resolution does not matter

@@ -36,7 +36,7 @@ from xfrustum.scenes import (
     SceneObject,
 )
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.operations import refine
+from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset
 

@@ -15,8 +15,7 @@ from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.geometry.operations import refine
-from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.geometry.shapes import build_shape, refine
 
 ALIKE = 1e-9
 """Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap."""

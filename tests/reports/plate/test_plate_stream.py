@@ -26,7 +26,7 @@ from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.geometry.operations import smoothed
+from xfrustum.scenes.geometry.shapes import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.model.scene import look_hash

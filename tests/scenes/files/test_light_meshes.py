@@ -14,8 +14,7 @@ from hypothesis.extra import numpy as npst
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.geometry.operations import magnification, place, placement, refine, smoothed
-from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, placement, refine, smoothed
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 

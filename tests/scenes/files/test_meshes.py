@@ -11,7 +11,7 @@ from trimesh.exchange.load import mesh_loaders
 
 from xfrustum.scenes import InputError
 from xfrustum.scenes.files.meshes import load_mesh
-from xfrustum.scenes.geometry.operations import place
+from xfrustum.scenes.geometry.shapes import place
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")

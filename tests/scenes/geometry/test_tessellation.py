@@ -9,7 +9,7 @@ from xfrustum.reports.error_report.best import Measurement, best_setting
 from xfrustum.reports.error_report.report import sweep
 from xfrustum.reports.error_report.settings import DEFAULT_DEPTHS, ReportOptions, default_nears, settings_of
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.geometry.operations import refine
+from xfrustum.scenes.geometry.shapes import refine
 
 SURFACE_CHANGE = 1e-3
 

@@ -9,8 +9,7 @@ import pytest
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.operations import refine
-from xfrustum.scenes.geometry.shapes import SHAPES, build_shape
+from xfrustum.scenes.geometry.shapes import SHAPES, build_shape, refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.targets import SHEET_HEIGHTS, SHEET_SEPARATIONS
 

@@ -11,7 +11,7 @@ from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIA
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.studio import surroundings
+from xfrustum.scenes.library.car import surroundings
 from xfrustum.scenes.library.targets import (
     BACKDROP_HEIGHT,
     COARSE,
