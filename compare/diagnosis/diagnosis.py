@@ -140,9 +140,16 @@ class Evidence:
         return [self.images[index] for index in chosen] if count else []
 
     @property
+    def _covered(self) -> Mask:
+        """Pixels (N, H, W) in which the tested images show something."""
+        lit = [shows_something(one) if one.color is not None else False for one in self.tested]
+        return np.stack([covered_by(one) | also for one, also in zip(self.tested, lit, strict=True)])
+
+    @property
     def hopeless(self) -> bool:
         """Whether most of what the images show is wrong; false where they show nothing."""
-        shown = sum(int(_covered(image).sum()) for image in self.tested if shows(image))
+        telling = np.array([shows(image) for image in self.tested])
+        shown = int(self._covered[telling].sum()) if telling.any() else 0
         return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def wrong(self, model: DrawnModel, *, explained: bool = False) -> int:
@@ -153,14 +160,14 @@ class Evidence:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
 
         A pixel is explained if it is wrong by what was asked for, and right by the guess or wrong by a cause
-        that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count against it.
-        The result is the smaller of two shares: among all pixels, and among those in which images show
-        something. A guess under which nothing is seen explains black pixels, but not what images show.
+        that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count against it. Of
+        the shares among all pixels and among those in which images show something the smaller counts: a guess
+        under which nothing is seen explains black pixels, but not what images show.
         """
         asked = self._wrong(self.nominal)
         if not asked.any():
             return None
-        left, covered = self._wrong(model, explained=True), np.stack([*map(_covered, self.tested)])
+        left, covered = self._wrong(model, explained=True), self._covered
         counts = [(np.sum(asked & here), np.sum(left & here)) for here in (np.ones_like(covered), covered)]
         return float(min(max(0.0, 1.0 - after / before) if before else 1.0 for before, after in counts))
 
@@ -170,10 +177,8 @@ class Evidence:
         return share is None or share >= MIN_EXPLAINED_FRACTION
 
     def spares(self, model: DrawnModel) -> bool:
-        """Return whether pixels that are right as asked for stay right by a guess, rounding excused.
-
-        Only numbers of triangles tell rounding from errors; in other images the share alone decides.
-        """
+        """Return whether pixels that are right as asked for stay right by a guess, rounding excused."""
+        # Only numbers of triangles tell rounding from errors; in other images the share alone decides.
         named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
         before, after = self._wrong(self.nominal)[named], self._wrong(model)[named]
         spoiled = self._wrong(model, explained=True)[named] & ~before
@@ -196,11 +201,9 @@ class Evidence:
             model = min(rest, key=self.wrong)
 
     def joint_groups(self, model: DrawnModel) -> tuple[str, ...]:
-        """Return the groups of a guess's numbers of which none makes pixels right without the others.
-
-        Groups are added to the guess's conventions one after another, each the one that mends most; those
-        that are left when none of them pays explain only together.
-        """
+        """Return the groups of a guess's numbers of which none makes pixels right without the others."""
+        # Groups are added to the guess's conventions one after another, each the one that mends most; those
+        # that are left when none of them pays explain only together.
         known = model.with_parameters(self.nominal.parameters)
         left = {name: {field_of(name): getattr(model, field_of(name))} for name in GROUPS}
         left = {name: group for name, group in left.items() if replace(known, **group) != known}
@@ -230,10 +233,6 @@ def shows(image: HogelImage) -> bool:
     return bool(named or image.color is not None)
 
 
-def _covered(image: HogelImage) -> Mask:
-    return covered_by(image) if image.color is None else covered_by(image) | shows_something(image)
-
-
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield, for each fault of a guess, the guess without this fault."""
     groups: list[tuple[str, ...]] = [(field_of(group),) for group in GROUPS if group != "near"]
@@ -249,11 +248,7 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
 def find_composition(
     reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
 ) -> tuple[DrawnModel, ...]:
-    """Return a guess with the way of putting the halves together that images agree with best.
-
-    The result differs from the right way only where most pixels that tell the two apart speak against the
-    right one. Other ways that agree with the images as well follow it.
-    """
+    """Return a guess with the way of putting halves together that images agree with best, then its equals."""
     # Step 1: nothing is to be found where the right way explains nearly every pixel.
     right = [_compared(reference, [model], image) for image in images]
     if sum(_differing(made[0], shown) for shown, made in right) < MIN_DIFFERING_PIXELS:
@@ -303,18 +298,13 @@ def _differing(one: NDArray[Any], other: NDArray[Any]) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """A renderer's way to draw, and its faults.
+    """A renderer's way to draw, and its faults."""
 
-    `model` is the guess that explains the images, the nominal one where no guess does; `faults` are its
-    differences from what was asked, `does_not_explain` those of the best guess where it explains too little
-    to be a finding. A guess is `refuted` that makes the judged hogels no better, all taken together.
-    """
-
-    model: DrawnModel
-    faults: tuple[Fault, ...] = ()
-    does_not_explain: tuple[Fault, ...] = ()
+    model: DrawnModel  # the guess that explains the images, the nominal one where no guess does
+    faults: tuple[Fault, ...] = ()  # its differences from what was asked
+    does_not_explain: tuple[Fault, ...] = ()  # those of the best guess, if it explains too little
     means: str
-    refuted: bool = False
+    refuted: bool = False  # whether the guess makes the judged hogels no better, all taken together
 
     @property
     def guesses(self) -> tuple[Fault, ...]:
@@ -326,8 +316,7 @@ class Diagnosis:
 class Findings:
     """The way to read a renderer's images, their diagnosis in this reading, and the rules by which to judge.
 
-    Where no other reading explains the wrong pixels, it is the stated one; the faults of the diagnosis
-    include those of the reading.
+    The faults of the diagnosis include those of the reading.
     """
 
     encoding: FoundEncoding
@@ -378,7 +367,9 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
     if not pictures or not found.model.plain or not found.model.conjugated:
         return found
     # Numbers of surfaces say nothing of light: where images have colors too, these are tested by themselves.
-    colors = evidence.of([_color_alone(image) for image in pictures])
+    nothing, nowhere = np.full_like(pictures[0].triangle, NOTHING), np.full_like(pictures[0].position, np.nan)
+    silent: dict[str, Any] = {"triangle": nothing, "object": nothing, "position": nowhere}
+    colors = evidence.of([replace(image, **silent) for image in pictures])
     lit = LIGHTS.of(found.model)
     share = colors.share(lit) or 0.0
     if share < MIN_EXPLAINED_FRACTION or not colors.pays(lit, found.model):
@@ -437,11 +428,11 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
 
 def _claims(evidence: Evidence) -> tuple[Claims | None, int]:
     """Return the claims of images where they are enough to be fitted, and how many images have some."""
-    images = [
-        one
-        for one in evidence.images
-        if (one.triangle != NOTHING).any() or np.isfinite(one.position[..., :2]).any()
-    ]
+
+    def claiming(one: HogelImage) -> bool:
+        return bool((one.triangle != NOTHING).any() or np.isfinite(one.position[..., :2]).any())
+
+    images = [*filter(claiming, evidence.images)]
     claims = claims_of(evidence.reference.scene, images) if images else None
     return claims if claims is not None and len(claims) >= MIN_FITTED_CLAIMS else None, len(images)
 
@@ -456,11 +447,7 @@ def _named(evidence: Evidence, fit: GeometryFit) -> tuple[Fault, ...]:
 
 
 def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
-    """Return the guess that explains most of what is wrong, without faults that add nothing.
-
-    The fitted guess comes first. Where it explains too little, the nominal numbers are tried, because other
-    faults may have misled the fit; and then scenes in wrong units, which may show too little to be fitted.
-    """
+    """Return the guess that explains most of what is wrong, without faults that add nothing."""
     # Step 1: the fitted guess, with the halves put together as the images have them.
     nominal, recentered = evidence.nominal, evidence.reference.scene.frustum.recentered
     model, *others = _composed(evidence, fit.model)
@@ -476,7 +463,8 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
     best = next(filter(evidence.explains, fit.alternatives), None)
     others = [fit.model, *(one for one in fit.alternatives if one != best)]
     if best is None:
-        # Step 3: the nominal numbers under the conventions that were found, and gross mistakes.
+        # Step 3: the nominal numbers under the conventions that were found, because other faults may have
+        # misled the fit; and gross mistakes, such as wrong units, which may show too little to be fitted.
         tried, plain = [model], fit.model.with_parameters(nominal.parameters)
         if plain != fit.model:
             plain = _composed(evidence, plain)[0]
@@ -505,10 +493,7 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
 
 
 def _composed(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
-    """Return a guess with the halves put together as the images have them, without idle faults.
-
-    Guesses with other ways to put the halves together that images cannot tell apart follow.
-    """
+    """Return a guess with the halves put together as images have them, and its equals by the images."""
     telling = [image for image in evidence.images if shows(image)]
     models = list(find_composition(evidence.reference, model, telling)) if telling else [model]
     best = evidence.reduced(models[0]) if models[0] != evidence.nominal else models[0]
@@ -518,19 +503,13 @@ def _composed(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:
 
 
 def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> tuple[DrawnModel, ...]:
-    """Return guesses with other faults that show the same images, or nearly the same pictures (`by_depth`).
-
-    Through a centered frustum an image depends on (P - a) / s alone. Moving the apertures to one side equals
-    moving the scene to the other side, and enlarging the scene equals shrinking the plate by the same factor,
-    except for what the reach cuts off. Through a recentered one, another shear may show the same images:
-    where everything visible lies on one side of the plate, they do not say what became of the other camera;
-    and in one aperture alone, a missing or reversed shear equals a projection screen at another place. At one
-    depth, a near offset n looks like a field of view 1 + n / |z| times as large, and a moved scene or plate
-    like a shift of the sampling points: both are tried at some depths of the scene.
-    """
+    """Return guesses with other faults that show the same images, or nearly the same (`by_depth`)."""
     nominal, scene = evidence.nominal, evidence.reference.scene
     screen, same, tried = scene.frustum.screen, [], []
     if screen is None:
+        # An image depends on (P - a) / s alone. Moving the apertures to one side equals moving the scene to
+        # the other side, and enlarging the scene equals shrinking the plate by the same factor, except for
+        # what the reach cuts off.
         (x, y, z), factor, other = model.scene_offset, model.scene_scale, model.pitch[0]
         if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
             same.append(replace(model, aperture_offset=(-x, -y), scene_offset=(0.0, 0.0, z)))
@@ -539,6 +518,8 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
         elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
             same.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
     elif model.recentering is not nominal.recentering:
+        # Where everything visible lies on one side of the plate, images do not say what became of the other
+        # camera; in one aperture alone, a missing or reversed shear equals a screen at another place.
         sheared = []
         if model.recentering is not Recentering.NONE:
             kept = (nominal.recentering, model.recentering, Recentering.NONE)
@@ -552,6 +533,8 @@ def _alike(evidence: Evidence, model: DrawnModel, *, by_depth: bool = False) -> 
         most = evidence.wrong(model, explained=True)
         same += [one for one in sheared if evidence.wrong(one, explained=True) <= most]
     plain = model.with_parameters(nominal.parameters)
+    # At one depth, a near offset n looks like a field of view 1 + n / |z| times as large, and a moved scene
+    # or plate like a shift of the sampling points: both are tried at some depths of the scene.
     if by_depth and plain != model:
         _, half = film_window(scene.frustum, scene.plate.middle)
         shift, factor = np.asarray(model.shift), float(np.mean(model.fov))
@@ -601,12 +584,6 @@ def _with_view_shear(diagnosis: Diagnosis, evidence: Evidence) -> Diagnosis:
     )
     fault = Fault(fault=VIEW_SHEAR, value=factor, unit="ratio", words=words, explains=share)
     return replace(diagnosis, model=sheared(factor), faults=(fault,), does_not_explain=())
-
-
-def _color_alone(image: HogelImage) -> HogelImage:
-    """Return an image that says nothing but its colors."""
-    nothing, nowhere = np.full_like(image.triangle, NOTHING), np.full_like(image.position, np.nan)
-    return replace(image, triangle=nothing, object=nothing, position=nowhere)
 
 
 def _counted(count: int, name: str) -> str:

@@ -1,9 +1,9 @@
 """The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
-Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
-triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.geometry_fit`), which hold
-whatever lies in front. Everything else is compared with what the truth would have stored, and with the damage
-that explains the difference. Another reading is a finding only where it holds and the stated one fails.
+Readings are found by trying. Numbers of triangles are judged by the claims that they make
+(`xfrustum.compare.diagnosis.geometry_fit`), which hold whatever lies in front. Everything else is compared
+with what the truth would have stored, and with the damage that explains the difference. Another reading is a
+finding only where it holds and the stated one fails.
 """
 
 from __future__ import annotations
@@ -129,15 +129,12 @@ def _name(reading: Reading) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Beside:
-    """The stored bytes (h, w, 3) of an image, upright, beside the truth's numbers (9, h, w) and brightness.
+    """The stored bytes of an image, upright, beside the truth's numbers and brightness."""
 
-    The first of the nine numbers belongs to the pixel itself, the others to its neighbors.
-    """
-
-    rgb: Bytes
-    triangle: Numbers
+    rgb: Bytes  # (h, w, 3)
+    triangle: Numbers  # (9, h, w): first the number of the pixel itself, then those of its neighbors
     object: Numbers
-    gray: Floats
+    gray: Floats  # (h, w)
 
     @classmethod
     def of(cls, truth: HogelImage, image: HogelImage, orientation: Orientation, lines: int = 0) -> _Beside:
@@ -189,14 +186,11 @@ class _Beside:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """The way to read a renderer's images; without a reading the stated one holds.
+    """The way to read a renderer's images; without a reading the stated one holds."""
 
-    `faults` are its differences from the stated one. Where all numbers are lost, or number 0 alone, which is
-    stored like nothing, `restoring` puts them back for the figures after correction.
-    """
-
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Fault, ...] = ()  # its differences from the stated one
     reading: Reading | None = None
+    # Puts back lost numbers, all or 0 alone, which is stored like nothing, for the figures after correction.
     restoring: Restoring | None = None
 
     @property
@@ -242,11 +236,7 @@ def _is_picture(image: HogelImage) -> bool:
 
 
 class _Search:
-    """The search for another reading of images that are stated to hold something.
-
-    Readings are judged by claims; some of the images, as found, are compared with the truth under any
-    orientation and order.
-    """
+    """The search for another reading of images that are stated to hold something."""
 
     def __init__(
         self, reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
@@ -254,6 +244,7 @@ class _Search:
         self.scene, self.images, self.nominal, self.stated = reference.scene, images, nominal, stated
         count = min(MAX_COMPARED_HOGELS, len(images))
         chosen = np.unique(np.linspace(0, len(images) - 1, count).astype(int)).tolist()
+        # The images that are compared with the truth, under any orientation and order.
         self.compared = [images[index] for index in chosen]
         several = len({image.camera.aperture.index for image in images}) > 1
         self.orders = list(orientations(self.scene.plate.hogels)) if several else [UPRIGHT]
@@ -294,10 +285,7 @@ class _Search:
     def _best(
         self, damage: Restoring, matching: Callable[[_Beside], Mask] | None = None, background: int = 0
     ) -> tuple[Restoring, list[_Beside]]:
-        """Return damage with the conventions under which most pixels that show something match.
-
-        The images, under these conventions, beside the truth follow.
-        """
+        """Return damage with the conventions under which most pixels match, and the images beside truth."""
         matching = matching or partial(_Beside.explained, damage=damage)
         best: list[_Beside] = []
         for order, orientation in itertools.product(self.orders, orientations(self.scene.frustum.resolution)):

@@ -5,8 +5,6 @@ images by itself (`diagnosis.find_composition`), and found again in a guess (`fo
 are the groups of `xfrustum.compare.renderer_model.drawn_model`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace

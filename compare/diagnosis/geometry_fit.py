@@ -181,10 +181,10 @@ def outside_px(claims: Claims, model: DrawnModel, cap: float) -> Floats:
 
 
 def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
-    """Return how far claimed pixels' centers lie inside and outside their triangles under a guess.
+    """Return signed distances of pixels' centers from their triangles' edges under a guess, and outside.
 
-    The first result are signed distances (2, N, 3) from the three edges, px, positive inside, in C's
-    projection and in C*'s; the second distances (2, N) outside, infinite behind the camera.
+    The first, (2, N, 3) px, are positive inside, in C's projection and in C*'s; the second, (2, N), infinite
+    behind the camera.
     """
     scene, (width, height), (sx, sy) = claims.scene, claims.scene.frustum.resolution, claims.scene.plate.size
     columns, rows = scene.plate.hogels
@@ -308,10 +308,9 @@ def _noise(claims: Claims, model: DrawnModel) -> float:
 
 
 def _without_spoiled(claims: Claims, model: DrawnModel) -> tuple[Claims, frozenset[tuple[int, int]]]:
-    """Return the claims of the hogels in which nearly all claims hold, and the indices of the others.
+    """Return the claims of the hogels in which nearly all hold, and the indices of the others.
 
-    One file of noise must not decide about the others. But where most hogels would be left out, the guess is
-    wrong and not the hogels: then all are kept.
+    Where most hogels would be left out, the guess is wrong and not the hogels: then all are kept.
     """
     off = outside_px(claims, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
@@ -349,11 +348,9 @@ class _Fitting:
     nominal: DrawnModel
 
     def groups(self, claims: Claims, *, together: bool = False) -> tuple[str, ...]:
-        """Return the groups that claims can determine, one by one or all of them free `together`.
-
-        Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
-        To move the apertures is to move scene and film.
-        """
+        """Return the groups that claims can determine, one by one or all of them free `together`."""
+        # Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
+        # To move the apertures is to move scene and film.
         unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
         unseen |= set() if self.scene.frustum.recentered else set(SCREEN_GROUPS)
         unseen |= {"aperture-offset"} if together and not claims.of_points else set()
@@ -449,11 +446,7 @@ class _Fitting:
     def simplest(
         self, claims: Claims, starts: Sequence[DrawnModel], counts: Iterable[int], limit_px: float
     ) -> Found:
-        """Return the guess with the fewest groups off nominal whose noise keeps a limit, and its groups.
-
-        Where several sets with the same number of groups suffice, images cannot tell them apart: the
-        preferred one comes first. None is returned where no set suffices.
-        """
+        """Return guesses with the fewest groups off nominal whose noise keeps a limit, preferred first."""
         few = claims.thinned(MAX_SCREENED_CLAIMS)
         passing: dict[object, tuple[tuple[float, ...], DrawnModel, tuple[str, ...]]] = {}
         # Three fits, each more expensive: a rough one on few claims already rejects most sets.
@@ -485,10 +478,7 @@ class _Fitting:
         return [(one, free) for one, free in found if (one.orientation, one.order) in turned]
 
     def _rank(self, claims: Claims, model: DrawnModel, free: tuple[str, ...]) -> tuple[float, ...]:
-        """Return the sort key of a guess: the preferred one of several has the smallest.
-
-        A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
-        """
+        """Return the sort key of a guess: the preferred one, with fewest numbers, has the smallest."""
         off = np.abs(model.parameters - self.nominal.parameters) > smallest_named(self.scene)
         names = ("pivot", "fit", "recentering", "one_camera")
         choices = sum(getattr(model, name) != getattr(self.nominal, name) for name in names)

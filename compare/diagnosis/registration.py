@@ -56,19 +56,13 @@ MAX_BRIGHTNESS_DIFFERENCE = 0.05
 class _Pair:
     """Brightness (H, W) of an image, upright, and a finer and wider picture of the hogel by the reference.
 
-    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, less than one of
-    the picture's own pixels. Each hogel has another one: without them, the best shift would always be a whole
-    number of the picture's pixels.
+    The picture's grid is shifted by `offset` (2,), columns and rows in pixels of the image, another one for
+    each hogel: without them, the best shift would always be a whole number of the picture's pixels.
     """
 
     image: Floats
     wide: Floats
     offset: Floats
-
-    def blurred(self) -> _Pair:
-        """Return image and picture after the same filter."""
-        wide = gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING)
-        return replace(self, image=gaussian_filter(self.image, BLUR_PX), wide=wide)
 
     def difference(self, values: Floats, order: int = 1) -> Floats:
         """Return the reference's picture at the image's pixels with some shift and fov, minus the image."""
@@ -107,10 +101,18 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         shifted = replace(model, shift=(x, y))
         wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
         upright = model.orientation.upright(as_gray(image))
-        pairs.append(_Pair(image=upright, wide=_gray(wide, image), offset=offset / SUPERSAMPLING))
+        gray = as_gray(wide if image.color is not None else replace(wide, color=None))
+        pairs.append(_Pair(image=upright, wide=gray, offset=offset / SUPERSAMPLING))
     # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
-    best = _least(pairs, _least([pair.blurred() for pair in pairs], _start(pairs)))
-    best = _closest(pairs, best)
+    blurred = [
+        replace(
+            pair,
+            image=gaussian_filter(pair.image, BLUR_PX),
+            wide=gaussian_filter(pair.wide, BLUR_PX * SUPERSAMPLING),
+        )
+        for pair in pairs
+    ]
+    best = _closest(pairs, _least(pairs, _least(blurred, _start(pairs))))
     # Step 5: intervals; the four fitted numbers are the first four parameters. A number whose interval holds
     # the nominal value keeps the nominal value.
     half = _uncertainty(pairs, best)
@@ -118,11 +120,6 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
     fit = replace(fit, model=model.with_parameters(values))
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
-
-
-def _gray(truth: HogelImage, image: HogelImage) -> Floats:
-    """Return the brightness of a truth where an image has colors, else the grays of its objects."""
-    return as_gray(truth if image.color is not None else replace(truth, color=None))
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
@@ -154,7 +151,8 @@ def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: Dr
 
     @cache
     def truth(index: tuple[int, int]) -> Floats:
-        return _gray(reference.trace(scene.plate.aperture(*index)), images[0])
+        shown = reference.trace(scene.plate.aperture(*index))
+        return as_gray(shown if images[0].color is not None else replace(shown, color=None))
 
     best, found = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)

@@ -159,13 +159,10 @@ def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
 
 
 def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
-    """Measure by how much outlines have moved, over a picture as a whole and each of its tiles.
+    """Measure by how much outlines have moved, px, over a picture as a whole and each of its tiles.
 
     `shown` is the contrast of the picture that is judged, capped, so that a strong edge counts no more than
-    another. Returned are the lengths of displacements, px; None where none has clearly the most contrast.
-
-    A tile of dim outlines beside a strong one has more contrast at the strong one, however right the picture
-    is. So what does not even register with itself, within half a pixel, measures nothing.
+    another. None is returned where no displacement has clearly the most contrast.
     """
     # Row and column (N, 2), axis and weight of the strongest steps.
     rows = [np.argwhere(some > 0) for some in expected]
@@ -182,6 +179,8 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
         found = _peak(*some, shown) if len(some[0]) >= MIN_STEPS else None
         if found is None or max(map(abs, found)) <= 0.5:
             return found
+        # A tile of dim outlines beside a strong one has more contrast at the strong one, however right the
+        # picture is. So what does not even register with itself, within half a pixel, measures nothing.
         own = _peak(*some, expected)
         return found if own is not None and max(map(abs, own)) <= 0.5 else None
 

@@ -1,7 +1,5 @@
 """Images that a guess about a renderer makes of a scene: traced and decided like the truth, and colored."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

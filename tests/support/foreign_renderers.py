@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +36,24 @@ def small(name: str = "asymmetric-recentered", size: int = 64) -> Scene:
     """Return a scene with square images and a square number of hogels, which every symmetry keeps."""
     scene = view(name, (size, size))
     return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 5)))
+
+
+def oblong(name: str = "asymmetric", width: int = 32) -> Scene:
+    """Return a scene whose film and plate keep four symmetries each: a quarter of what `small` has to try."""
+    scene = view(name, (width, width * 3 // 4))
+    return replace(scene, plate=Plate(size=scene.plate.size, hogels=(5, 4)))
+
+
+def saying(image: HogelImage, *said: str) -> HogelImage:
+    """Return an image that says nothing but its `triangle`, `object` or `color`."""
+    nothing = np.full_like(image.triangle, NOTHING)
+    return HogelImage(
+        camera=image.camera,
+        triangle=image.triangle if "triangle" in said else nothing,
+        object=image.object if "object" in said else nothing,
+        position=np.full((*nothing.shape, 3), np.nan),
+        color=image.color if "color" in said else None,
+    )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -79,17 +97,12 @@ class Faulty:
         x, y = self.aperture_offset
         there = replace(asked, x=asked.x * self.pitch + x, y=asked.y * self.pitch + y)
         image = self._drawn(there)
-        arrays = {
-            name: self.orientation.applied(getattr(image, name)) for name in ("triangle", "object", "color")
+        turned = self.orientation.applied
+        arrays: dict[str, Any] = {
+            name: turned(getattr(image, name)) for name in ("triangle", "object", "color")
         }
-        nothing = np.full_like(arrays["triangle"], NOTHING)
-        return HogelImage(
-            camera=image.camera,
-            triangle=arrays["triangle"] if self.shown == "triangle" else nothing,
-            object=arrays["object"] if self.shown == "object" else nothing,
-            position=np.full((*nothing.shape, 3), np.nan),
-            color=arrays["color"] if self.shown == "color" or not self.conjugated else None,
-        )
+        said = (self.shown,) if self.conjugated else (self.shown, "color")
+        return saying(replace(image, **arrays), *said)
 
     def _drawn(self, aperture: Aperture) -> HogelImage:
         near = self.near or INVISIBLE * self.scene.frustum.longest_reach
@@ -200,6 +213,3 @@ def unconjugated(front: HogelImage) -> Singles:
     gray = ambient + diffuse * np.maximum(cosine, 0.0) + specular * highlight
     gray = np.where(front.triangle == NOTHING, 0.0, gray)
     return np.repeat(gray[..., None], 3, axis=-1).astype(np.float32)
-
-
-Make = Callable[..., Faulty]

@@ -4,8 +4,6 @@ The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_re
 are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of what was run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
@@ -163,3 +161,41 @@ def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, add: int, noth
         OpenEXR.File(header, {"id.triangle": channel}).write(str(tmp_path / f"{i}-{j}.exr"))
     found = xfrustum.verify(str(studio.scene_file("attic")), str(tmp_path / "{i}-{j}.exr"))
     assert found.passed is ((add, nothing) == (1, 0))
+
+
+# Hogels of a public double-frustum renderer about which nothing is known in advance.
+
+
+@pytest.mark.parametrize(
+    ("name", "offset", "apertures"),
+    [
+        ("BT-0.001", None, [(0, 0), (4, 1), (2, 3)]),
+        pytest.param("BT-0.001", None, None, marks=pytest.mark.slow),
+        *(pytest.param(f"DF-{near}", near, None, marks=pytest.mark.slow) for near in (0.1, 0.01, 0.001)),
+    ],
+)
+def test_conventions_and_offset_of_another_renderer_are_found(
+    name: str, offset: float | None, apertures: list[tuple[int, int]] | None, shared_data: Path
+) -> None:
+    folder = shared_data / "data" / "foreign"
+    pattern = str(folder / name / "Hogel_{i}x{j}.png")
+    found = xfrustum.verify(str(folder / "scene.toml"), pattern, encoding="triangle-id", apertures=apertures)
+    named = {fault.fault: fault for fault in found.diagnosis.faults}
+    near = named.pop("near", None)
+    assert set(named) == {"orientation", "aperture-order", "shift-x", "shift-y"}
+    assert named["orientation"].value == "turned by 180 degrees"
+    for axis in "xy":
+        assert abs(float(named[f"shift-{axis}"].value)) == pytest.approx(0.5, abs=0.01)
+    assert (near is None) == (offset is None)
+    if near is not None and offset is not None:
+        assert near.value == pytest.approx(offset, rel=0.02)
+        assert near.low is not None and near.high is not None
+        assert near.low <= offset <= near.high
+    summary = found.summary()
+    assert summary["as_found"]["fraction"] > 0.9
+    assert summary["corrected"]["fraction"] < 0.01
+    charged = summary["corrected"]["causes"]
+    assert sum(charged.values()) == summary["corrected"]["wrong"]
+    assert charged["unexplained"] == 0
+    assert not found.passed
+    assert len(found.hogels) == len(apertures or range(25))

@@ -1,7 +1,5 @@
 """The cause of a foreign renderer's wrong pixel: by hand on one triangle, cut by the film's border."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

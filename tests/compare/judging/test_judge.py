@@ -1,7 +1,5 @@
 """Many hogels drawn and judged at once: the numbers that each has alone, in order, and threads that end."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from dataclasses import fields, replace

@@ -1,7 +1,5 @@
 """Displacement of images that name objects: 0 where no pixel differs, and not asked for without outlines."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

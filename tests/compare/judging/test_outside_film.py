@@ -1,7 +1,5 @@
 """Both judges count the pixels that show what belongs outside the film, by one rule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """No false pass: what does not exist is wrong, figures say what they count, displacements are measured."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
