@@ -239,8 +239,9 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
 
 
 def test_geometry_passes_another_shading_that_colors_fail(hogels: Hogels) -> None:
-    by_color = verified(hogels["right"], headlight)
-    geometry = verified(hogels["right"], headlight, compare="geometry")
+    two: dict[str, Any] = {"apertures": [(0, 0), (1, 1)]}
+    by_color = verified(hogels["right"], headlight, **two)
+    geometry = verified(hogels["right"], headlight, compare="geometry", **two)
     assert not by_color.passed
     assert geometry.passed
     assert by_color.summary()["compared"] == "color"
@@ -248,7 +249,8 @@ def test_geometry_passes_another_shading_that_colors_fail(hogels: Hogels) -> Non
     assert "colors to within 0.00902" in by_color.judged
     assert "where outlines run" in geometry.judged
     assert geometry.checks[0].figure == "wrong outlines"
-    rolled = verified(hogels["right"], lambda image: np.roll(headlight(image), 1, axis=0), compare="geometry")
+    two["compare"] = "geometry"
+    rolled = verified(hogels["right"], lambda image: np.roll(headlight(image), 1, axis=0), **two)
     assert all(hogel.verdict == "fail" for hogel in rolled.hogels)
 
 
