@@ -1,7 +1,9 @@
 """The scene file (TOML; CONVENTIONS.md, "The scene file"): its tables, read and checked key by key.
 
-What can be checked without the files that it names is checked before the first mesh is read.
+What can be checked without the files that it names is checked before NumPy and what reads meshes is loaded.
 """
+
+from __future__ import annotations
 
 import difflib
 import json
@@ -12,13 +14,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
-import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject, Screen
+from xfrustum.scenes import Frustum, InputError, Plate, Screen
 from xfrustum.scenes.appearance.appearance import (
     DEFAULT_LIGHT,
     LARGEST_COEFFICIENT,
@@ -35,7 +36,9 @@ from xfrustum.scenes.disk.input_files import (
     regular_size,
 )
 from xfrustum.scenes.geometry import SHAPE_NAMES
-from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, placement, smoothed
+
+if TYPE_CHECKING:
+    from xfrustum.scenes import Scene, SceneObject
 
 Location = tuple[int | str, ...]
 
@@ -161,6 +164,8 @@ class _SceneTables(_Table):
 def read_scene(path: Path) -> Scene:
     """Read a scene file, its meshes and its map; InputError names the file, the key, and the fault."""
     file, plate, frustum = checked(path)
+    from xfrustum.scenes.model.scene import Scene  # noqa: PLC0415 - loads NumPy
+
     return Scene(
         name=file.name or path.stem,
         units=file.units,
@@ -268,6 +273,10 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
+    import numpy as np  # noqa: PLC0415 - scene files are checked without it
+
+    from xfrustum.scenes.geometry import shapes  # noqa: PLC0415 - likewise
+
     if entry.transform is not None:
         matrix = np.array(entry.transform, dtype=np.float64)
         linear, fault = matrix[:3, :3], ""
@@ -284,22 +293,22 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             )
     else:
         origin = (0.0, 0.0, 0.0)
-        matrix = placement(entry.scale or 1.0, entry.rotate_deg or origin, entry.translate or origin)
+        matrix = shapes.placement(entry.scale or 1.0, entry.rotate_deg or origin, entry.translate or origin)
     with named(path, f"object[{index}].{'shape' if entry.mesh is None else 'mesh'}"):
         if entry.mesh is None:
-            part = build_shape(str(entry.shape), material=entry.material)
+            part = shapes.build_shape(str(entry.shape), material=entry.material)
         elif entry.is_patches:
             from xfrustum.scenes.geometry.tessellation import load_patches  # noqa: PLC0415 - loads SciPy's graphs
 
             # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
             tolerance = entry.chord_tolerance
-            own = None if tolerance is None else tolerance / magnification(matrix)
+            own = None if tolerance is None else tolerance / shapes.magnification(matrix)
             part = load_patches(path.parent / entry.mesh, chord_tolerance=own, material=entry.material)
         else:
             from xfrustum.scenes.files.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
 
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
-        return place(smoothed(part) if entry.smooth else part, matrix)
+        return shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
 
 
 def _appearance(path: Path, file: _SceneTables) -> Appearance:
