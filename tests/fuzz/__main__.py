@@ -27,13 +27,9 @@ BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
     *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
-    *(
-        "xfrustum.reports.comparison",
-        "xfrustum.reports.plate.plate",
-        "xfrustum.reports.scene_check.checking",
-        "xfrustum.reports.exchange.convert",
-    ),
-    *("xfrustum.reports.trace", "xfrustum.reports.trace", "xfrustum.reports.verification.verification"),
+    *("xfrustum.reports.comparison", "xfrustum.reports.plate.plate", "xfrustum.reports.trace"),
+    *("xfrustum.reports.scene_check.checking", "xfrustum.reports.exchange.convert"),
+    "xfrustum.reports.verification.verification",
 )
 """Modules that children use, among them those that other libraries import late."""
 
@@ -88,7 +84,8 @@ def main(arguments: list[str] | None = None) -> int:
             work = [
                 (seed, range(first, min(first + BATCH, end)), chosen.keep)
                 for seed, count in _shares(of_kind, chosen.count)
-                for first, end in _batches(count, chosen.seed)
+                for end in [chosen.seed + count]
+                for first in range(chosen.seed, end, BATCH)
             ]
             counts: Counter[str] = Counter()
             for more, lines in workers.imap_unordered(batch_of, work):
@@ -118,10 +115,6 @@ def _shares(seeds: list[Seed], count: int) -> list[tuple[Seed, int]]:
         first, until = until, until + seed.share
         found.append((seed, count * until // total - count * first // total))
     return found
-
-
-def _batches(count: int, first: int) -> list[tuple[int, int]]:
-    return [(at, first + count) for at in range(first, first + count, BATCH)]
 
 
 def import_everything() -> None:

@@ -16,14 +16,8 @@ BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is no messa
 def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:
     """Yield what is wrong with an outcome, one word each.
 
-    Parameters
-    ----------
-    outcome
-        Outcome of an input.
-    outputs
-        Names of files that the command may leave if it ends with 0 or 1.
-    named
-        Whether the command line is the seed's own, so that outputs have the names that they should have.
+    `outputs` are what the command may leave if it ends with 0 or 1; under these names where the command line
+    is the seed's own (`named`).
     """
     if outcome.hung:
         yield "hang"

@@ -98,9 +98,7 @@ class Seed:
     """A valid input: files, the one that is mutated, and the command that reads them."""
 
     name: str  #: unique among all seeds; names of findings begin with it
-    files: Mapping[
-        str, bytes
-    ]  #: content of each by its name, relative to the folder that the command runs in
+    files: Mapping[str, bytes]  #: content by name, relative to the folder that the command runs in
     mutated: str  #: name of the file that is mutated; empty where the command line itself is
     command: tuple[str, ...]  #: arguments of `xfrustum`
     outputs: frozenset[str]  #: files and folders that the command may leave when it ends with 0 or 1
@@ -161,14 +159,9 @@ def scenes() -> list[Seed]:
     sky = _map("map.exr")
     return _of_scene(
         [
-            _seed(
-                f"scene-{name}",
-                {"scene.toml": text.encode(), "map.exr": sky},
-                "scene.toml",
-                _TRACE,
-                "out.exr",
-            )
+            _seed(f"scene-{name}", files, "scene.toml", _TRACE, "out.exr")
             for name, text in texts.items()
+            for files in [{"scene.toml": text.encode(), "map.exr": sky}]
         ]
     )
 
@@ -379,10 +372,7 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
 
 
 def _ascii_ply() -> bytes:
-    properties = [
-        *(f"float {axis}" for axis in "xyz"),
-        *(f"uchar {name}" for name in ("red", "green", "blue")),
-    ]
+    properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue"]
     head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property {one}" for one in properties)]
     head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
     return "\n".join([*head, "0 0 0 255 0 0", "1 0 0 0 255 0", "0 1 0 0 0 255", "3 0 1 2", ""]).encode()

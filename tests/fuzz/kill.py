@@ -33,9 +33,7 @@ ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 WORDS = {signal.SIGINT: b"xfrustum: interrupted\n", signal.SIGTERM: b"xfrustum: terminated\n"}
 
 PATIENCE_S = 60.0  # seconds that a command may take to end after a signal
-RENDERER_S = (
-    10.0  # seconds within which a renderer ends by itself if the program that should end it was killed
-)
+RENDERER_S = 10.0  # within which a renderer ends by itself if the program that should end it was killed
 
 TEMPORARY = "temporary"  # name of the folder for temporary files, which commands must empty as well
 OUT, JUNIT = "out", "out.xml"  # names of what commands write: a folder, and a JUnit file

@@ -14,23 +14,9 @@ NUMBERS = (
 """Numbers, and texts in place of numbers, that have broken readers of numbers."""
 
 WORDS = (
-    *(
-        "",
-        " ",
-        "\0",
-        "\x1b[31m",
-        "\r\n",
-        "\u2028",
-        "..",
-        "../../etc/passwd",
-        "<script>",
-        "%s%n",
-        "{",
-        "}",
-        "'",
-        '"',
-    ),
-    *("{i!r}", "{i:999999999d}", "{x:.6f}", "{0}", "{i.real}", "{i[0]}", "{nobody}", "*", "run:1", "s3://x"),
+    *("", " ", "\0", "\x1b[31m", "\r\n", "\u2028", "..", "../../etc/passwd", "<script>", "%s%n"),
+    *("{", "}", "'", '"', "*", "run:1", "s3://x"),
+    *("{i!r}", "{i:999999999d}", "{x:.6f}", "{0}", "{i.real}", "{i[0]}", "{nobody}"),
 )
 """Texts that have broken readers of texts, and pages that show them."""
 
