@@ -187,11 +187,15 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(world: Sce
     assert not found.passed and found.hogels[3].passed
 
 
-def test_python_refuses_what_the_command_line_refuses(world: Scene) -> None:
+def test_python_refuses_what_the_command_line_refuses_and_nothing_is_nothing(world: Scene) -> None:
     with pytest.raises(InputError, match="accept"):
         xfrustum.verify(world, "{i}{j}", accept=("everything",))
     with pytest.raises(InputError, match="max-wrong"):
         xfrustum.verify(world, "{i}{j}", max_wrong=2.0)
+    empty = replace(world, objects=())
+    with Rasterizer(empty) as rasterizer:
+        found = xfrustum.verify(empty, lambda scene, aperture: rasterizer.render(aperture, NEAR))
+    assert found.passed and found.diagnosis.faults == ()
 
 
 @pytest.mark.parametrize("kept", ["triangle", "object", "position"])
@@ -231,11 +235,3 @@ def test_noise_is_no_convention_and_one_file_of_it_spoils_nothing_else() -> None
     assert every.diagnosis.faults == ()
     assert "no convention explains" in every.diagnosis.means
     assert not every.passed
-
-
-def test_nothing_is_nothing(world: Scene) -> None:
-    empty = replace(world, objects=())
-    with Rasterizer(empty) as rasterizer:
-        found = xfrustum.verify(empty, lambda scene, aperture: rasterizer.render(aperture, NEAR))
-    assert found.passed
-    assert found.diagnosis.faults == ()
