@@ -1,11 +1,9 @@
 """The side view and the top view of a scene: plate, reach, frusta and objects, as one small SVG each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from markupsafe import Markup
@@ -62,7 +60,7 @@ class PictureFrame:
     scale: float  #: pixels per scene unit
 
     @classmethod
-    def of(cls, scene: Scene, view: View) -> PictureFrame:
+    def of(cls, scene: Scene, view: View) -> Self:
         """Show the reach, the plate, the frusta and the objects, as far as they are not far away."""
         toward, back = scene.frustum.reach
         far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2

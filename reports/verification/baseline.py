@@ -7,8 +7,6 @@ spread of the runs of one state is the renderer's noise. Branches that accept di
 conflict: the state that was begun last counts.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -20,7 +18,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -74,7 +72,7 @@ class Stated:
     amounts: Mapping[str, float]
 
     @classmethod
-    def of(cls, text: str) -> Stated:
+    def of(cls, text: str) -> Self:
         """Read `5%`, or amounts such as `wrong_surfaces=3,displacement_p99_px=0.01`, or both with a comma."""
         share, amounts, names = None, {}, ", ".join(WORDS)
         for part in (part.strip() for part in text.split(",")):
@@ -135,7 +133,7 @@ class KeptHogel:
     measures: dict[str, float | None]
 
     @classmethod
-    def of(cls, hogel: Hogel) -> KeptHogel:
+    def of(cls, hogel: Hogel) -> Self:
         """Return the measures of a hogel, as it was delivered; a missing one has no other measure."""
         found, corrected = hogel.as_found, hogel.corrected
         measures: dict[str, float | None] = {**dict.fromkeys(WORDS), "missing": float(found is None)}
@@ -172,7 +170,7 @@ class Run:
     xfrustum: str
     hogels: tuple[KeptHogel, ...]
 
-    def like(self, runs: Iterable[Run]) -> list[Run]:
+    def like(self, runs: Iterable[Self]) -> list[Self]:
         """Return the runs that this one can be compared with."""
         shared = ("scene_hash", "renderer", "device", "judged")
         return [one for one in runs if all(getattr(one, name) == getattr(self, name) for name in shared)]

@@ -1,7 +1,5 @@
 """Where a foreign renderer's hogel images come from: files, a layout of files, a program, or a function."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -15,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from glob import escape, iglob
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -370,7 +368,7 @@ class ForeignRenderer:
 
     # What follows is for work in several processes, which may have other working folders than the command.
 
-    def placed(self, scene: Scene) -> ForeignRenderer:
+    def placed(self, scene: Scene) -> Self:
         """Return the renderer with absolute names of its files, or the folder in which its command runs."""
         here = Path.cwd()
         if self.command is not None:
@@ -382,7 +380,7 @@ class ForeignRenderer:
         named_from = None if Path(self.source).is_absolute() else here
         return replace(self, source=str(Path(folder) / self.source), named_from=named_from)
 
-    def with_layout(self, scene: Scene, told: Callable[[str], object]) -> ForeignRenderer:
+    def with_layout(self, scene: Scene, told: Callable[[str], object]) -> Self:
         """Return the renderer, placed, with the layout of its files; `told` is called with one that is found.
 
         Raises InputError where there is no file of any hogel, or the files do not fit the layout.

@@ -1,7 +1,5 @@
 """The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -10,7 +8,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
@@ -153,7 +151,7 @@ class Hogel:
         """Whether it is there and keeps to every limit."""
         return self.problem is None and all(check.held for check in self.checks)
 
-    def told_from(self, folder: Path | None) -> Hogel:
+    def told_from(self, folder: Path | None) -> Self:
         """Return the hogel with a problem that names files as the user did; see `as_given`."""
         return self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
 
