@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from tests.support.views import view
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
@@ -56,6 +58,12 @@ def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) 
         hogels=tuple(hogel_of(place, number, p99) for place, number in wrong.items()),
         worst=WorstHogels(),
     )
+
+
+def packed(triangle: np.ndarray) -> np.ndarray:
+    """Return the pixels of pictures that name triangles."""
+    number = triangle + 1
+    return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
 
 
 def git(folder: Path, *arguments: str) -> str:

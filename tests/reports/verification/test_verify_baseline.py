@@ -15,25 +15,20 @@ from click import Context
 
 from tests.conftest import CHECKOUT
 from tests.reports.verification.synthetic import verification
-from tests.support.scene_file import film, named, part
+from tests.support.scene_file import film, part
 from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
 
 # This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
 
-SCENE = (
-    named("a sphere", "mm")
-    + film((40.0, 40.0), hogels=(3, 2), resolution=(40, 40), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
-    + part("sphere", 14.0, (4.0, 2.0, 22.0))
-)
-
 
 @pytest.fixture
 def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
-    (tmp_path / "scene.toml").write_text(SCENE)
+    sphere = part("sphere", 14.0, (4.0, 2.0, 22.0))
+    (tmp_path / "scene.toml").write_text(film((40, 40), (3, 2), (40, 40), (60, 60), (50, 60)) + sphere)
     return tmp_path
 
 
@@ -132,25 +127,11 @@ def test_the_action_has_every_input_that_it_uses_and_every_option_of_baselines()
         # Nothing is approved, and so nothing is noise.
         ({"source": "hogels/{i}x{j}.png", "repeated": "true"}, {"approve": False, "repeated": False}),
         (
-            {
-                "command": "build/r --x {x} --y {y} --out {out}",
-                "apertures": "0,0;2,1",
-                "accept": "orientation",
-                "tolerance": "5%",
-                "approve": "true",
-                "repeated": "true",
-                "renderer": "mine; rm -rf",
-                "arguments": "--max-wrong 0.5% --timeout '20'",
-            },
-            {
-                "command": "build/r --x {x} --y {y} --out {out}",
-                "approve": True,
-                "repeated": True,
-                "renderer": "mine; rm -rf",
-                "max_wrong": 0.005,
-                "apertures": ((0, 0), (2, 1)),
-                "timeout_s": 20.0,
-            },
+            {"command": "build/r --x {x} --y {y} --out {out}", "renderer": "mine; rm -rf", "tolerance": "5%"}
+            | {"apertures": "0,0;2,1", "accept": "orientation", "approve": "true", "repeated": "true"}
+            | {"arguments": "--max-wrong 0.5% --timeout '20'"},
+            {"command": "build/r --x {x} --y {y} --out {out}", "renderer": "mine; rm -rf", "timeout_s": 20.0}
+            | {"approve": True, "repeated": True, "max_wrong": 0.005, "apertures": ((0, 0), (2, 1))},
         ),
     ],
 )
@@ -166,13 +147,8 @@ def test_the_command_line_of_the_action_is_one_that_verify_accepts(
     stand_in.write_text(f"#!{sys.executable}\n{told}")
     stand_in.chmod(0o755)
     assert step["shell"] == "python"
-    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        [sys.executable, "-c", step["run"]],
-        env={**os.environ, **asked, "PATH": path},
-        cwd=tmp_path,
-        check=False,
-    )
+    env = {**os.environ, **asked, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run([sys.executable, "-c", step["run"]], env=env, cwd=tmp_path, check=False)
     assert done.returncode == 1, "the exit status of verify is that of the step"
     words = json.loads((tmp_path / "words.json").read_text())
     assert words[0] == "verify" and verify is not None

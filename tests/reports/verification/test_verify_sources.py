@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 import xfrustum
+from tests.reports.verification.synthetic import packed
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
@@ -43,9 +44,8 @@ def pattern(world: Scene) -> str:
     """Six pictures of triangle numbers by our own rasterizer."""
     with Rasterizer(world) as rasterizer:
         for aperture in world.plate.apertures():
-            number = rasterizer.render(aperture, NEAR).triangle + 1
-            packed = np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1)
-            Image.fromarray(packed.astype(np.uint8)).save(f"{aperture.column}-{aperture.row}.png")
+            pixels = packed(rasterizer.render(aperture, NEAR).triangle)
+            Image.fromarray(pixels).save(f"{aperture.column}-{aperture.row}.png")
     return "{i}-{j}.png"
 
 
