@@ -6,7 +6,7 @@ Blender's camera is the crossed frustum itself: blender/render.py.
 
 import math
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -38,11 +38,7 @@ class Renderer(StrEnum):
     MITSUBA = "mitsuba"
 
 
-CAMERA_FILES = {
-    Renderer.JSON: "cameras.json",
-    Renderer.GLTF: "cameras.gltf",
-    Renderer.MITSUBA: "sensors.json",
-}
+CAMERA_FILES = {"json": "cameras.json", "gltf": "cameras.gltf", "mitsuba": "sensors.json"}
 """Name of the one file of each renderer but Blender."""
 
 
@@ -236,21 +232,12 @@ GLTF_NOTE = (
 """What a reader of the glTF file must know."""
 
 
-def _passes(cameras: Record) -> list[tuple[Record, Record]]:
-    """Return every camera, and what entries of both formats say of it."""
-    return [
-        (
-            camera,
-            {
-                "aperture": one["aperture"],
-                "pass": number,
-                "rows_reversed": camera["film_flipped"],
-                "wins": camera["wins"],
-            },
-        )
-        for one in cameras["apertures"]
-        for number, camera in enumerate(one["passes"])
-    ]
+def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
+    """Yield every camera, and what entries of both formats say of it."""
+    for one in cameras["apertures"]:
+        for number, camera in enumerate(one["passes"]):
+            told = {"aperture": one["aperture"], "pass": number, "rows_reversed": camera["film_flipped"]}
+            yield camera, told | {"wins": camera["wins"]}
 
 
 def gltf(cameras: Record) -> Record:
@@ -269,12 +256,8 @@ def gltf(cameras: Record) -> Record:
         sides = ((kx - tx) / across, (kx + tx) / across, (middle - ty) / up, (middle + ty) / up)
         column, row = told["aperture"]
         name = f"{camera['camera']} {column},{row} pass {told['pass']}"
-        perspective = {
-            "yfov": 2 * math.atan(up),
-            "aspectRatio": across / up,
-            "znear": camera["near"],
-            "zfar": camera["far"],
-        }
+        ends = {"znear": camera["near"], "zfar": camera["far"]}
+        perspective = {"yfov": 2 * math.atan(up), "aspectRatio": across / up, **ends}
         film = dict(zip(("left", "right", "bottom", "top"), sides, strict=True))
         extras = told | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
         node = {"name": name, "camera": len(lenses), "translation": camera["position"], "extras": extras}

@@ -147,24 +147,25 @@ class Hogel:
     checks: tuple[Check, ...] = ()
 
     @property
+    def verdict(self) -> str:
+        """One word: missing, pass where every limit is kept, or fail."""
+        held = all(check.held for check in self.checks)
+        return "missing" if self.problem is not None else "pass" if held else "fail"
+
+    @property
     def passed(self) -> bool:
         """Whether it is there and keeps to every limit."""
-        return self.problem is None and all(check.held for check in self.checks)
+        return self.verdict == "pass"
 
     def told_from(self, folder: Path | None) -> Self:
         """Return the hogel with a problem that names files as the user did; see `as_given`."""
         return self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
 
-    @property
-    def verdict(self) -> str:
-        """One word: pass, fail, or missing."""
-        return "missing" if self.problem else "pass" if self.passed else "fail"
-
     def summary(self) -> dict[str, Any]:
         """Return the JSON object."""
-        fields = json_object(self)
-        first = {"aperture": list(self.aperture.index), "verdict": self.verdict}
-        return first | {name: fields[name] for name in ("problem", "checks", "as_found", "corrected")}
+        fields = json_object(self) | {"aperture": list(self.aperture.index), "verdict": self.verdict}
+        names = ("aperture", "verdict", "problem", "checks", "as_found", "corrected")
+        return {name: fields[name] for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -563,9 +564,8 @@ def table(found: Verification) -> str:
     if len(problems) > 1 and len({hogel.problem for hogel in problems}) == 1:
         return "\n".join([*lines, f"{len(problems)} hogels: {problems[0].problem}"])
     lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:MAX_LISTED]]
-    if len(problems) > MAX_LISTED:
-        lines.append(f"and {len(problems) - MAX_LISTED} more like these")
-    return "\n".join(lines)
+    more = len(problems) - MAX_LISTED
+    return "\n".join([*lines, *([f"and {more} more like these"] if more > 0 else [])])
 
 
 def unexplained(found: Verification) -> str:

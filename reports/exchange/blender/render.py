@@ -13,8 +13,6 @@ a - reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture 
 it meets is what the hogel shows, in one pass and without a near plane.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
