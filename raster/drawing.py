@@ -1,7 +1,5 @@
 """A scene on the GPU: materials, lights, textures, reflections, and its drawing (paper, sections 3 and 6)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

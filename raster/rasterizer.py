@@ -3,8 +3,6 @@
 Means of color over the pixel's box and over the aperture are drawn in tiles (band limiting).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What ray tracers in single precision would have got wrong alone, without the certificate."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

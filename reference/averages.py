@@ -7,8 +7,6 @@ pixel changes smoothly with the point, and as N^-0.75 where an edge passes over 
 would give N^-0.5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

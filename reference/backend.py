@@ -10,8 +10,6 @@ and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of 
 Importing this module raises an `InputError` where there is no LLVM to compile kernels with.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence

@@ -5,8 +5,6 @@ Dr.Jit takes the LLVM that it finds when it is first imported. It refuses versio
 chooses the library by its version, and names it in `DRJIT_LIBLLVM_PATH` before that import.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import os

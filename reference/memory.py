@@ -1,7 +1,5 @@
 """Memory: bands of rows, which bound what an image takes, and arrays that kernels may read in place."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

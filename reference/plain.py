@@ -1,7 +1,5 @@
 """What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is examined."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from xfrustum.reference.averages import averages

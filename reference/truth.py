@@ -1,7 +1,5 @@
 """True images: asks `certify` for each pixel, then adds points, normals and color."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property

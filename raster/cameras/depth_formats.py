@@ -4,8 +4,6 @@ C keeps the nearest surface and starts from its far value; C* keeps the farthest
 from its near value (paper, section 3). Tests are strict: of equal depths the first drawn stays.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import assert_never
 

@@ -1,7 +1,5 @@
 """The passes of an image: its cameras in drawing order, and how OpenGL is set for each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

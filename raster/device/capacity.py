@@ -1,7 +1,5 @@
 """The largest images and meshes that a device has room for, asked before anything is uploaded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from OpenGL import GL

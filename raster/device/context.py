@@ -1,7 +1,5 @@
 """The one place that makes an OpenGL context: moderngl over EGL, without a display."""
 
-from __future__ import annotations
-
 import ctypes
 import time
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """A scene's triangles on the GPU, in float32: corners, attributes, and numbers of triangles in vertices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """The surface point that each pixel shows, found by a compute pass over the triangle numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Shaders of the folder `shaders`, put together for the effects that are asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 

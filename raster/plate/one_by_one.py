@@ -1,7 +1,5 @@
 """Hogels drawn one after the other: with any sampling, averaged over sub-apertures, and as a plain loop."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace

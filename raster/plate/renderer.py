@@ -3,8 +3,6 @@
 docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Framebuffers with a layer for each of several hogels, and their way back to the processor."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ reaches to the farthest of its three corners, for a cap smaller than a half sphe
 lines in that cap, or in the opposite one, can meet the triangle. Those lines are decided in integers.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from fractions import Fraction

@@ -5,8 +5,6 @@ that crosses the height of the center reaches to infinity there. Boxes are widen
 (docs/truth.md, "Nothing is left out"), so that a pixel outside a triangle's box does not show it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

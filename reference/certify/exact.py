@@ -5,8 +5,6 @@ here is a Python integer or a ratio of two. Triangles are closed, and a line tha
 plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from fractions import Fraction
 from functools import cached_property, lru_cache

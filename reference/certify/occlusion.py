@@ -13,8 +13,6 @@ box: it walks the points in these cells, which lie one behind the other, and not
 be met.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -11,8 +11,6 @@ pixel's ray meets the wider one. D0 + |s| D1 is convex over s, so that the wider
 of its wider corners, and what an eye sees of that hull lies between what it sees of these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """True views and replayed views, with points and color."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

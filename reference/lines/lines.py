@@ -1,7 +1,5 @@
 """Pixel to line: the definition of truth (CONVENTIONS.md, "Frames"; paper, sections 3 and 5)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

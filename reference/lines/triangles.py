@@ -4,8 +4,6 @@ Planes and distances have no bounds of their rounding. The side decides what cul
 section 3).
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

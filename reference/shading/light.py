@@ -7,8 +7,6 @@ normals, colors and texture coordinates are interpolated linearly in space.
 There is one lane of Dr.Jit for each point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

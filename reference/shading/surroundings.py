@@ -3,8 +3,6 @@
 Textures are decoded from sRGB, then filtered bilinearly between texel centers and repeated, with no mipmaps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

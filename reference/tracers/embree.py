@@ -4,8 +4,6 @@ The answer is a proposal. Positions are computed from the triangle in double pre
 `certify` decides whether the proposal is right.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 

@@ -1,7 +1,5 @@
 """Mitsuba as tracer: a second, independent proposal, on all processors or a GPU."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The image that a tracer alone would have shown: the second opinion on every pixel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

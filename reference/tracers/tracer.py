@@ -1,7 +1,5 @@
 """The interface of ray tracers, and the scale in which they are given a scene."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

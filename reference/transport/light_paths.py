@@ -12,8 +12,6 @@ light, and shows d a / pi of its irradiance. Hence, with interreflection:
 Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

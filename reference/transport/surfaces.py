@@ -4,8 +4,6 @@ The formulas are those of `shading`, written a second time on purpose: each chec
 "Light", states them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

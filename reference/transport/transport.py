@@ -5,8 +5,6 @@ pixel, each path in one of them at random. So the mean over many paths is the me
 takes; the only differences are light transport and noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The program `xfrustum`, also as `python -m xfrustum`."""
 
-from __future__ import annotations
-
 import sys
 
 from xfrustum.cli.main import run

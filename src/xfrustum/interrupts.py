@@ -4,8 +4,6 @@ Where a library swallows the exception, as trimesh does while it imports its own
 it again. Code that makes something and notes it for removal does both within `delayed`.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The program's messages on standard error, and text from outside made fit for a terminal."""
 
-from __future__ import annotations
-
 import re
 import sys
 from contextlib import suppress

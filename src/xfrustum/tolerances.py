@@ -1,7 +1,5 @@
 """Limits that pictures are held to where nobody states others: the one place for these numbers."""
 
-from __future__ import annotations
-
 TOLERANCE_PX = 0.5
 """Largest 99th percentile of displacement, in pixels: a point that moves by less than half a pixel mostly
 stays within its pixel."""

@@ -1,7 +1,5 @@
 """The command line: one JSON object on standard output, one line per mistake, nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import signal
 import stat

@@ -1,7 +1,5 @@
 """`--decided-by`: tracers' own pictures, what they alone would have got wrong, and reports against them."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

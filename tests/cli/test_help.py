@@ -1,7 +1,5 @@
 """Help: every command has a use and an example, every example parses, and in their order they run."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import sys

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

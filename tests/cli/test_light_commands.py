@@ -1,7 +1,5 @@
 """Light on the command line: effects, numbers of samples, transport; and the paper's figure 7."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -3,8 +3,6 @@
 No time is measured, for it depends on the machine; loading these libraries is what takes the time.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

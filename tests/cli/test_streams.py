@@ -1,7 +1,5 @@
 """A command's message is one line of ours, escaped, whatever the standard streams are connected to."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`python -m tests.golden compare|make`: hold this checkout against the golden corpus, or make one."""
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import json

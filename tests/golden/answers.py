@@ -1,7 +1,5 @@
 """Answers of the golden corpus: what commands print and write, as flat tables of values."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The golden corpus: this checkout answers as version 0.2 did, but for differences that are explained."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

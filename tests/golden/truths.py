@@ -1,7 +1,5 @@
 """Images of the golden corpus: truths and rasters of every scene, in few pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

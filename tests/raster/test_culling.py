@@ -1,7 +1,5 @@
 """Culling as the paper has it: C leaves out back faces, C* front faces, so that the viewer sees the same."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from math import radians

@@ -1,7 +1,5 @@
 """Effects that only surfaces out of sight have: left out, with the same bits, whatever the near."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import radians
 

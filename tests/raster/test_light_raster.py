@@ -1,7 +1,5 @@
 """Light as the rasterizer draws it: against its definition, with every flip, term by term, pass by pass."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Antialiasing and band limiting by the rasterizer: means of pictures, and nothing but color."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

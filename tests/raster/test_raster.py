@@ -1,7 +1,5 @@
 """The rasterizer: same bits every time, cameras that compose, formats that work, nothing leaked."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Images too large for the device or the memory are refused before any work, and large ones are foretold."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which side of a triangle the viewer sees is decided exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

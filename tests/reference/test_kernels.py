@@ -1,7 +1,5 @@
 """Kernels of Dr.Jit: the same bits on any number of threads and in any bands, and nothing without LLVM."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The reference's means: over the boxes of pixels, over points of the aperture, and to convergence."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

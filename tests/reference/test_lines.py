@@ -1,7 +1,5 @@
 """Pixel to line: the geometry of CONVENTIONS.md and of the paper's sections 3 to 5."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The reference against brute force: the same first surface along every line, to the last digits."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

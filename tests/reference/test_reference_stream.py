@@ -1,7 +1,5 @@
 """Streams of apertures, and second opinions that are asked for late."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from dataclasses import fields, replace

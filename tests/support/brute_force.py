@@ -5,8 +5,6 @@ from an origin at the viewer's end of each line; and in rational numbers by Cram
 here is imported from the code under test: lines are arrays of doubles.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction

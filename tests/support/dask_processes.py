@@ -1,7 +1,5 @@
 """A scheduler and workers of Dask as processes of their own, on loopback."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

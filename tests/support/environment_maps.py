@@ -1,7 +1,5 @@
 """Environment maps for tests: OpenEXR, and Radiance HDR as Greg Ward's programs write it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The answer of rational arithmetic for chosen pixels; only triangles that cannot matter are left out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

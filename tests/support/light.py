@@ -3,8 +3,6 @@
 With the true eye vector and no flips, at the surface points that the cameras of the double frustum draw.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

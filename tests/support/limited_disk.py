@@ -4,8 +4,6 @@ Reads the limits and the command lines as JSON from standard input, runs each li
 empty folder, and prints what became of it as JSON. `run` starts it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

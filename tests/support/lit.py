@@ -1,7 +1,5 @@
 """Small scenes with light, for tests of shading and of light transport."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

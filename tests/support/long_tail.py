@@ -1,7 +1,5 @@
 """The long tail of a parametrized test: some cases run every time, all of them with the slow tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a viewer sees where cameras step back (`compare.eye.noticeable`): moved points, and a moved scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Child processes of tests, which answer signals however the tests were started, and threads of kernels."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Rows of a report that are made up: numbers as a comparison and a stopwatch would give them."""
 
-from __future__ import annotations
-
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
 from xfrustum.compare.metrics.error_maps import Spread

@@ -1,7 +1,5 @@
 """Scene files of tests: a plate, its frustum and its objects as text, each number in sight of the test."""
 
-from __future__ import annotations
-
 import json
 
 Numbers = tuple[float, ...]

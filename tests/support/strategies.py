@@ -1,7 +1,5 @@
 """Random small scenes, many of them with exact coincidences, for hypothesis."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes for tests: reduced ones, those beside the checkout, and those made of a few triangles."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Print the table of all renderers, or of some: `python -m tests.wrong_renderers --scene attic`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

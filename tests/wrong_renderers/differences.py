@@ -1,7 +1,5 @@
 """The errors of a picture by brute force: each pixel against every surface that its line meets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

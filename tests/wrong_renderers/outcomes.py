@@ -1,7 +1,5 @@
 """The outcome of `xfrustum verify` for a renderer of this package, and the table of all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache

@@ -3,8 +3,6 @@
 What the toys get wrong is a setting here where it concerns geometry; by default everything is right.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@
 an encoding without names asks only that nothing false is said. Names follow docs/verify.md.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Scenes of their own: without symmetry, on both sides of the plate, one surface through it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

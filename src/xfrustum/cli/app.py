@@ -1,7 +1,5 @@
 """The group of all commands: their order by use, each loaded from its module when it is called."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

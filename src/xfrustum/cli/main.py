@@ -5,8 +5,6 @@ a signal; all but the first two say why in one line on standard error. Nothing h
 signals are obeyed.
 """
 
-from __future__ import annotations
-
 import errno
 import faulthandler
 import logging

@@ -1,7 +1,5 @@
 """Many hogels at once are the same hogels: bit for bit, whatever is culled, batched or shared."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace

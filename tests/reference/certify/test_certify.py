@@ -1,7 +1,5 @@
 """The truth is exact: it agrees with rational arithmetic, whatever way a scene is described in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

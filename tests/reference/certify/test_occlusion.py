@@ -1,7 +1,5 @@
 """What hides a surface point is decided as rational arithmetic decides it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise

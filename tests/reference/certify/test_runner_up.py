@@ -1,7 +1,5 @@
 """Gaps: the distances behind each pixel's surface at which the same camera sees the next one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

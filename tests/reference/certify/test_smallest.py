@@ -1,7 +1,5 @@
 """Numbers as small and as large as scenes may have keep the truth true; smaller ones are refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

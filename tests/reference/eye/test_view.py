@@ -1,7 +1,5 @@
 """What an eye sees, truly and replayed: the pixels of whole hogels, and an answer of its own in rationals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction

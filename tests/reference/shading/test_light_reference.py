@@ -1,7 +1,5 @@
 """The reference's light: formulas written a second time, closed forms, and changes without effect."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mirrors in the reference show the closed forms of their reflections."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Colors of surfaces in the reference: textures, vertex colors; and changes that must not change a bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mitsuba answers like Embree and the certified truth, and never on an LLVM that kills the process."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess

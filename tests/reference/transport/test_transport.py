@@ -1,7 +1,5 @@
 """Light paths through Mitsuba agree with the double-precision light, and with closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """`trace`, `raster`, `figure7`: one aperture, traced, drawn with the two cameras, and as in the figure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`scenes`, `new`, `check`: the built-in scenes, a scene file that fits a mesh, and what lies where."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`study`, `bench`, `selfcheck`: maps over many scenes, speed, and the truth against brute force."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import click
