@@ -50,14 +50,14 @@ def printed(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return found
 
 
-def run(*arguments: str) -> None:
-    assert main([*arguments]) == 0
+def run(line: str) -> None:
+    assert main(line.split()) == 0
 
 
 def test_all_effects_and_those_called_for_are_the_same_picture() -> None:
     for effects in ("auto", "all"):
-        run("raster", "boxes.toml", "--near", "0.1", "--effects", effects, "--out", f"{effects}.exr")
-        run("trace", "boxes.toml", "--effects", effects, "--quiet", "--out", f"true-{effects}.exr")
+        run(f"raster boxes.toml --near 0.1 --effects {effects} --out {effects}.exr")
+        run(f"trace boxes.toml --effects {effects} --quiet --out true-{effects}.exr")
     for kind in ("", "true-"):
         auto, all_ = read_image(f"{kind}auto.exr"), read_image(f"{kind}all.exr")
         for name in ("color", "triangle", "position"):
@@ -65,8 +65,8 @@ def test_all_effects_and_those_called_for_are_the_same_picture() -> None:
 
 
 def test_effects_by_name_leave_out_the_others() -> None:
-    run("raster", "boxes.toml", "--near", "0.1", "--out", "all.exr")
-    run("raster", "boxes.toml", "--near", "0.1", "--effects", "c,ambient", "--out", "dark.exr")
+    run("raster boxes.toml --near 0.1 --out all.exr")
+    run("raster boxes.toml --near 0.1 --effects c,ambient --out dark.exr")
     dark, full = read_image("dark.exr"), read_image("all.exr")
     np.testing.assert_array_equal(dark.triangle, full.triangle)
     assert dark.color is not None and full.color is not None
@@ -76,21 +76,8 @@ def test_effects_by_name_leave_out_the_others() -> None:
 
 
 def test_samples_average_color_and_nothing_else() -> None:
-    run("raster", "boxes.toml", "--near", "0.1", "--out", "once.exr")
-    run(
-        *[
-            "raster",
-            "boxes.toml",
-            "--near",
-            "0.1",
-            "--supersample",
-            "3",
-            "--aperture-samples",
-            "2",
-            "--out",
-            "x.exr",
-        ]
-    )
+    run("raster boxes.toml --near 0.1 --out once.exr")
+    run("raster boxes.toml --near 0.1 --supersample 3 --aperture-samples 2 --out x.exr")
     once, many = read_image("once.exr"), read_image("x.exr")
     np.testing.assert_array_equal(once.triangle, many.triangle)
     np.testing.assert_array_equal(once.position, many.position)
@@ -99,14 +86,14 @@ def test_samples_average_color_and_nothing_else() -> None:
 
 
 def test_the_header_says_what_made_the_picture() -> None:
-    samples = ("--supersample", "2", "--aperture-samples", "3")
+    samples = "--supersample 2 --aperture-samples 3"
     sampling = Sampling(supersample=2, aperture=3)
-    run("raster", "boxes.toml", "--near", "0.1", "--effects", "diffuse,c", *samples, "--out", "r.exr")
+    run(f"raster boxes.toml --near 0.1 --effects diffuse,c {samples} --out r.exr")
     assert read_image("r.exr").rendering == Rendering.of((Effect.C, Effect.DIFFUSE), sampling)
-    run("trace", "boxes.toml", "--effects", "ambient", *samples, "--quiet", "--out", "t.exr")
+    run(f"trace boxes.toml --effects ambient {samples} --quiet --out t.exr")
     assert read_image("t.exr").rendering == Rendering.of([Effect.AMBIENT], sampling)
-    paths = ("--tracer", "mitsuba", "--shadows", "--samples", "2", "--quiet")
-    run("trace", "boxes.toml", *paths, "--out", "p.exr")
+    paths = "--tracer mitsuba --shadows --samples 2 --quiet"
+    run(f"trace boxes.toml {paths} --out p.exr")
     transport = Transport(shadows=True, samples=2)
     assert read_image("p.exr").rendering == Rendering.of(ALL_EFFECTS, Sampling(), transport)
 
@@ -114,11 +101,11 @@ def test_the_header_says_what_made_the_picture() -> None:
 @pytest.mark.parametrize("asked_by", ["option", "scene"])
 def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
     """The paper's light has no transport, as in `report` and `budget`."""
-    options = ["--interreflection", "--samples", "2"]
+    options = "--interreflection --samples 2"
     if asked_by == "scene":
         (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")
-        options = []
-    run("trace", "boxes.toml", *options, "--quiet", "--out", "paths.exr")
+        options = ""
+    run(f"trace boxes.toml {options} --quiet --out paths.exr")
     assert read_image("paths.exr").camera.light_paths == 2
 
 
@@ -127,33 +114,31 @@ def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
 ) -> None:
     (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
     for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
-        run("trace", "boxes.toml", option, value, "--quiet", "--out", "local.exr")
+        run(f"trace boxes.toml {option} {value} --quiet --out local.exr")
         said = capsys.readouterr().err
         assert said.startswith(f"xfrustum: note: {option}") and "leaves out" in said and said.count("\n") == 1
         assert read_image("local.exr").camera.light_paths is None
 
 
 def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:
-    paths = ("--tracer", "mitsuba", "--interreflection", "--samples", "8")
-    run("trace", "boxes.toml", *paths, "--quiet", "--out", "noisy.exr")
+    paths = "--tracer mitsuba --interreflection --samples 8"
+    run(f"trace boxes.toml {paths} --quiet --out noisy.exr")
     noisy = read_image("noisy.exr")
     assert noisy.camera.light_paths == 8
     assert noisy.variance is not None and noisy.variance.max() > 0 and noisy.variance.min() == 0
-    run(
-        "raster", "boxes.toml", "--near", "1e-4", "--depth", "d32f", "--mapping", "reversed", "--out", "r.exr"
-    )
+    run("raster boxes.toml --near 1e-4 --depth d32f --mapping reversed --out r.exr")
     capsys.readouterr()
-    run("compare", "noisy.exr", "r.exr", "--json")
+    run("compare noisy.exr r.exr --json")
     noise = printed(capsys)["radiance"]["noise"]
     assert noise["tests"] == 3 * 40 * 30 and noise["without_noise"] > 0
     assert noise["bias"] < 0, "the raster lacks light"
-    run("trace", "boxes.toml", "--quiet", "--out", "exact.exr")
-    run("compare", "exact.exr", "r.exr", "--json")
+    run("trace boxes.toml --quiet --out exact.exr")
+    run("compare exact.exr r.exr --json")
     assert printed(capsys)["radiance"]["noise"] is None
 
 
 def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> None:
-    run("budget", "boxes.toml", "--near", "1", "--json", "--out", "budget")
+    run("budget boxes.toml --near 1 --json --out budget")
     told = printed(capsys)
     assert told["links"] and told["judged"] == 40 * 30
     links = [link["name"] for link in told["radiance"]["links"]]
@@ -163,12 +148,12 @@ def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> 
     assert {f"radiance-{name.replace(' ', '-')}.png" for name in (*links, "total")} <= {
         path.name for path in Path("budget").iterdir()
     }
-    run("budget", "boxes.toml", "--near", "1")
+    run("budget boxes.toml --near 1")
     assert "radiance changes by" in capsys.readouterr().out
 
 
 def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
-    run("figure7", "asymmetric", "--near", "0.01", "--out", "seven")
+    run("figure7 asymmetric --near 0.01 --out seven")
     assert capsys.readouterr().out.strip() == "seven/index.html"
     assert sorted(path.name for path in Path("seven").iterdir()) == [
         "both.png",
@@ -187,9 +172,7 @@ def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[st
     np.testing.assert_array_equal(overlay, both)
     assert (c[..., 3] > 0).any() and (c_star[..., 3] > 0).any()
     assert not ((c[..., 3] > 0).all() or (c_star[..., 3] > 0).all())
-    run(
-        "raster", "asymmetric", "--near", "0.01", "--depth", "d32f", "--mapping", "reversed", "--out", "x.exr"
-    )
+    run("raster asymmetric --near 0.01 --depth d32f --mapping reversed --out x.exr")
     drawn = read_image("x.exr")
     assert drawn.color is not None
     expected = np.rint(255 * encoded(drawn.color)).astype(np.uint8)
@@ -198,7 +181,7 @@ def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[st
 
 def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer() -> None:
     """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
-    run("figure7", "asymmetric", "--near", "1e-4", "--other", "0,0", "--out", "seven")
+    run("figure7 asymmetric --near 1e-4 --other 0,0 --out seven")
     scene = open_scene("asymmetric")
     width, height = scene.frustum.resolution
     fov = scene.frustum.fov

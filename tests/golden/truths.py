@@ -1,6 +1,6 @@
 """Images of the golden corpus: truths and rasters of every scene, in few pixels."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,10 +62,10 @@ def apertures(scene: Scene) -> list[Aperture]:
     return [scene.plate.aperture(column, row) for column, row in places]
 
 
-def truths() -> Arrays:
-    """Return every truth: `scene|column,row|channel`. Reals are rounded to float32."""
+def truths(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
+    """Return truths of scenes (None: all): `scene|column,row|channel`. Reals are rounded to float32."""
     found: Arrays = {}
-    for name, whole in tqdm(list(scenes()), desc="truths"):
+    for name, whole in tqdm(list(chosen or scenes()), desc="truths"):
         scene = small(whole)
         reference = Reference(scene)
         for aperture in apertures(scene):
@@ -83,10 +83,10 @@ def truths() -> Arrays:
     return found
 
 
-def rasters() -> Arrays:
+def rasters(chosen: Iterable[tuple[str, Scene]] | None = None) -> Arrays:
     """Return triangle numbers of rasters, `scene|near/reach|depth|mapping|column,row`; D32F has colors."""
     found: Arrays = {}
-    for name, whole in tqdm(list(scenes()), desc="rasters"):
+    for name, whole in tqdm(list(chosen or scenes()), desc="rasters"):
         if name.startswith("hard/"):
             continue
         scene = small(whole)

@@ -318,7 +318,7 @@ def assert_same_picture(scene: Scene, settings: DoubleFrustum) -> None:
     assert np.isfinite(color_of(auto)).all()
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", thinned(LOOKS, 4))
 def test_what_a_scene_does_not_call_for_changes_no_bit(look: str) -> None:
     scene = LOOKS[look](dressed_scene("asymmetric", RESOLUTION))
     assert look == "everything" or needed(scene) < ALL_EFFECTS
@@ -342,7 +342,7 @@ def test_no_highlight_is_so_small_that_a_device_may_flush_it() -> None:
     assert color[color > 0].min() < 1e-20
 
 
-@pytest.mark.parametrize("effect", Effect)
+@pytest.mark.parametrize("effect", thinned(Effect, 4, 1))
 def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", RESOLUTION)
     assert needed(scene) == ALL_EFFECTS

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.light import dressed_scene
+from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
@@ -75,18 +76,22 @@ def checked_one_by_one(
 
 @pytest.mark.parametrize(
     ("name", "size", "chosen"),
-    [
-        # With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order decides.
-        *(
-            ("asymmetric-recentered", (48, 36), DoubleFrustum(near=0.015, depth=depth, mapping=mapping))
-            for depth, mapping in itertools.product(DepthFormat, DepthMapping)
-        ),
-        *((name, (48, 36), one) for name in ("asymmetric", "asymmetric-recentered") for one in OPTIONS),
-        *((name, (48, 36), one) for name in ("crossing", "large-triangles") for one in CULLED),
-        *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-recentered", "sheets", "car-studio")),
-        *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("truck", "teapot-recentered", "grating")),
-        ("mirror-sphere", (32, 24), DoubleFrustum(near=0.1)),
-    ],
+    thinned(
+        [
+            # With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order decides.
+            *(
+                ("asymmetric-recentered", (48, 36), DoubleFrustum(near=0.015, depth=depth, mapping=mapping))
+                for depth, mapping in itertools.product(DepthFormat, DepthMapping)
+            ),
+            *((name, (48, 36), one) for name in ("asymmetric", "asymmetric-recentered") for one in OPTIONS),
+            *((name, (48, 36), one) for name in ("crossing", "large-triangles") for one in CULLED),
+            *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-recentered", "sheets")),
+            *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("car-studio", "truck")),
+            *((name, (64, 48), DoubleFrustum(near=0.1)) for name in ("teapot-recentered", "grating")),
+            ("mirror-sphere", (32, 24), DoubleFrustum(near=0.1)),
+        ],
+        4,
+    ),
 )
 def test_every_scene_and_setting_is_drawn_as_a_single_hogel_is(
     name: str, size: tuple[int, int], chosen: DoubleFrustum
@@ -142,8 +147,6 @@ def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
         hogels = list(plate.hogels(iter(row)))
     assert [hogel.aperture for hogel in hogels] == row
-    with PlainLoop(scene, DoubleFrustum(near=0.1), EVERYTHING) as loop:
-        assert_same(hogels, list(loop.hogels(row)))
 
 
 def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
@@ -179,6 +182,7 @@ def test_other_renderers_may_draw_while_a_stream_is_open() -> None:
     chosen = DoubleFrustum(near=0.1)
     row = [scene.plate.aperture(column, 20) for column in range(40)]
     with PlateRenderer(scene, chosen, EVERYTHING) as plate:
+        next(plate.hogels(row[::-1]))  # a stream may be left, and another begun
         alone = list(plate.hogels(row))
         with Rasterizer(view("crossing", (24, 18))) as other:
             disturbed = []
@@ -201,15 +205,6 @@ def test_compact_colors_are_the_full_ones_rounded() -> None:
     # A device may round either way: one unit in the last place of the type.
     assert np.abs(found[ColorType.FLOAT16].astype(np.float64) - full).max() <= 2.0**-11
     assert np.abs(found[ColorType.UINT8] - 255 * full.astype(np.float64)).max() <= 1.0
-
-
-def test_stages_are_timed_apart() -> None:
-    scene = view("asymmetric", (48, 36))
-    with PlateRenderer(scene, DoubleFrustum(near=0.1)) as plate:
-        stages = plate.measure(some_apertures(scene))
-    assert list(stages) == ["upload", "C", "C*", "read-back"]
-    assert all(stage.gpu_s >= 0 and stage.wall_s > 0 for stage in stages.values())
-    assert stages["C"].gpu_s + stages["C*"].gpu_s > 0
 
 
 CENTERED = Frustum(resolution=(24, 18), reach=(30.0, 20.0), fov=(radians(70), radians(50)))
@@ -305,17 +300,7 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
     assert shown > 100
 
 
-def test_a_stream_may_be_left_and_another_begun() -> None:
-    scene = view("asymmetric", (24, 18))
-    row = [scene.plate.aperture(column, 20) for column in range(20)]
-    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
-        whole = list(plate.hogels(row))
-        abandoned = plate.hogels(row[::-1])
-        next(abandoned)
-        assert_same(whole, list(plate.hogels(row)))
-
-
-@pytest.mark.parametrize("effect", Effect)
+@pytest.mark.parametrize("effect", thinned(Effect, 4))
 def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", (32, 24))
     chosen = DoubleFrustum(near=0.1)

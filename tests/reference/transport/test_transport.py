@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
+from tests.support.long_tail import thinned
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.memory import padded
@@ -365,7 +366,7 @@ class TestInterreflection:
         error = np.sqrt(part.variance_of_mean.sum(axis=0)) / len(part.mean)
         assert np.all(np.abs((part.mean - expected[clear]).mean(axis=0)) < 4 * error)
 
-    @pytest.mark.parametrize("shadows", [False, True])
+    @pytest.mark.parametrize("shadows", thinned([True, False], 2))
     def test_a_lit_floor_lights_a_wall_by_half_of_what_it_shows(self, shadows: bool) -> None:
         """A wall sees a wide floor fill half its hemisphere, by cosine; the sun shines along the wall."""
         sun = DirectionalLight(direction=(0.0, 0.6, 0.8), color=(1.0, 0.8, 0.5))
