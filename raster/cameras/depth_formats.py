@@ -5,7 +5,6 @@ from its near value (paper, section 3). Tests are strict: of equal depths the fi
 """
 
 from dataclasses import dataclass
-from typing import assert_never
 
 from OpenGL import GL
 
@@ -48,23 +47,13 @@ clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surf
 keep some behind it."""
 
 
-def _in_opengl(mapping: DepthMapping) -> Mapping:
-    match mapping:
-        case DepthMapping.STANDARD:
-            return Mapping(ends=_HYPERBOLIC)
-        case DepthMapping.GL:
-            return Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE)
-        case DepthMapping.REVERSED:
-            return Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0)
-        case DepthMapping.LOGARITHMIC:
-            return Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)")
-        case DepthMapping.LINEAR:
-            return Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)")
-        case _:
-            assert_never(mapping)
-
-
-MAPPINGS = {mapping: _in_opengl(mapping) for mapping in DepthMapping}
+MAPPINGS = {
+    DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
+    DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
+    DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
+    DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
+}
 """OpenGL's terms of each depth mapping."""
 
 

@@ -65,7 +65,10 @@ def cameras_in_order(
     cameras = [
         x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
     ]
-    return [camera for camera in cameras if _occupied(scene, kept_heights(camera))]
+    # Slabs that no triangle reaches into are left out.
+    lowest, highest = scene.height_ranges
+    ranges = [(camera, *kept_heights(camera)) for camera in cameras]
+    return [camera for camera, low, high in ranges if np.any((highest >= low) & (lowest <= high))]
 
 
 def kept_heights(camera: SlabCamera) -> tuple[float, float]:
@@ -77,25 +80,14 @@ def kept_heights(camera: SlabCamera) -> tuple[float, float]:
 def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
     """Return one camera's share of an aperture's image."""
     mapping = MAPPINGS[settings.mapping]
+    # Faces that are turned away from the viewer are left out; C* faces him.
+    away = "back" if camera.orthoscopic else "front"
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
         heights=kept_heights(camera),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
-        culled_face=_culled_face(settings.cull, orthoscopic=camera.orthoscopic),
+        culled_face=None if settings.cull is Cull.NONE else away,
         orthoscopic=camera.orthoscopic,
     )
-
-
-def _culled_face(cull: Cull, *, orthoscopic: bool) -> str | None:
-    """Return the faces that a camera leaves out: those turned away from the viewer, whom C* faces."""
-    if cull is Cull.NONE:
-        return None
-    return "back" if orthoscopic else "front"
-
-
-def _occupied(scene: Scene, heights: tuple[float, float]) -> bool:
-    """Return whether some triangle reaches between two heights."""
-    lowest, highest = scene.height_ranges
-    return bool(np.any((highest >= heights[0]) & (lowest <= heights[1])))

@@ -1,5 +1,6 @@
 """The largest images and meshes that a device has room for, asked before anything is uploaded."""
 
+from bisect import bisect_left
 from pathlib import Path
 
 from OpenGL import GL
@@ -49,7 +50,8 @@ def _check_image(size: tuple[int, int], device: str) -> None:
     sides = (GL.GL_MAX_TEXTURE_SIZE, GL.GL_MAX_RENDERBUFFER_SIZE)
     limit = min(int(GL.glGetIntegerv(side)) for side in sides)
     if max(size) > limit or not _can_store(size):
-        side = _largest_square(limit)
+        stores = range(limit, 0, -1)
+        side = limit - bisect_left(stores, 1, key=lambda one: _can_store((one, one)))
         raise InputError(
             f"{device} draws at most {limit} pixels along a side, and {side} x {side} at once, "
             f"not {width} x {height}; choose a smaller frustum.resolution"
@@ -69,15 +71,6 @@ def _can_store(size: tuple[int, int]) -> bool:
         if not int(GL.glGetTexLevelParameteriv(GL.GL_PROXY_TEXTURE_2D, 0, GL.GL_TEXTURE_WIDTH)):
             return False
     return True
-
-
-def _largest_square(limit: int) -> int:
-    """Return the side of the largest square image that the device can store."""
-    low, high = 1, limit + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if _can_store((middle, middle)) else (low, middle)
-    return low
 
 
 def free_memory() -> int | None:

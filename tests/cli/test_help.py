@@ -27,7 +27,6 @@ def commands() -> dict[str, click.Command]:
     found: dict[str, click.Command] = {}
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
-        assert command is not None
         found[name] = command
         for inner, one in getattr(command, "commands", {}).items():
             found[f"{name} {inner}"] = one

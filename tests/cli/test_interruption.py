@@ -130,7 +130,6 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
     body: str, stop: signal.Signals, times: int, tmp_path: Path
 ) -> None:
     with start(program(body), tmp_path) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         for _ in range(times):
             process.send_signal(stop)
@@ -211,7 +210,6 @@ def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path)
         write_output(Path("pipe"), b"content", "--junit")
         """
     with start(program(body), tmp_path) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
         try:
@@ -229,7 +227,6 @@ def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     arguments[1] += "sys.exit(run())"
     for stop in ENDED:
         with start(arguments, tmp_path) as process:
-            assert process.stdout is not None
             while process.stdout.readline() != "ready\n":
                 pass
             process.send_signal(stop)
@@ -245,7 +242,6 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
         f"os.execv({sys.executable!r}, {[sys.executable, *arguments]!r})\n"
     )
     with start(["-c", ignoring], tmp_path) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
@@ -258,7 +254,6 @@ def test_ctrl_c_is_obeyed_within_a_second_of_cpu_time_while_modules_load(
 ) -> None:
     loading = from_the_first_moment(["report", "car", "--quiet", "--out", "out"])
     with start(loading, tmp_path) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         until = cpu_s(process.pid) + begun_s
         while (spent := cpu_s(process.pid)) < until:
@@ -307,7 +302,6 @@ def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: P
         (folder / "x.exr").unlink(missing_ok=True)
         stop = random_number.choice(list(ENDED))
         with start(command, folder) as process:
-            assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
             time.sleep(random_number.uniform(0, whole))
             for _ in range(random_number.choice([1, 1, 2])):

@@ -236,7 +236,7 @@ def test_functions_refuse_it_where_it_is_asked(tmp_path: Path) -> None:
         lambda: xfrustum.make_plan(scene),
         lambda: xfrustum.make_report(scene, tmp_path / "out"),
         lambda: xfrustum.explain(scene, repeat=0),
-        lambda: xfrustum.verify(scene, lambda scene, aperture: None),  # type: ignore[arg-type,return-value]
+        lambda: xfrustum.verify(scene, lambda scene, aperture: None),
     ):
         with pytest.raises(InputError, match="8,000 to 9,000 mm behind the plate"):
             ask()

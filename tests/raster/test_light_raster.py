@@ -58,7 +58,6 @@ def drawn(
 
 
 def color_of(image: HogelImage) -> Singles:
-    assert image.color is not None
     return image.color
 
 

@@ -31,9 +31,7 @@ def scenery() -> Scene:
 
 
 def color(scene: Scene, sampling: Sampling | None = None) -> Singles:
-    found = Reference(scene).trace(MIDDLE, sampling).color
-    assert found is not None
-    return found
+    return Reference(scene).trace(MIDDLE, sampling).color
 
 
 @pytest.mark.parametrize("side", [2, 3, 5])
@@ -81,7 +79,6 @@ def test_only_color_is_averaged() -> None:
     )
     for name in ("triangle", "object", "position", "normal", "certainty", "companions", "overruled"):
         np.testing.assert_array_equal(getattr(averaged, name), getattr(plain, name))
-    assert averaged.color is not None
     assert averaged.color.dtype == np.float32
 
 
@@ -95,7 +92,6 @@ def test_bands_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_edge_across_a_pixel_shows_the_share_it_covers() -> None:
     """The right border of a glowing card runs through column 30 at three eighths of its width."""
-    assert CENTERED.fov is not None
     width = CENTERED.resolution[0]
     edge = MIDDLE.x + 50 * math.tan(CENTERED.fov[0] / 2) * (2 * 30.375 / width - 1)
     part = quad([(-99, -99, -50), (edge, -99, -50), (edge, 99, -50), (-99, 99, -50)], "glow")
@@ -149,7 +145,6 @@ class TestSmoothPicture:
         """Return the mean over the middle aperture, by the 20-point rule of Gauss on each axis."""
         nodes, weights = np.polynomial.legendre.leggauss(20)
         screen = SMALL.screen
-        assert screen is not None
         width, height = SMALL.resolution
         u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
         total = np.zeros((height, width))
@@ -170,7 +165,6 @@ class TestSmoothPicture:
         errors = []
         for count in counts:
             image = reference.trace(self.COARSE.middle, Sampling(aperture=count)).color
-            assert image is not None
             errors.append(float(np.sqrt(np.mean((image - exact) ** 2))))
         slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
         assert -1.4 < slope < -0.85

@@ -142,7 +142,6 @@ class Faulty:
         frustum = self.scene.frustum
         height = -1.0 if frustum.screen is None else frustum.screen.height
         if frustum.screen is None:
-            assert frustum.fov is not None
             center: tuple[float, float] = (aperture.x, aperture.y)
             size = tuple(2 * math.tan(angle / 2) for angle in frustum.fov)
         else:
@@ -196,7 +195,6 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
 
 def unconjugated(front: HogelImage) -> Singles:
     """Return the viewer's half under L where C* needs L* = -L: the side away from the light is lit."""
-    assert front.normal is not None
     camera, light = front.camera, np.asarray(DEFAULT_LIGHT.direction)
     normal = np.nan_to_num(front.normal).astype(np.float64)
     toward = front.position.astype(np.float64) - (camera.aperture.x, camera.aperture.y, 0.0)

@@ -158,7 +158,6 @@ def dressed(part: SceneObject, seed: int) -> SceneObject:
     """Return an object with every attribute: smooth but at some vertices, colored, textured twice."""
     generator = np.random.default_rng(seed)
     smooth = with_smooth_normals(part)
-    assert smooth.vertex_normals is not None
     normals = smooth.vertex_normals.copy()
     normals[generator.random(len(normals)) < 0.05] = np.nan
     colors = generator.uniform(0.2, 1.0, part.vertices.shape)

@@ -64,7 +64,6 @@ def lines_by_definition(scene: Scene, aperture: Aperture) -> Floats:
     v = 1 - (2 * np.arange(height) + 1) / height
     screen = scene.frustum.screen
     if screen is None:
-        assert scene.frustum.fov is not None
         k, t = (0.0, 0.0), tuple(math.tan(angle / 2) for angle in scene.frustum.fov)
     else:
         ss = -screen.height

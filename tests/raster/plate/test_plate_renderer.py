@@ -263,7 +263,6 @@ def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) 
 def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[Floats, ...]:
     """k and t by their definitions (CONVENTIONS.md, "Frames")."""
     if frustum.screen is None:
-        assert frustum.fov is not None
         return np.zeros(2), np.tan(np.array(frustum.fov) / 2)
     depth = -frustum.screen.height
     k = (np.array(frustum.screen.center) - (aperture.x, aperture.y)) / depth
@@ -292,8 +291,6 @@ def test_a_part_has_the_pixels_of_the_whole_film_bit_for_bit(name: str) -> None:
     for one, other in zip(some, whole, strict=True):
         (left, right), (top, bottom) = parts[one.aperture.index].columns, parts[one.aperture.index].rows
         here = slice(top, bottom + 1), slice(left, right + 1)
-        assert one.triangle is not None
-        assert other.triangle is not None
         np.testing.assert_array_equal(one.triangle[here], other.triangle[here])
         np.testing.assert_array_equal(one.color[here], other.color[here])
         shown += int((one.triangle[here] >= 0).sum())

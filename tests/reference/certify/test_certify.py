@@ -36,7 +36,6 @@ several = settings(max_examples=60, deadline=None, derandomize=True)
 
 def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
     """Return for each pixel the set of all triangles that are first there."""
-    assert image.certainty is not None and image.companions is not None
     number = np.arange(image.triangle.max() + 1 + len(image.companions)) if parent is None else parent
     height, width = image.triangle.shape
     shared: dict[tuple[int, int], set[int]] = {}
@@ -101,7 +100,6 @@ class TestAgainstRationalNumbers:
         pencil = crossed_frustum(scene.frustum, aperture)
         d, center = pencil.directions(), np.array(pencil.center)
         image = Reference(scene).trace(aperture)
-        assert image.certainty is not None
         for row, column in np.ndindex(*image.triangle.shape):
             _, first = exact_first(scene.triangles, center, d[row, column], pencil.s_range)
             assert image.triangle[row, column] == (first[0] if first else NOTHING)
@@ -113,7 +111,6 @@ class TestAgainstRationalNumbers:
         scene, aperture = asked
         viewer, back = scene.frustum.reach
         screen = scene.frustum.screen
-        assert screen is not None
         # k = (m - a) / ss with ss = -zs; C stands at a - n k + n z, C* at a + n k - n z.
         k = (np.array(screen.center) - [aperture.x, aperture.y]) / -screen.height
         away = near * np.append(-k, 1.0)
@@ -130,7 +127,6 @@ class TestAgainstRationalNumbers:
         aperture: Aperture,
     ) -> None:
         """Compare pixel by pixel; of several cameras the first that meets something is shown."""
-        assert image.certainty is not None and image.companions is not None
         d = lines_by_definition(scene, aperture)
         shared: dict[tuple[int, int], list[int]] = {}
         for row, column, triangle in image.companions.tolist():
@@ -152,7 +148,6 @@ def test_most_pixels_of_real_scenes_are_proven_and_none_unexamined() -> None:
     for name in ("car", "asymmetric-recentered"):
         scene = view(name, (128, 96))
         certainty = Reference(scene).trace(scene.plate.corners[0]).certainty
-        assert certainty is not None
         assert (certainty == Certainty.PROVEN).mean() > 0.99
         assert not (certainty == Certainty.UNEXAMINED).any()
 
@@ -163,7 +158,6 @@ def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
     doubled = replace(scene, objects=scene.objects * 2)
     once, twice = (Reference(s).trace(scene.plate.middle) for s in (scene, doubled))
     np.testing.assert_array_equal(once.triangle, twice.triangle)
-    assert twice.certainty is not None
     np.testing.assert_array_equal(twice.certainty == Certainty.TIE, once.covered)
     twins = [[group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)]
     assert winners(twice) == twins
@@ -256,7 +250,6 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
     one = Reference(soup(corners, frustum)).trace(aperture)
     other = Reference(soup(moved, turned_frustum(frustum, swap, signs))).trace(at(float(x), float(y)))
     np.testing.assert_array_equal(other.triangle, picture(one.triangle))
-    assert one.certainty is not None and other.certainty is not None
     ties, moved_ties = one.certainty == Certainty.TIE, other.certainty == Certainty.TIE
     np.testing.assert_array_equal(moved_ties, picture(ties))
     np.testing.assert_allclose(s_of(other), picture(s_of(one)), rtol=1e-9, atol=1e-12)

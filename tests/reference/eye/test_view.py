@@ -38,8 +38,6 @@ def checked_with_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeIm
         )
         np.testing.assert_array_equal(replayed.triangle[here], whole.triangle[there])
         np.testing.assert_array_equal(replayed.position[here], whole.position[there])
-        assert whole.color is not None
-        assert replayed.color is not None
         np.testing.assert_array_equal(replayed.color[here], whole.color[there])
         count += replayed.triangle[here].size
     return count
@@ -172,7 +170,7 @@ def test_what_is_in_focus_is_sharp_and_all_else_is_blurred() -> None:
     # So large a pupil that its blur is several pixels wide.
     height = float(np.nanmedian(sharp.position[..., 2]))
     blurs = [
-        float(np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean())  # type: ignore[operator]
+        float(np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean())
         for focus in (height, height + 150.0)
     ]
     assert blurs[0] < blurs[1] / 2

@@ -82,8 +82,6 @@ class TestDirectLight:
         scene = lit(*everything(), frustum=SMALL, environment=sky(), paint=PAINT)
         truth = Reference(scene).trace(APERTURE)
         estimate = PathTracer(scene).render(APERTURE, Transport(samples=2))
-        assert truth.color is not None
-        assert truth.overruled is not None
         assert np.count_nonzero(truth.covered) > 300
         assert not estimate.variance_of_mean.any()
         same = ~truth.overruled
@@ -95,7 +93,6 @@ class TestDirectLight:
         sampling = Sampling(supersample=4)
         scene = lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=PAINT)
         truth = Reference(scene).trace(APERTURE).color
-        assert truth is not None
         estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
         assert np.count_nonzero(estimate.variance_of_mean > 0) > 1000
         assert farthest(estimate, truth.astype(np.float64)) > FALSE_ALARM
@@ -106,7 +103,6 @@ class TestDirectLight:
         brighter = replace(PAINT, diffuse=(0.73, 0.4, 0.2))
         other = lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=brighter)
         truth = Reference(other).trace(APERTURE).color
-        assert truth is not None
         estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
         assert farthest(estimate, truth.astype(np.float64)) < FALSE_ALARM
 
@@ -137,7 +133,6 @@ class TestDirectLight:
         truth = Reference(scene).trace(APERTURE).color
         monkeypatch.setattr(transport, "PATHS_AT_ONCE", 500)
         estimate = PathTracer(scene).render(APERTURE, Transport(samples=33))
-        assert truth is not None
         assert farthest(estimate, truth.astype(np.float64)) > FALSE_ALARM
         assert np.count_nonzero(estimate.variance_of_mean) > 100
 
@@ -325,7 +320,6 @@ class TestInterreflection:
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         scene = self.under_the_triangle(mirror)
         image = Reference(scene).trace(APERTURE)
-        assert image.color is not None
         inside = self.inside(image.position, eyes(scene, APERTURE) * (-1.0, -1.0, 1.0))
         clear = np.abs(inside) > 1e-4
         lamp = np.array(mirror.reflectivity) * LAMP_COLOR
@@ -344,14 +338,12 @@ class TestInterreflection:
         scene = lit(part, frustum=frustum, lights=(), environment=sky(), mirror=mirror)
         local = Reference(scene).trace(APERTURE).color
         estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=2))
-        assert local is not None
         np.testing.assert_allclose(estimate.mean, local.astype(np.float64), rtol=COLOR_ROUNDING)
 
     def test_what_is_both_shows_the_sum(self) -> None:
         floor = Material(ambient=(0.1, 0.2, 0.3), diffuse=(0.6, 0.5, 0.1), reflectivity=(0.1, 0.2, 0.6))
         scene = self.under_the_triangle(floor)
         image = Reference(scene).trace(APERTURE)
-        assert image.color is not None
         inside = self.inside(image.position, eyes(scene, APERTURE) * (-1.0, -1.0, 1.0))
         share = self.share(image.position)
         mirrored = np.array(floor.ambient) + np.array(floor.reflectivity) * LAMP_COLOR

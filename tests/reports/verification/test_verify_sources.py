@@ -174,7 +174,7 @@ def test_a_function_that_raises_or_returns_something_else_is_reported(world: Sce
             if aperture.index == (0, 0):
                 raise ValueError("no memory of that")
             if aperture.index == (1, 0):
-                return None  # type: ignore[return-value]  # as strangers do
+                return None  # as strangers do
             return (other if aperture.index == (2, 0) else rasterizer).render(aperture, NEAR)
 
         found = xfrustum.verify(world, renderer)
