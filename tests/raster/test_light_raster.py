@@ -22,6 +22,7 @@ from tests.support.views import SHARED_SCENES, at, lines_by_definition, reversed
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device import programs
 from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reference import Reference
 from xfrustum.scenes import (
     Camera,
     DepthMapping,
@@ -82,6 +83,14 @@ def test_radiance_is_that_of_the_definition_on_both_sides(name: str, settings: D
         assert np.quantile(error[side], 0.999) < INTERPOLATED
     assert (error[~image.covered] == 0).all()
     assert color_of(image).max() > 1
+
+
+@pytest.mark.parametrize("name", DRESSED)
+def test_traced_radiance_is_that_of_the_definition_too(name: str) -> None:
+    scene = dressed_scene(name, RESOLUTION)
+    truth = Reference(scene).trace(scene.default_apertures()[-1])
+    expected = radiance_by_definition(scene, truth)
+    np.testing.assert_allclose(color_of(truth), expected, rtol=2.0**-22, atol=1e-9)
 
 
 FLIPS = {

@@ -64,14 +64,17 @@ def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Floats, Float
     Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
     """
     settings = image.camera.settings
-    assert settings is not None and settings.slabs == ()
+    near = 0.0
+    if settings is not None:
+        assert settings.slabs == ()
+        near = settings.near
     d = lines_by_definition(scene, image.camera.aperture)[image.covered]
     corners = scene.triangles[image.triangle[image.covered]]
     side = np.where(image.height[image.covered] > 0, -1.0, 1.0)
     # C stands at z = +n on the shear through the aperture, C* at z = -n.
     shear = np.array([*image.camera.shear, -1.0])
     aperture = np.array([image.camera.aperture.x, image.camera.aperture.y, 0.0])
-    center = aperture - (side * settings.near)[:, None] * shear
+    center = aperture - (side * near)[:, None] * shear
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     from_corner = center - corners[:, 0]
     across = np.cross(d, e2)

@@ -1,4 +1,7 @@
-"""Colors of surfaces in the reference: textures, vertex colors; and changes that must not change a bit."""
+"""Colors of surfaces in the reference: what turns and what stays; and changes that must not change a bit.
+
+tests/raster/test_light_raster.py holds both answers against the definition.
+"""
 
 from dataclasses import replace
 
@@ -6,108 +9,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import ndimage
 
-from tests.support.lit import CENTERED, GLOW, LAMP, PLATE, ROUNDING, SUN, ball, card, lit, quad, sky
+from tests.support.lit import CENTERED, LAMP, PLATE, ROUNDING, SUN, ball, card, lit, quad, sky
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.scenes import DoubleFrustum, Scene, SceneObject
+from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
-from xfrustum.scenes.arrays import Bytes, Floats, Singles
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
-WIDTH, HEIGHT = CENTERED.resolution
 MIDDLE = PLATE.middle
-UV_ROUNDING = 1e-9
-"""Positions are good to 1e-12 of the reach, and no picture here has more than 1e3 texels across it."""
+APERTURE = PLATE.aperture(3, 12)
 
-
-def filling(z: float) -> Floats:
-    """Return the corners of the rectangle at a height that fills the film, from the viewer's lower left."""
-    x, y = (abs(z) * np.tan(angle / 2) for angle in CENTERED.fov)
-    ax, ay = MIDDLE.x, MIDDLE.y
-    return np.array([(ax - x, ay - y, z), (ax + x, ay - y, z), (ax + x, ay + y, z), (ax - x, ay + y, z)])
+PAINT = Material(ambient=(0.02, 0.05, 0.03), diffuse=(0.7, 0.4, 0.2), specular=(0.3, 0.5, 0.6), exponent=12.5)
+# Neither parallel to anything nor symmetric: one behind the plate, one before it, seen from its back.
+BEHIND = quad([(-30, -25, -40), (28, -20, -60), (33, 30, -52.75), (-25, 25, -32.75)], "paint")
+BEFORE = quad([(6, 2, 30), (4, 9, 34), (16, 12, 41), (18, 5, 37)], "paint")
 
 
 def picture(height: int, width: int, seed: int = 5) -> Bytes:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 4), dtype=np.uint8)
-
-
-def decoded(texture: Bytes) -> Floats:
-    """Return linear RGB of sRGB by the standard's formula."""
-    value = texture[..., :3] / 255
-    return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
-
-
-def textured(corners: Floats, uv: Floats, *textures: Bytes, numbers: tuple[int, int] = (0, 0)) -> SceneObject:
-    part = quad(corners, "glow", uv=uv)
-    return replace(part, textures=textures, texture_of_triangle=np.array(numbers, dtype=np.int32))
-
-
-def color_of(scene: Scene) -> Singles:
-    return Reference(scene).trace(MIDDLE).color
-
-
-UNIT = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
-
-
-class TestTextures:
-    def test_behind_the_plate_a_filling_picture_is_the_image(self) -> None:
-        """Every pixel's center falls on the center of a texel: row 0 at the top, v up, alpha ignored."""
-        texture = picture(HEIGHT, WIDTH)
-        color = color_of(lit(textured(filling(-50.0), UNIT, texture), glow=GLOW))
-        np.testing.assert_allclose(color, decoded(texture), rtol=ROUNDING, atol=UV_ROUNDING)
-
-    def test_before_the_plate_it_is_upside_down_and_mirrored(self) -> None:
-        texture = picture(HEIGHT, WIDTH)
-        color = color_of(lit(textured(filling(50.0), UNIT, texture), glow=GLOW))
-        np.testing.assert_allclose(color, decoded(texture)[::-1, ::-1], rtol=ROUNDING, atol=UV_ROUNDING)
-
-    def test_between_texels_the_decoded_light_is_mixed_and_edges_repeat(self) -> None:
-        """Another implementation, a spline of order one on a periodic grid, gives the same colors."""
-        texture = picture(7, 5)
-        uv = UNIT * (2.3, -1.7) + (0.37, 12.4)
-        color = color_of(lit(textured(filling(-50.0), uv, texture), glow=GLOW))
-        across, down = (np.arange(WIDTH) + 0.5) / WIDTH, 1 - (np.arange(HEIGHT) + 0.5) / HEIGHT
-        u, v = np.meshgrid(across * 2.3 + 0.37, down * -1.7 + 12.4)
-        where = [(1 - v) * 7 - 0.5, u * 5 - 0.5]
-        for channel in range(3):
-            expected = ndimage.map_coordinates(
-                decoded(texture)[..., channel], where, order=1, mode="grid-wrap"
-            )
-            np.testing.assert_allclose(color[..., channel], expected, rtol=ROUNDING, atol=UV_ROUNDING)
-
-    def test_mixing_encoded_values_would_be_seen(self) -> None:
-        black_and_white = np.array([[(0, 0, 0, 255), (255, 255, 255, 255)]], dtype=np.uint8)
-        color = color_of(lit(textured(filling(-50.0), UNIT * 0 + 0.5, black_and_white), glow=GLOW))
-        np.testing.assert_allclose(color, 0.5, rtol=ROUNDING)
-
-    def test_triangles_have_pictures_of_their_own_or_none(self) -> None:
-        white = np.full((1, 1, 4), 255, dtype=np.uint8)
-        gray = np.full((3, 2, 4), 99, dtype=np.uint8)
-        first = textured(filling(-50.0), UNIT, white, gray, numbers=(1, -1))
-        second = textured(filling(-60.0), UNIT, gray, numbers=(0, 0))
-        scene = lit(first, second, glow=GLOW)
-        image = Reference(scene).trace(MIDDLE)
-        np.testing.assert_allclose(image.color[image.triangle == 0], decoded(gray)[0, 0, 0], rtol=ROUNDING)
-        np.testing.assert_allclose(image.color[image.triangle == 1], 1.0, rtol=ROUNDING)
-        behind = color_of(lit(second, glow=GLOW))
-        np.testing.assert_allclose(behind, decoded(gray)[0, 0, 0], rtol=ROUNDING)
-
-
-def test_vertex_colors_are_linear_in_space() -> None:
-    """A vertex color that is linear in space is the same linear function of each visible point."""
-    corners = np.array([(-40, -25, -35), (38, -20, -80), (43, 30, -75), (-35, 25, -30)], dtype=float)
-    corners[3] = corners[0] + corners[2] - corners[1]
-    linear = np.array([(0.004, 0.001, 0.0), (0.0, 0.006, -0.002), (-0.003, 0.0, 0.002)])
-    part = quad(corners, "paint", vertex_colors=0.6 + corners @ linear)
-    scene = lit(part, paint=Material(ambient=(1.0, 0.5, 0.25), diffuse=(0.0,) * 3))
-    image = Reference(scene).trace(MIDDLE)
-    covered = image.covered
-    assert np.count_nonzero(covered) > 500
-    expected = (0.6 + image.position[covered] @ linear) * (1.0, 0.5, 0.25)
-    np.testing.assert_allclose(image.color[covered], expected, rtol=ROUNDING, atol=1e-12)
 
 
 def test_a_triangle_whose_corner_has_no_normal_is_flat() -> None:
@@ -210,3 +132,31 @@ class TestModel:
         truth = Reference(scene_along).trace(MIDDLE).color
         model = Reference(scene).trace_model(MIDDLE, fitted).color
         np.testing.assert_allclose(model, truth, rtol=ROUNDING)
+
+
+def test_a_light_from_behind_leaves_the_ambient_term() -> None:
+    scene = lit(
+        card((0, 0, -50), (200, 200), "paint"),
+        lights=(DirectionalLight(direction=(1, 2, -0.1)),),
+        paint=PAINT,
+    )
+    color = Reference(scene).trace(scene.plate.middle).color
+    np.testing.assert_array_equal(color, np.broadcast_to(np.array(PAINT.ambient, np.float32), color.shape))
+
+
+def test_faces_have_no_back() -> None:
+    turned = [replace(part, faces=part.faces[:, [0, 2, 1]]) for part in (BEHIND, BEFORE)]
+    scene, back = lit(BEHIND, BEFORE, paint=PAINT), lit(*turned, paint=PAINT)
+    seen, from_back = (Reference(s).trace(APERTURE) for s in (scene, back))
+    np.testing.assert_array_equal(from_back.normal[seen.covered], -seen.normal[seen.covered])
+    np.testing.assert_array_equal(from_back.color, seen.color)
+
+
+def test_a_smooth_normal_is_turned_by_the_side_of_its_triangle() -> None:
+    """Seen from the back, all normals turn, even those that already lean toward the viewer."""
+    part = card((0, 0, -50), (200, 200), "paint")
+    leaning = np.array([(0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (-0.6, 0.0, 0.8), (0.995, 0.0, -0.1)])
+    front = replace(part, vertex_normals=leaning)
+    back = replace(part, faces=part.faces[:, [0, 2, 1]], vertex_normals=-leaning)
+    colors = [Reference(lit(p, paint=PAINT)).trace(PLATE.middle).color for p in (front, back)]
+    np.testing.assert_allclose(colors[0], colors[1], rtol=ROUNDING)
