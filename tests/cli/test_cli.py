@@ -82,7 +82,7 @@ def test_compare_prints_the_object_of_the_contract(
 def test_compare_finds_a_scene_that_was_moved_with_its_images(
     images: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of one that is broken there, the message is not about a missing file at the place that it names."""
+    """The message about a broken one is not about a missing file at the place that the image names."""
     Path("moved").mkdir()
     for name in ("boxes.toml", *images):
         Path(name).rename(f"moved/{name}")
