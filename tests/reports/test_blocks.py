@@ -41,6 +41,12 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return parts_of(out)
 
 
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give a scheduler a minute to answer: it starts beside other tests."""
+    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+
+
 def wait_for_blocks(out: Path, count: int) -> None:
     end = time.monotonic() + LONGEST_WAIT_S
     while len(made(out)) < count:
@@ -113,9 +119,18 @@ def test_a_killed_process_is_replaced_and_its_block_made_again(
     assert len({process for _, process in made(tmp_path)}) == 3
 
 
-def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"block 5: 2 worker processes died of it, the last one by signal 9"):
-        run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("deadly", r"block 5: 2 worker processes died of it, the last one by signal 9"),
+        ("bad", r"^a bad block; mend it$"),
+    ],
+)
+def test_a_block_that_kills_its_process_twice_is_named_and_what_a_worker_refuses_is_told_in_its_words(
+    fault: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=said):
+        run(ToyJob.at(tmp_path, **{fault: 5}), Engine(workers=2))  # type: ignore[arg-type]  # names are given
 
 
 def test_processes_that_die_as_they_start_end_the_command(
@@ -126,11 +141,6 @@ def test_processes_that_die_as_they_start_end_the_command(
     monkeypatch.setattr(pickle, "dumps", lambda _: bytes(1 << 24))
     with pytest.raises(InputError, match="died as they started"):
         run(ToyJob.at(tmp_path), Engine(workers=2))
-
-
-def test_what_a_worker_refuses_is_refused_here_in_its_words(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^a bad block; mend it$"):
-        run(ToyJob.at(tmp_path, bad=5), Engine(workers=2))
 
 
 def unread(*_: object) -> NoReturn:
@@ -147,37 +157,30 @@ def test_a_job_that_a_worker_cannot_read_fails_with_its_own_error(tmp_path: Path
         run(UnreadJob.at(tmp_path), Engine(workers=2))
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
 def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
-    stop: signal.Signals, tmp_path: Path, undisturbed: dict[str, bytes]
+    tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     program = (
         "import sys; from pathlib import Path; from tests.reports.test_blocks import *;"
         "run(ToyJob.at(Path(sys.argv[1]), seconds=0.2), Engine(workers=2))"
     )
-    chance = random.Random(1)
-    for _ in range(2 if stop is signal.SIGKILL else 1):
+    for stop in (signal.SIGINT, signal.SIGKILL):
         before = len(made(tmp_path))
-        if before == len(NUMBERS):
-            break
         command = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stderr=subprocess.DEVNULL)
         wait_for_blocks(tmp_path, before + 1)
-        time.sleep(chance.uniform(0, 0.3))
+        time.sleep(random.Random(str(stop)).uniform(0, 0.3))
         workers = psutil.Process(command.pid).children(recursive=True)
         command.send_signal(stop)
         command.wait(LONGEST_WAIT_S)
         _, alive = psutil.wait_procs(workers, timeout=30)
-        assert workers and not alive
-    ToyJob.at(tmp_path)
+        assert workers and not alive and len(made(tmp_path)) < len(NUMBERS)
     run(ToyJob.at(tmp_path))
     assert parts_of(tmp_path) == undisturbed
 
 
 @pytest.mark.slow
-def test_workers_of_a_scheduler_make_the_same_bytes(
-    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+@pytest.mark.usefixtures("patient")
+def test_workers_of_a_scheduler_make_the_same_bytes(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
     port = free_port()
     with dask(*scheduler(port)), dask(*worker(port)):
         run(ToyJob.at(tmp_path), Engine(scheduler=f"tcp://127.0.0.1:{port}"))
@@ -193,10 +196,8 @@ def test_a_scheduler_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_a_killed_worker_of_a_cluster_changes_no_byte(
-    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(blocks, "CONNECT_S", 60)
+@pytest.mark.usefixtures("patient")
+def test_a_killed_worker_of_a_cluster_changes_no_byte(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
     port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
     work = threading.Thread(target=run, args=(job, Engine(scheduler=f"tcp://127.0.0.1:{port}")))
     with dask(*scheduler(port)), dask(*worker(port)), dask(*worker(port)):
@@ -209,10 +210,10 @@ def test_a_killed_worker_of_a_cluster_changes_no_byte(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("patient")
 def test_a_scheduler_that_dies_ends_the_command_in_one_line_and_the_next_one_goes_on(
-    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
-    monkeypatch.setattr(blocks, "CONNECT_S", 60)
     port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
     where = Engine(scheduler=f"tcp://127.0.0.1:{port}")
     with ThreadPoolExecutor(1) as pool, dask(*worker(port)):
@@ -261,14 +262,17 @@ def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch
     assert engine is not None and engine.process_count(1000) == 1
 
 
-def test_strange_wishes_are_refused() -> None:
-    for wish in (
-        lambda: Part(number=0, count=3),
-        lambda: Part(number=4, count=3),
-        lambda: Engine(workers=0),
-        lambda: Engine(scheduler="tcp://host:1", workers=2),
-        lambda: Engine(scheduler="tcp://host:1", devices=(0,)),
-        lambda: Engine(part=Part(number=1, count=2), workers=2),
-    ):
-        with pytest.raises(InputError):
-            wish()
+@pytest.mark.parametrize(
+    ("kind", "wish"),
+    [
+        (Part, {"number": 0, "count": 3}),
+        (Part, {"number": 4, "count": 3}),
+        (Engine, {"workers": 0}),
+        (Engine, {"scheduler": "tcp://host:1", "workers": 2}),
+        (Engine, {"scheduler": "tcp://host:1", "devices": (0,)}),
+        (Engine, {"part": Part(number=1, count=2), "workers": 2}),
+    ],
+)
+def test_strange_wishes_are_refused(kind: Any, wish: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        kind(**wish)

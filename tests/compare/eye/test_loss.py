@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -104,16 +105,13 @@ def test_the_renderers_displacement_is_the_closed_form_of_the_near_offset(
 ) -> None:
     reference, (views, _) = asymmetric
     assert views.drawn is not None
-    point = views.drawn.position
+    point, shown, plate = views.drawn.position, views.taken.shown, reference.scene.plate
     at = shown_at(reference.scene, views.taken, views.drawn)
-    grid_place = np.full_like(point, np.nan)
-    shown, plate = views.taken.shown, reference.scene.plate
-    for row in shown.rows:
-        for column in shown.columns:
-            aperture = plate.aperture(int(shown.hogel_column[column]), int(shown.hogel_row[row]))
-            grid_place[row, column] = aperture.x, aperture.y, 0.0
-    distance = np.abs(point[..., 2:])
-    expected = (grid_place - point) * NEAR / (distance + NEAR)
+    place = np.full_like(point, np.nan)
+    for row, column in product(shown.rows, shown.columns):
+        aperture = plate.aperture(int(shown.hogel_column[column]), int(shown.hogel_row[row]))
+        place[row, column] = aperture.x, aperture.y, 0.0
+    expected = (place - point) * NEAR / (np.abs(point[..., 2:]) + NEAR)
     known = np.isfinite(point[..., 0])
     # Points are exact to some 1e-13 of the scene's coordinates.
     np.testing.assert_allclose((at - point)[known][:, :2], expected[known][:, :2], atol=1e-9)
@@ -124,11 +122,8 @@ def test_two_eyes_see_every_point_n_farther_from_the_plate(
 ) -> None:
     reference, (left, right) = asymmetric
     display, renderer = disparity(reference, left, right)
-    assert renderer is not None
-    assert renderer.depth is not None
-    assert renderer.disparity_arcmin is not None
-    assert display.matched > 100
-    assert renderer.matched > 100
+    assert renderer is not None and renderer.depth is not None and renderer.disparity_arcmin is not None
+    assert display.matched > 100 and renderer.matched > 100
     # Points behind the plate are seen n too far, those before it n too near. Two eyes are shown points that
     # are up to a pitch apart on a sloping surface, through hogels up to half a pitch beside their rays.
     assert abs(renderer.depth.p1 + NEAR) < NEAR / 3
@@ -142,12 +137,9 @@ def test_settings_with_hardly_a_near_offset_lose_hardly_anything() -> None:
     (views,) = views_of(reference, reversed_d32f(1e-4), [LEFT])
     display = display_loss(reference, views).numbers()
     renderer = renderer_loss(reference, views, numbered=True).numbers()
-    assert display.fraction is not None
-    assert renderer.fraction is not None
-    assert display.flip is not None
-    assert renderer.flip is not None
-    assert renderer.displacement_arcmin is not None
-    assert views.drawn is not None
+    assert display.fraction is not None and renderer.fraction is not None
+    assert display.flip is not None and renderer.flip is not None
+    assert renderer.displacement_arcmin is not None and views.drawn is not None
     # A surface through a hogel's center fills its true image; a camera n off sees a part of that surface.
     off_plate = views.replayed.position[..., 2] != 0
     wrong = np.argwhere((views.drawn.triangle != views.replayed.triangle) & off_plate)
@@ -166,24 +158,19 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
     settings = DoubleFrustum(near=1.0)
     reference = EyeReference(scene)
     (views,) = views_of(reference, settings, [LEFT], ColorType.FLOAT32)
-    assert views.drawn is not None
-    assert views.drawn.color is not None
+    assert views.drawn is not None and views.drawn.color is not None
     shown = views.taken.shown
     with Rasterizer(scene) as rasterizer:
         for column, row in views.taken.hogels[40::97]:
             whole = rasterizer.render(scene.plate.aperture(column, row), settings)
-            here = np.ix_(shown.hogel_row == row, shown.hogel_column == column)
-            there = np.ix_(
-                shown.film_row[shown.hogel_row == row], shown.film_column[shown.hogel_column == column]
-            )
+            rows, columns = shown.hogel_row == row, shown.hogel_column == column
+            here, there = np.ix_(rows, columns), np.ix_(shown.film_row[rows], shown.film_column[columns])
             assert whole.color is not None
             np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
             np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
             # Points are single precision there, and sloping triangles double precision's planes here.
-            size = float(4 * np.finfo(np.float32).eps * 150)
-            np.testing.assert_allclose(
-                views.drawn.position[here], np.asarray(whole.position[there]), atol=size
-            )
+            size, expected = float(4 * np.finfo(np.float32).eps * 150), np.asarray(whole.position[there])
+            np.testing.assert_allclose(views.drawn.position[here], expected, atol=size)
 
 
 def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
@@ -197,9 +184,7 @@ def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
     assert drawn.color is not None
     np.testing.assert_array_equal(drawn.color, np.ones((45, 60, 3), dtype=np.float32))
     loss = renderer_loss(reference, replace(views, drawn=drawn), numbered=collector.numbered).numbers()
-    assert loss.wrong is None
-    assert loss.flip is not None
-    assert loss.flip > 0.3
+    assert loss.wrong is None and loss.flip is not None and loss.flip > 0.3
 
 
 @pytest.mark.slow

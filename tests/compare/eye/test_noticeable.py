@@ -74,13 +74,17 @@ def test_disparity_changes_as_two_eyes_see_replayed_points(
     assert found[0] == pytest.approx(change * ARCSEC_PER_RADIAN, abs=1e-6, rel=1e-6)
 
 
-def test_for_surfaces_at_the_plate_the_limit_is_that_of_explain() -> None:
-    scene, viewer = SCENES["car"], Viewer(distance=600.0)
+@pytest.mark.parametrize("distance", [150.0, 600.0, 5000.0])
+def test_the_near_offset_that_is_not_seen_changes_disparity_by_the_stereo_acuity(distance: float) -> None:
+    scene, viewer = SCENES["car"], Viewer(distance=distance)
     limit = display_limits(scene, viewer).near_stereo
     assert limit is not None
     at_plate = Content(before=(0.0, 0.0), behind=(0.0, 0.0), through=True)
     change = stereo_change_arcsec(at_plate, viewer, Display.of(scene), DoubleFrustum(near=limit))
-    assert change == pytest.approx(viewer.stereo_acuity_arcsec, rel=1e-9)
+    assert change == pytest.approx(STEREO_ACUITY_ARCSEC, rel=1e-9)
+    disparity = EYES_APART_MM / (distance - limit) - EYES_APART_MM / (distance + limit)
+    # Two quotients near 65 / 100 are subtracted: twenty roundings of them.
+    assert disparity == pytest.approx(STEREO_ACUITY_ARCSEC / ARCSEC_PER_RADIAN, abs=1e-14)
     # What is nearer to the eyes changes more.
     assert stereo_change_arcsec(FULL_REACH, viewer, Display.of(scene), DoubleFrustum(near=limit)) > change
 
@@ -102,28 +106,20 @@ def test_a_crack_is_what_rays_through_corners_see_between_the_halves(near: float
 
 
 def test_a_screen_as_far_as_the_eye_leaves_no_crack() -> None:
-    scene = SCENES["car-recentered"]
-    screen = scene.frustum.screen
-    assert screen is not None
-    frustum = replace(scene.frustum, screen=replace(screen, height=600.0, center=(0.0, 0.0)))
-    display = Display.of(replace(scene, frustum=frustum))
-    assert crack_arcmin(Viewer(distance=600.0), display, DoubleFrustum(near=2.0)) == pytest.approx(
-        0, abs=1e-9
-    )
-    camera = DoubleFrustum(near=2.0, pivot=Pivot.CAMERA)
-    assert crack_arcmin(Viewer(distance=600.0), display, camera) > 0.1
+    scene, viewer = SCENES["car-recentered"], Viewer(distance=600.0)
+    assert scene.frustum.screen is not None
+    screen = replace(scene.frustum.screen, height=600.0, center=(0.0, 0.0))
+    display = Display.of(replace(scene, frustum=replace(scene.frustum, screen=screen)))
+    assert crack_arcmin(viewer, display, DoubleFrustum(near=2.0)) == pytest.approx(0, abs=1e-9)
+    assert crack_arcmin(viewer, display, DoubleFrustum(near=2.0, pivot=Pivot.CAMERA)) > 0.1
 
 
 def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction() -> None:
-    display, settings = Display.of(SCENES["car"]), DoubleFrustum(near=1.0)
-    viewer = Viewer(distance=600.0)
-    name, angle, _ = resolved_crack(viewer, display, settings)
-    assert name == "pitch"
-    assert angle == pytest.approx(display_limits(SCENES["car"], viewer).pitch_arcmin)
+    display, settings, viewer = Display.of(SCENES["car"]), DoubleFrustum(near=1.0), Viewer(distance=600.0)
     fine = replace(display, pitch=0.05, diffraction=0.0)
-    assert resolved_crack(viewer, fine, settings)[:2] == ("acuity", 1.0)
-    coarse = replace(fine, pixel=0.5)
-    assert resolved_crack(viewer, coarse, settings)[0] == "pixel"
+    found = [resolved_crack(viewer, one, settings) for one in (display, fine, replace(fine, pixel=0.5))]
+    assert [name for name, _, _ in found] == ["pitch", "acuity", "pixel"]
+    assert [angle for _, angle, _ in found[:2]] == [display_limits(SCENES["car"], viewer).pitch_arcmin, 1.0]
 
 
 @given(st.floats(-140.0, 140.0), st.floats(300.0, 3000.0))
@@ -138,8 +134,7 @@ def test_depths_that_are_just_told_apart_differ_by_that_disparity(height: float,
 
 
 def test_surfaces_through_the_plate_are_those_within_its_border() -> None:
-    assert runs_through_plate(SCENES["car"])
-    assert not runs_through_plate(view("car-transfer", (64, 48)))
+    assert runs_through_plate(SCENES["car"]) and not runs_through_plate(view("car-transfer", (64, 48)))
 
 
 def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
@@ -157,15 +152,6 @@ def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
 
 
 # What a display shows at a distance, and explain of it.
-
-
-@given(st.floats(100, 5000))
-def test_the_near_offset_that_is_not_seen_changes_disparity_by_the_stereo_acuity(distance: float) -> None:
-    near = display_limits(SCENES["car"], Viewer(distance=distance)).near_stereo
-    assert near is not None
-    change = EYES_APART_MM / (distance - near) - EYES_APART_MM / (distance + near)
-    # Two quotients near 65 / 100 are subtracted: twenty roundings of them.
-    assert change == pytest.approx(STEREO_ACUITY_ARCSEC / ARCSEC_PER_RADIAN, abs=1e-14)
 
 
 @given(st.floats(160, 5000))
@@ -229,13 +215,11 @@ def test_all_surfaces_stand_for_what_a_scout_sees() -> None:
 
 
 def test_a_crack_is_seen_sooner_with_shear() -> None:
-    sheared, plain = (view(name, (64, 48)) for name in ("car-recentered", "car"))
-    viewer = Viewer(distance=1200.0)
-    limit = display_limits(sheared, viewer).near_crack
-    display = Display.of(sheared)
-    width = crack_arcmin(viewer, display, DoubleFrustum(near=limit))
-    assert width == pytest.approx(max(display_limits(sheared, viewer).pitch_arcmin, 1.0), rel=1e-9)
-    assert limit < display_limits(plain, viewer).near_crack
+    viewer, sheared = Viewer(distance=1200.0), SCENES["car-recentered"]
+    found = display_limits(sheared, viewer)
+    width = crack_arcmin(viewer, Display.of(sheared), DoubleFrustum(near=found.near_crack))
+    assert width == pytest.approx(max(found.pitch_arcmin, 1.0), rel=1e-9)
+    assert found.near_crack < display_limits(SCENES["car"], viewer).near_crack
 
 
 def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
