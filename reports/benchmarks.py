@@ -39,6 +39,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import mirrored, tessellated_car
@@ -79,15 +80,14 @@ def sized(scene: Scene, resolution: int) -> Scene:
     """Return a scene with a square film and one sample a pixel; InputError where it has no triangles."""
     if not len(scene.faces):
         raise InputError(f"scene {scene.name}: has no triangles to measure; choose one that has")
-    film = replace(scene.frustum, resolution=(positive(resolution),) * 2)
+    film = replace(scene.frustum, resolution=(resolution, resolution))
     return replace(scene, frustum=film, sampling=Sampling())
 
 
-def positive(count: int) -> int:
-    """Return a resolution, a number of hogels or of repetitions; InputError where it is not positive."""
-    if count < 1:
-        raise InputError("bench: resolutions, hogels and repetitions must be positive; give such as 256")
-    return count
+def film_rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
+    """Return origins and directions of the rays through all pixels of an aperture."""
+    pencil = crossed_frustum(scene.frustum, aperture)
+    return pixel_rays(scene, pencil, range(pencil.resolution[1]))
 
 
 def rate_of(amount: float, seconds: Timing) -> Timing:
@@ -155,8 +155,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
     The certified truth has no such thing: each call begins with the triangles. There is no `mitsuba` where
     it has only its scalar variant, one ray at a time.
     """
-    pencil = crossed_frustum(scene.frustum, aperture)
-    origins, directions = pixel_rays(scene, pencil, range(pencil.resolution[1]))
+    origins, directions = film_rays(scene, aperture)
     embree, reference = EmbreeTracer(scene), Reference(scene)
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     found: dict[str, Callable[[], object]] = {
@@ -175,12 +174,9 @@ def benchmark_truth(
 ) -> Record:
     """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
 
-    Raises InputError where the scene has no triangles, or a number is not positive.
+    InputError where the scene has no triangles.
     """
-    if not resolutions:
-        raise InputError("bench: there is no resolution; give such as 512,1024")
     scenes, races = [sized(scene, side) for side in resolutions], []
-    positive(repeat)
     with progress_bar(len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress) as bar:
         for one in scenes:
             (width, height), rates = one.frustum.resolution, {}
@@ -188,9 +184,9 @@ def benchmark_truth(
             for name, run in truth_contestants(one, one.plate.middle).items():
                 rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
                 bar.update()
+            names = ("median", "slowest", "fastest")
             ends = {
-                name: {"median": rate.median, "slowest": rate.lowest, "fastest": rate.highest}
-                for name, rate in rates.items()
+                n: dict(zip(names, (r.median, r.lowest, r.highest), strict=True)) for n, r in rates.items()
             }
             races.append(
                 {
@@ -296,7 +292,7 @@ def judged_plainly(
         drawn = rasterizer.render(aperture, settings_of(scene), normals=False, color=False)
         pencil = crossed_frustum(scene.frustum, aperture)
         width, height = pencil.resolution
-        first = mesh.intersects_first(*pixel_rays(scene, pencil, range(height)))
+        first = mesh.intersects_first(*film_rays(scene, aperture))
         wrong = object_of_number[first] != drawn.object.ravel()
         with np.errstate(invalid="ignore", divide="ignore"):
             place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), pencil)
@@ -317,17 +313,17 @@ def benchmark_judge(
 ) -> Record:
     """Measure how fast hogels, spread over the plates of some scenes, are judged; W = H of each race.
 
-    Contestants, and then stages, take `repeat` turns after a warm-up. Raises InputError where a scene has no
-    triangles, a number is not positive, or there is no usable OpenGL.
+    Contestants, and then stages, take `repeat` turns after a warm-up. InputError where a scene has no
+    triangles, or there is no usable OpenGL.
     """
     films = [[sized(scene, side) for side in resolutions] for scene in scenes]
-    turns = len(scenes) * len(resolutions) * (positive(repeat) + 1) * (len(JUDGE_MEANINGS) + len(STAGES))
+    turns = len(scenes) * len(resolutions) * (repeat + 1) * (len(JUDGE_MEANINGS) + len(STAGES))
     with progress_bar(turns, "bench", "run", shown=progress) as bar:
         judged = [
             {
                 "scene": scene_record(scene),
                 "settings": settings_of(scene),
-                "races": [_race(film, positive(hogels), repeat, bar) for film in sizes],
+                "races": [_race(film, hogels, repeat, bar) for film in sizes],
             }
             for scene, sizes in zip(scenes, films, strict=True)
         ]
@@ -354,8 +350,7 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
             ),
         }
         if not mitsuba_backend().scalar:
-            pencil = crossed_frustum(scene.frustum, middle)
-            bare = bare_intersection(scene, *pixel_rays(scene, pencil, range(pencil.resolution[1])))
+            bare = bare_intersection(scene, *film_rays(scene, middle))
             runs["mitsuba"] = lambda: exhaust(bare() for _ in apertures)
         taken = race(runs, repeat, bar.update)
     with Rasterizer(scene) as rasterizer:
@@ -448,9 +443,9 @@ def benchmark_plate(
 ) -> Record:
     """Race the middle row of a scene's plate, W = H pixels a hogel and one sample a pixel.
 
-    Raises InputError where the scene has no triangles, or a number is not positive.
+    InputError where the scene has no triangles.
     """
-    scene, repeat = sized(scene, resolution), positive(repeat)
+    scene = sized(scene, resolution)
     settings, row = settings_of(scene), scene.plate.middle.row
     apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]
     effects = needed(scene) - {Effect.REFLECTION}  # plain loops draw no reflections
@@ -543,7 +538,7 @@ def benchmark_table1(
     Images have W = H pixels: the paper does not say what it drew. InputError without a usable OpenGL.
     """
     with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
-        rows = [_row(*row, positive(resolution), repeat, bar) for row in PAPER[:databases]]
+        rows = [_row(*row, resolution, repeat, bar) for row in PAPER[:databases]]
     return {
         "rows": [row for row, _ in rows],
         "resolution": (resolution, resolution),

@@ -72,11 +72,8 @@ class Job(ABC):
     A block is anything small that can be pickled, such as a number.
     """
 
-    draws: ClassVar[bool] = True
-    """Whether sessions draw with OpenGL, so that there is one process for each GPU where there are any."""
-
-    unit: ClassVar[str] = "hogel"
-    """Word for one of the things that a block consists of, for progress bars."""
+    draws: ClassVar[bool] = True  #: whether sessions draw with OpenGL: one process for each GPU, if any
+    unit: ClassVar[str] = "hogel"  #: word for one of the things that a block consists of, for progress bars
 
     @property
     @abstractmethod
@@ -123,18 +120,14 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Where blocks are made: by processes of this machine, or by the workers of a Dask scheduler.
-
-    `workers` is the number of processes, 1 for the command itself; None for one per device where something is
-    drawn on GPUs or on `devices`, and else for as many as it may use processors. `devices` are indices of EGL
-    devices, which processes take in turn; none of them stands for the GPUs of this machine. `part` is the
-    part of the blocks that is made here, by the command itself.
-    """
+    """Where blocks are made: by processes of this machine, or by the workers of a Dask scheduler."""
 
     scheduler: str | None = None
+    #: Number of processes, 1 for the command itself; None for one per device where something is drawn on
+    #: GPUs or on `devices`, and else for as many as it may use processors
     workers: int | None = None
-    devices: tuple[int, ...] = ()
-    part: Part = field(default_factory=Part)
+    devices: tuple[int, ...] = ()  #: indices of EGL devices, taken in turn; empty for this machine's GPUs
+    part: Part = field(default_factory=Part)  #: part of the blocks that the command itself makes here
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
@@ -150,10 +143,9 @@ class Engine:
             raise InputError("--part is done by one process: leave out --scheduler and --workers")
 
     def process_count(self, blocks: int, devices: int = 0) -> int:
-        """Return how many processes of this machine make so many blocks on so many devices.
+        """Return how many processes of this machine make so many blocks on so many devices, if any.
 
-        No devices stand for work that draws on none, or in software. Several processes on one GPU take turns
-        at best, so that each device has one unless more are asked for.
+        Several processes on one GPU take turns at best: each device has one unless more are asked for.
         """
         if not self.part.everything:
             return 1
@@ -176,8 +168,7 @@ class Workers(ABC):
     """The processes that make blocks: this one, others of this machine, or those of a cluster."""
 
     count: int = 1
-    elsewhere: ClassVar[bool] = False
-    """Whether they may be on other machines, whose files are seen here some time later."""
+    elsewhere: ClassVar[bool] = False  #: whether their files may be seen here some time later
 
     @abstractmethod
     def map(

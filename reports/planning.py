@@ -258,10 +258,7 @@ class Replayed:
 
 
 class ReplayWorkbench:
-    """Two eyes straight before a scene's plate, what they truly see, and what they are shown.
-
-    Their films have so many columns; rows follow from the plate.
-    """
+    """Two eyes straight before a scene's plate, what they truly see, and what they are shown."""
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
         self._scene = scene
@@ -356,11 +353,8 @@ class PlannedRecord:
     measured: Replayed | None  #: What a replay of the plan shows to two eyes; None without a plan
     #: The same with the plan's cuts; None without a plan, and where it has no cuts
     limits_with_cuts: tuple[NearLimit, ...] | None = None
-    #: By how much the replay's change of disparity may differ from that of a finer display and finer eyes
-    #: (`replay_noise_arcsec`); None without a plan
-    noise_arcsec: float | None = None
-    #: What the replay shows beyond what is required, in words: empty where nothing, and without a plan
-    exceeded: tuple[str, ...] = ()
+    noise_arcsec: float | None = None  #: of the replay's change (`replay_noise_arcsec`); None without a plan
+    exceeded: tuple[str, ...] = ()  #: what the replay shows beyond what is required, in words
 
 
 def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
@@ -386,28 +380,22 @@ def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) 
 
 def replayed_plan(made: Plan, record: PlannedRecord) -> Plan:
     """Return a plan that holds only where its replay does too."""
-    if not record.exceeded:
-        return made
     reason = f"{made.reason} But replayed it does not hold: {' and '.join(record.exceeded)}."
-    return replace(made, within=False, reason=reason)
+    return replace(made, within=False, reason=reason) if record.exceeded else made
 
 
 def planned_record(
     scene: Scene, made: Plan, requirement: EyeRequirement, *, progress: bool = False
 ) -> PlannedRecord:
-    """Return what a viewer notices of a plan that was made for his eyes, measured by a replay.
-
-    `replayed_plan` has what follows for the plan.
-    """
+    """Return what a viewer notices of a plan that was made for his eyes, measured by a replay."""
     settings, viewer, display = made.settings, requirement.viewer, requirement.display
     blurs = blur_arcmin(max(requirement.content.farthest, key=abs, default=0.0), viewer, display)
     binds, limit = binding(requirement.limits), requirement.separation_limit
     rays = None
     if display.millimeters is not None:
         rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
-    measured, noise, with_cuts = None, None, None
+    measured, noise, with_cuts, noticed = None, None, None, {}
     beyond: tuple[str, ...] = ()
-    noticed: dict[str, float] = {}
     if settings is not None:
         noticed = {name: there for name, (there, _, _) in requirement.noticed(settings).items()}
         workbench = ReplayWorkbench(scene, viewer)

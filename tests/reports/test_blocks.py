@@ -130,7 +130,7 @@ def test_a_block_that_kills_its_process_twice_is_named_and_what_a_worker_refuses
     fault: str, said: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=said):
-        run(ToyJob.at(tmp_path, **{fault: 5}), Engine(workers=2))  # type: ignore[arg-type]  # names are given
+        run(ToyJob.at(tmp_path, **{fault: 5}), Engine(workers=2))
 
 
 def test_processes_that_die_as_they_start_end_the_command(
