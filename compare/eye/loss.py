@@ -320,11 +320,7 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
 
 
 def _maps(
-    scene: Scene,
-    pair: tuple[EyeImage, EyeImage],
-    asked: Mask,
-    wrong: Mask | None,
-    moved: Floats,
+    scene: Scene, pair: tuple[EyeImage, EyeImage], asked: Mask, wrong: Mask | None, moved: Floats
 ) -> LossMaps:
     """Return all maps of an expected and a shown view, given those in which the losses differ.
 

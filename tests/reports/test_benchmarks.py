@@ -103,11 +103,7 @@ def test_plate_says_every_rate_and_stage(told: Told) -> None:
     assert_table(text, "grating, ", benchmarks.PLATE_MEANINGS, found)
     assert_race(found, "hogels_per_second", benchmarks.PLATE_MEANINGS, ("lowest", "highest"))
     plate = view("grating").plate
-    assert (found["hogels"], found["row"], found["resolution"]) == (
-        plate.hogels[0],
-        plate.middle.row,
-        [8, 8],
-    )
+    assert (found["hogels"], found["row"], found["resolution"]) == (plate.hogels[0], plate.middle.row, [8, 8])
     assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
 

@@ -42,10 +42,7 @@ def small(name: str) -> Scene:
 
 
 def views_of(
-    reference: EyeReference,
-    settings: DoubleFrustum,
-    eyes: Sequence[Eye],
-    color: ColorType = DEFAULT_COLOR,
+    reference: EyeReference, settings: DoubleFrustum, eyes: Sequence[Eye], color: ColorType = DEFAULT_COLOR
 ) -> list[Views]:
     """Return the three pictures of some eyes."""
     scene = reference.scene
