@@ -140,10 +140,8 @@ class JudgedDrawing(Shown):
         )
 
     def _said(self) -> str:
-        return (
-            f"near {self.settings.near:.3g} scene units, {self.settings.depth_label}: "
-            f"{self.comparison.said()}"
-        )
+        near, depth = self.settings.near, self.settings.depth_label
+        return f"near {near:.3g} scene units, {depth}: {self.comparison.said()}"
 
     def _tables(self) -> Sequence[Table]:
         return (self.comparison.table(),)
@@ -261,10 +259,9 @@ class Judge:
             # The frames of a hogel follow one another; equal settings are drawn once.
             with closing(frames):
                 while found := list(islice(frames, len(set(settings)))):
-                    aperture, truth, _ = found[0]
                     drawn = {drawing.settings: drawing for _, _, drawing in found}
                     drawings = tuple(drawn[one] for one in settings)
-                    yield JudgedHogel(aperture=aperture, truth=truth, drawings=drawings)
+                    yield JudgedHogel(aperture=found[0][0], truth=found[0][1], drawings=drawings)
 
         return hogels(self.frames(apertures, settings, wanted, finish))
 
@@ -415,7 +412,6 @@ class _Loop(Generic[Result]):
         return frame
 
     def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
-        """Have a frame drawn and judged."""
         first = setting == cameras.settings[0]
         drawn = cameras.first if first else self._draw(cameras.aperture, setting)
         while self._drawn and self._drawn[0].done():

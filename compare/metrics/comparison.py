@@ -252,7 +252,6 @@ def compare_images(
 
 
 def _check(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> None:
-    """Raise InputError unless both images answer the same question."""
     if truth.camera.settings is not None:
         raise InputError(
             f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"

@@ -244,7 +244,6 @@ def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[Dep
 
 
 def _no_plan(choices: Sequence[DepthBuffer], reason: str, plate: PlateResult | None = None) -> Plan:
-    """Return the plan that says why there is none, with a depth buffer where there was no other choice."""
     depth, mapping = choices[0] if len(choices) == 1 else (None, None)
     return Plan(depth=depth, mapping=mapping, reason=reason, plate=plate)
 
@@ -304,7 +303,6 @@ class PlatePlanner:
         return self._measured(made, views, sample, aside)
 
     def _without_plan(self, reason: str) -> Plan:
-        """Return the plan that there is none, for no share of the plate."""
         return _no_plan(self.choices, reason, self._plate_result(self._hopeless, _indices(self._possible)))
 
     def _plate_result(self, hopeless: frozenset[Index], aside: frozenset[Index], **found: Any) -> PlateResult:
@@ -325,7 +323,6 @@ class PlatePlanner:
         sample: Sequence[HogelResult],
         aside: frozenset[Index] = frozenset(),
     ) -> Plan:
-        """Return the plan with what was measured at its own apertures and at the sample."""
         assert made.settings is not None
         chosen, sheets = measured(views, made.settings, self.requirement, self.done)
         drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
@@ -357,7 +354,6 @@ class PlatePlanner:
 
     @cached_property
     def _seeing(self) -> tuple[Look, ...]:
-        """Looks that see anything."""
         return tuple(look for look in self.scouted.looks if math.isfinite(look.nearest))
 
     @cached_property
@@ -514,7 +510,6 @@ def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) 
 
 
 def _limit(largest: Attempt, views: Views, requirement: Requirement) -> str:
-    """Say why near may be no larger than the largest."""
     settings, scene = largest.settings, views.scene
     if settings.slabs and settings.near == settings.slabs[0]:
         lowest, highest = scene.height_ranges
@@ -528,7 +523,6 @@ def _limit(largest: Attempt, views: Views, requirement: Requirement) -> str:
 
 
 def _why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
-    """Say which requirement fails, and what can be had instead."""
     separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
     if found.finest * SEPARATION_MARGIN > separation:
         return (

@@ -219,7 +219,6 @@ class Search:
         return self._with_largest_near(buffer, best[1])
 
     def _judged(self, settings: DoubleFrustum) -> Attempt:
-        """Return what is to be expected of any settings."""
         predicted = self._views.predicted(settings, self.separation)
         attempt = self._attempt(settings, predicted)
         if not attempt.holds or self.requirement.SEEN_BY_EYES:

@@ -318,7 +318,6 @@ class _Table:
 
 @lru_cache(maxsize=16)
 def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
-    """Return the table of a slab's buffer, from its lower to its upper end."""
     used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
     first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)

@@ -107,8 +107,6 @@ class Predictor:
         )
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
-        """Return the root mean square of the displacement that each link of a chain adds."""
-
         def rms(moved: Floats) -> float | None:
             known = lengths(moved)
             known = known[np.isfinite(known)]

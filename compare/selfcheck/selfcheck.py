@@ -215,7 +215,6 @@ def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
 def _exact_rows(
     compute: Callable[..., Iterator[ExactRows]], scene: Scene, aperture: Aperture
 ) -> Iterator[ExactRows]:
-    """Have an image decided in bands of rows."""
     pencil = crossed_frustum(scene.frustum, aperture)
     width, height = pencil.resolution
     step = max(1, MAX_TASK_PIXELS // width)
@@ -224,7 +223,6 @@ def _exact_rows(
 
 
 def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows], bar: Any) -> ViewCheck:
-    """Trace an image, wait for its exact rows and compare."""
     started = time.perf_counter()
     image = Reference(scene).trace(aperture)
     assert image.certainty is not None and image.overruled is not None

@@ -111,6 +111,7 @@ EXPECTED = {
     # Lengths on the film are rounded otherwise in the last place, which breaks a tie of mirrored, equally bad
     # apertures the other way: the neighbors of the one are looked through, or those of the other.
     r"plan-.*\.plate\.scouted": "521 of the same 524, by a tie that rounding breaks; both are right",
+    r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts, too",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
     r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
