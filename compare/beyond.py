@@ -39,10 +39,7 @@ def is_beyond(
     tolerance_px: float,
     max_wrong: float = MAX_WRONG,
 ) -> bool:
-    """Return whether a hogel is beyond a tolerance, or the share of its wrong surfaces beyond `max_wrong`.
-
-    None, NaN or infinity stand for a displacement that is undefined, which is beyond any tolerance.
-    """
+    """Return whether a hogel is beyond a tolerance; a displacement of None or NaN is undefined: beyond."""
     if displacement_p99_px is None or not math.isfinite(displacement_p99_px):
         return True
     return displacement_p99_px > tolerance_px or surface_fraction > max_wrong

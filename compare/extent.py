@@ -218,10 +218,7 @@ def _centers_between(low: Floats, high: Floats, valid: Mask, count: int) -> tupl
 
 
 def in_view(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
-    """Return whether the image of an aperture can show any of an object, without occlusion.
-
-    False is certain. True may be wrong by slivers between two pixels' centers.
-    """
+    """Return whether an aperture's image can show any of an object; False is certain."""
     return any(
         bool(_can_be_shown(triangles, layer, frustum, aperture).any())
         for triangles in triangles_in_chunks(part, VIEW_CHUNK_TRIANGLES)
@@ -270,10 +267,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
 
 
 def apertures_in_view(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
-    """Return (rows, columns) whether each aperture's crossed frustum holds any part of an object.
-
-    None is missed; apertures within the size of a triangle of these may be counted too.
-    """
+    """Return (rows, columns) whether crossed frusta hold any part of an object; none that does is missed."""
     columns, rows = plate.hogels
     # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative sums along
     # both are the numbers of rectangles over each aperture.
@@ -347,10 +341,7 @@ class DepthBin:
 
 
 def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tuple[DepthBin, ...]:
-    """Return the bins that have content, from the farthest behind the plate to the farthest before it.
-
-    Apertures count with their whole cells; None for all of the plate.
-    """
+    """Return the bins with content, from behind the plate to before it; apertures count with their cells."""
     region = Region.true(scene, apertures)
     toward, back = scene.frustum.reach
     found = []

@@ -55,11 +55,7 @@ def images_under_way(pixels: int) -> int:
 
 
 def in_order(tasks: Iterable[Future[Result]], most: int) -> Iterator[Result]:
-    """Yield the results of tasks in their order, at most so many of which are begun ahead.
-
-    An exception of a task comes in the place of its result; then, and when the iterator is closed, tasks that
-    have not begun are cancelled.
-    """
+    """Yield results in order, so many begun ahead; after an error or close the others are cancelled."""
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
@@ -86,10 +82,7 @@ class Wanted:
 
 @dataclass(frozen=True, kw_only=True)
 class StageTimes:
-    """Wall seconds of the stages of one frame, without what the frames of one pair of cameras share.
-
-    Stages of other frames run at the same time: sums over frames exceed the time that passed.
-    """
+    """Wall seconds of the stages of one frame; stages of other frames run at the same time."""
 
     trace: float  #: the hogel's certified truth, the same for all its frames; 0 where it was there already
     raster: float

@@ -78,10 +78,7 @@ def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class GrowingSample:
-    """Samples of a plate, each twice as large as the one before, which it contains.
-
-    The first has `first` hogels, or as many as the plate has.
-    """
+    """Samples of a plate, each twice as large as the one before, which it contains; `first` is the first."""
 
     plate: Plate
     first: int
@@ -132,10 +129,7 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
 
 
 def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
-    """Return the upper bound on the share of a plate's hogels with a property, from a `GrowingSample`.
-
-    Some of all sampled hogels, `judged`, have it. The bound may be wrong with probability `risk`.
-    """
+    """Return the upper bound on the share of a plate's hogels, wrong with probability `risk`."""
     possible = (hogels - judged + beyond) / hogels
     if judged == hogels or (judged > 1 and beyond >= judged - 1):
         return possible

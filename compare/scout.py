@@ -88,10 +88,7 @@ class Look:
 
     @cached_property
     def pixels_per_near(self) -> float:
-        """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit.
-
-        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture itself.
-        """
+        """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._p99(self.points.radius / np.abs(self.height))
 

@@ -346,10 +346,7 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
 
 
 def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPrediction, ...]) -> Budget:
-    """Charge every wrong pixel of an image, whose errors were found beside those of R0, to one link.
-
-    That is the last link that changed its triangle; by surfaces, the link from which on it is wrong.
-    """
+    """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
     exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
     assert changed is not None and errors.surface is not None, "judged beside R0, with the scene at hand"
     wrong = (drawn.triangle != start.truth.triangle) & start.judged

@@ -141,11 +141,7 @@ class Comparison(Shown, ComparisonNumbers):
         return asdict(self.numbers)
 
     def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
-        """Return the errors with labels, as an `xarray.Dataset` over v and u; see `HogelImage.to_xarray`.
-
-        `units` names the scene's unit of length (`scene.units`), which images do not know. Raises InputError
-        where xarray is not installed.
-        """
+        """Return the errors as an `xarray.Dataset`, lengths in `units`; InputError without xarray."""
         maps, camera = self.maps, self.errors.truth.camera
         moved, surface, radiance = maps.displacement, maps.surface, maps.radiance
         told: tuple[tuple[str, Any, str, str | None], ...] = (

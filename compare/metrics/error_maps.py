@@ -137,11 +137,7 @@ def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
 
 
 def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
-    """Return the displacement (2, N), columns and rows, at pixels (N,) that show a surface off the plate.
-
-    The image says which surface point it shows, and the true frustum says where that point belongs.
-    Displacement is that place minus the place where it was drawn.
-    """
+    """Return the displacement (2, N), true minus drawn place, at pixels (N,) with a surface off the plate."""
     return _shifts(DrawnPoints.of(raster, pixels).places(true_lines(camera)), pixels, camera)
 
 
@@ -276,10 +272,7 @@ def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Sce
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
-    """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil.
-
-    They show a surface point off the plane of the pencil's center.
-    """
+    """Return which of the asked pixels (H, W) show a point that belongs outside the film of a pencil."""
     points = DrawnPoints.of(shown, np.flatnonzero(asked))
     found = np.zeros_like(asked)
     found.flat[points.pixels] = _beyond_film(points, points.places(pencil), pencil, scene)
@@ -379,16 +372,13 @@ class PixelErrors(Brief):
 def pixel_errors(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, beside: PixelErrors | None = None
 ) -> PixelErrors:
-    """Return the errors of an image; without the scene's reference there is no `surface`.
-
-    Where there are errors of an image of the same cameras by the same truth, pixels that show the same are
-    not judged again.
-    """
+    """Return the errors of an image; pixels that show the same as one `beside` it are not judged again."""
     if beside is not None:
         return _errors_beside(truth, raster, reference, beside)
     judged = judged_pixels(truth)
     points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
     places = points.places(true_lines(truth.camera))
+    # Without the scene at hand nobody knows what hides a point.
     errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
     return PixelErrors(
         truth=truth,

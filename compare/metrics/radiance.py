@@ -158,10 +158,7 @@ def transported(
     seed: int = 0,
     done: Callable[[], object] | None = None,
 ) -> RadianceEstimate:
-    """Return the color of an aperture by light paths, averaged over its sub-apertures.
-
-    The scene's sampling says where light paths start; `done` is called after each sub-aperture.
-    """
+    """Return the color of an aperture by light paths; `done` is called after each sub-aperture."""
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
     mean, variance = np.zeros(()), np.zeros(())
@@ -304,11 +301,9 @@ class RadianceSpread:
 
 
 def percentile_99(values: Floats) -> float:
-    """Return the 99th percentile of finite values (N,), as `np.percentile` does, bit for bit.
-
-    Only values above the 97th percentile of a sample are put in order, which takes a fifth of the time;
-    where the sample misleads, all are.
-    """
+    """Return the 99th percentile of finite values (N,), as `np.percentile` does, bit for bit."""
+    # Only values above the 97th percentile of a sample are put in order, a fifth of the work; where the
+    # sample misleads, all are.
     place = 0.99 * (len(values) - 1)
     top = values[values >= np.percentile(values[::64], 97)]
     if len(top) < len(values) - int(place):
@@ -321,13 +316,10 @@ def percentile_99(values: Floats) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceNumbers(RadianceSpread):
-    """The radiance error over all judged pixels with a color in both images, as `compare --json` prints it.
-
-    How different the pictures look, and the viewing condition of FLIP, are None unless asked for.
-    """
+    """The radiance error over all judged pixels with colors, as `compare --json` prints it."""
 
     away_from_edges: RadianceSpread | None  #: over those pixels that the function of that name returns
-    flip: float | None
+    flip: float | None  #: None unless asked for, like the next two
     ssim: float | None
     pixels_per_degree: float | None
     noise: NoiseNumbers | None  #: whether pixels differ by more than `STEP` and the noise of light paths
@@ -354,10 +346,7 @@ class RadianceError(Brief):
 def compare_radiance(
     truth: HogelImage, raster: HogelImage, *, perceptual: bool = False
 ) -> RadianceError | None:
-    """Return the radiance error of an image; None where an image has no color, or nothing is judged.
-
-    Pixels whose truth is a tie are not judged. FLIP and SSIM (`perceptual`) take longer than all else.
-    """
+    """Return the radiance error; None where an image has no color, or nothing is judged."""
     if truth.color is None or raster.color is None:
         return None
     # A plane for each channel: along rows of three numbers, NumPy takes several times as long.
@@ -390,9 +379,5 @@ def compare_radiance(
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage) -> Mask:
-    """Return the pixels (H, W) that both images say show the same triangle.
-
-    What such a pixel's center shows is shaded continuously from one image to the other, however coarse the
-    mesh.
-    """
+    """Return the pixels (H, W) that both images say show the same triangle, shaded continuously."""
     return np.asarray((truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING))

@@ -92,10 +92,7 @@ def measured(
     *,
     smallest: bool = True,
 ) -> tuple[list[HogelResult], Quality]:
-    """Draw what some apertures show, and sheets at its farthest surfaces; return each result and the worst.
-
-    Without `smallest` the smallest separation, which no requirement limits, is not looked for: it is NaN.
-    """
+    """Draw apertures and sheets; return each result and the worst (separation: NaN unless `smallest`)."""
     separation = requirement.separation_in(views.scene.frustum)
     truths = {view.aperture: view.truth for view in views.views}
     with Judge(views.scene, reference=views.reference) as judge:

@@ -377,10 +377,7 @@ class PlatePlanner:
         return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
 
     def _first_views(self) -> Views:
-        """Trace the middle, the worst apertures that some near can draw, and those that see farthest.
-
-        Only of those that were looked through; none where no near can draw any.
-        """
+        """Trace the middle, the worst apertures that some near can draw, and those that see farthest."""
         scouted, middle = self.scouted, self.reference.scene.plate.middle
         worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
         worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]

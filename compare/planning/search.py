@@ -152,10 +152,7 @@ class Search:
         return Outcome(choices=choices, finest=min(finest.values()), holding=holding, failed=failed)
 
     def cuts(self, buffer: DepthBuffer, count: int, separation: float) -> tuple[float, ...]:
-        """Return up to some number of heights, ascending, each as near to the plate as can be.
-
-        Sheets at the farthest visible surface of every slab but the first are ordered at the separation.
-        """
+        """Return at most so many heights, ascending, as near to the plate as the separation allows."""
         cuts: list[float] = []
         highest = self.highest
         while len(cuts) < count and highest >= self.lowest:
@@ -305,11 +302,7 @@ class Search:
         low: int,
         high: int,
     ) -> Attempt:
-        """Return an attempt with the largest length that holds; one that does not where none does.
-
-        `may_hold` is a cheap condition, true up to some length; all predictions are asked from there
-        downward.
-        """
+        """Return an attempt with the largest length that holds, or else one; `may_hold` is cheap."""
 
         def judged(length: float) -> Attempt:
             return self.judged(settings_with(length))

@@ -41,14 +41,10 @@ _HIDING = {
 
 @dataclass(frozen=True, kw_only=True)
 class NearLimit:
-    """One of the things that a viewer may notice of a near offset.
-
-    `largest_near` stays below it, three digits; None where every near does, 0 where not even the smallest
-    does.
-    """
+    """One of the things that a viewer may notice of a near offset."""
 
     name: str
-    largest_near: float | None
+    largest_near: float | None  #: three digits; None where every near is unnoticed, 0 where none is
     allowed: float  #: arc seconds of disparity, or arc minutes of a crack's width, that are not noticed
     hidden_by: str  #: `stereo acuity`, or of a crack `acuity`, `pitch`, `pixel` or `diffraction`
 

@@ -81,10 +81,7 @@ class Quality(Errors):
 
 @dataclass(frozen=True, kw_only=True)
 class Requirement:
-    """What a picture must keep: pixels at their places, sheets in order, and few surfaces wrong by depth.
-
-    Raises InputError where a number is not positive, or the share is not below one.
-    """
+    """What a picture must keep; InputError where a number is not positive, or the share not below one."""
 
     SEEN_BY_EYES: ClassVar[bool] = False
     """Whether eyes judge near, and not pixels: then the largest near that they cannot see is planned."""

@@ -65,10 +65,7 @@ def traced_models(
     *,
     shaded: bool = True,
 ) -> tuple[HogelImage, ...]:
-    """Return T1 to T4 of an aperture, and T5 where faces are culled; `shaded` ones have normals and color.
-
-    `traced` has models of this aperture by their settings; new ones are added.
-    """
+    """Return T1 to T4, and T5 where faces are culled; `traced` has models of this aperture by settings."""
     traced = {} if traced is None else traced
     links = [with_exact_depth(link) for link in traced_settings(settings, reference.scene.frustum)]
     for link in links:

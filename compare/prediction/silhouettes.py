@@ -60,10 +60,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contours:
-    """All contours of an image, as N steps between neighboring pixels.
-
-    Steps along both axes, weighted by their normals, add up to the contour's length, however it leans.
-    """
+    """All contours of an image, as N steps between neighbors that add up to the contour's length."""
 
     front: Indices  #: (N,) pixels of the flattened image: the surface nearer to the viewer
     back: Indices  #: (N,) and what lies behind it
@@ -225,10 +222,7 @@ class Silhouettes:
         self._contours: dict[tuple[float, ...], tuple[Contours, TruePoints, TruePoints]] = {}
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
-        """Return the expected number of wrong pixels, without depth, charged to each link of a chain.
-
-        A pixel is charged to the first link from which on it is wrong to the end of the chain.
-        """
+        """Return the expected wrong pixels that each link makes wrong to the end of a chain."""
         steps, *sides = self._contours_for(chain[-1])
         missing, between = self._not_shown(chain[-1]), steps.kind == Kind.OBJECTS
         # From the last link backward: the part of each step's wrong span that stays wrong to the end, px.

@@ -180,10 +180,7 @@ class _ExactLines:
         }
 
     def first(self, row: int, column: int, pairs: list[tuple[int, float]]) -> tuple[list[int], float]:
-        """Return the triangles met first, ascending, and the double nearest to their s.
-
-        `pairs` are the candidates' numbers and a lower bound of s for each, in ascending order of it.
-        """
+        """Return the triangles met first, and the double nearest to their s; pairs ascend by s."""
         length_bits, slope_bits = self._bits
         d = (self._dx[column], self._dy[row], -(1 << slope_bits))
         winners, first, where = list[int](), (0, 1), float("nan")

@@ -44,13 +44,11 @@ def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: Scou
     assert len(scouted.looks) < 1200
 
 
-def test_corners_and_the_middle_are_always_looked_through(scouted: Scout) -> None:
+def test_corners_and_the_middle_are_always_looked_through(scouted: Scout, ball_behind_a_plate: Scene) -> None:
+    """A plate of few hogels is looked at whole."""
     indices = {aperture.index for aperture in scouted.apertures}
     assert {(0, 0), (39, 0), (0, 29), (39, 29), scouted.scene.plate.middle.index} <= indices
     assert len(indices) == len(scouted.looks)
-
-
-def test_a_plate_of_few_hogels_is_looked_at_whole(ball_behind_a_plate: Scene) -> None:
     small = replace(ball_behind_a_plate, plate=Plate(size=(40.0, 30.0), hogels=(8, 6)))
     assert len(scout(small).looks) == 48
 
@@ -82,18 +80,13 @@ def test_for_small_nears_displacement_grows_in_proportion(scouted: Scout) -> Non
         assert moved == pytest.approx(look.pixels_per_near * near, rel=1e-4)
 
 
-def test_what_is_seen_on_each_side_is_told_apart(scouted: Scout) -> None:
+def test_what_is_seen_on_each_side_is_told_apart_and_nothing_seen_displaces_nothing(scouted: Scout) -> None:
     far = scouted.farthest(Camera.C)
     assert GAP < far.farthest(Camera.C) <= GAP + 2 * RADIUS
-    assert far.farthest(Camera.C_STAR) == 0
-    assert far.outline_widths > 0
-
-
-def test_an_aperture_that_sees_nothing_displaces_nothing(scouted: Scout) -> None:
+    assert far.farthest(Camera.C_STAR) == 0 < far.outline_widths
     corner = next(look for look in scouted.looks if look.aperture.index == (0, 29))
-    assert corner.nearest == math.inf
+    assert corner.nearest == math.inf and corner.outline_widths == 0
     assert corner.displacement_p99_px(DoubleFrustum(near=1.0), scouted.scene) == 0
-    assert corner.outline_widths == 0
 
 
 def test_no_more_apertures_are_looked_through_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -130,21 +130,13 @@ def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
 
 
 def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
-    reach = 150.0
-    bent, starved = budgets(
-        "car",
-        [
-            DoubleFrustum(near=1e-2 * reach, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
-            DoubleFrustum(near=1e-8 * reach, depth=DepthFormat.D16),
-        ],
-    )
-    assert (bent[2].charge == 0).sum() > 0.99 * bent[2].wrong > 100
-    assert (starved[2].charge == DEPTH).sum() > 0.99 * starved[2].wrong > 100
+    starved = DoubleFrustum(near=1e-8 * 150, depth=DepthFormat.D16)
+    for (_, _, budget), link in zip(budgets("car", [reversed_d32f(1.5), starved]), (0, DEPTH), strict=True):
+        assert (budget.charge == link).sum() > 0.99 * budget.wrong > 100
 
 
 def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
-    settings = DoubleFrustum(near=1.5, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
-    [(_, _, budget)] = budgets("car-recentered", [replace(settings, pivot=Pivot.CAMERA)])
+    [(_, _, budget)] = budgets("car-recentered", [replace(reversed_d32f(1.5), pivot=Pivot.CAMERA)])
     assert (budget.charge == 1).sum() > 100
 
 
@@ -152,15 +144,8 @@ def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
 def test_each_traced_link_is_as_predicted(name: str) -> None:
     """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
     reach = view(name, (8, 8)).frustum.longest_reach
-    cut = 0.3 * reach
-    settings = DoubleFrustum(
-        near=1e-3 * reach,
-        slabs=(cut,),
-        pivot=Pivot.CAMERA,
-        fit=Fit.ANGLE,
-        depth=DepthFormat.D32F,
-        mapping=DepthMapping.REVERSED,
-    )
+    settings = reversed_d32f(1e-3 * reach)
+    settings = replace(settings, slabs=(0.3 * reach,), pivot=Pivot.CAMERA, fit=Fit.ANGLE)
     [(_, _, budget)] = budgets(name, [settings])
     links = budget.summary()["links"]
     for link in links[:4]:
@@ -181,12 +166,8 @@ def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
     """Cameras exactly at the aperture: displacement is the rounding of 32-bit positions alone."""
     reach = view(name, (8, 8)).frustum.longest_reach
     cut = 0.05 * reach
-    settings = DoubleFrustum(
-        near=0.01 * reach, slabs=(cut, 6 * cut), depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED
-    )
-    [(_, chain, _)] = budgets(name, [settings])
-    drawn = chain.images[-1]
-    camera = chain.images[0].camera
+    [(_, chain, _)] = budgets(name, [replace(reversed_d32f(0.01 * reach), slabs=(cut, 6 * cut))])
+    drawn, camera = chain.images[-1], chain.images[0].camera
     outside = drawn.off_plate & (np.abs(drawn.height) > cut)
     assert outside.sum() > 1000
     moved = np.abs(displacement(drawn, camera)[outside])
@@ -223,10 +204,8 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
     page = (tmp_path / "budget" / "index.html").read_text()
     for link in numbers["links"]:
         row = next(row for row in page.split("<tr>") if f"<td>{link['name']}</td>" in row)
-        color = CAUSE_COLORS[link["name"]]
-        assert f'fill="{color}"' in row
-        assert f">{link['pixels']:,}</td>" in row
-        assert f">{link['surface']:,}</td>" in row
+        assert f'fill="{CAUSE_COLORS[link["name"]]}"' in row
+        assert f">{link['pixels']:,}</td>" in row and f">{link['surface']:,}</td>" in row
     for name in ("edge", "order", "lost", "unexplained"):
         assert f"<td>{name}</td>" in page
     assert "--near 0.5 --slabs 4.0,10.0</pre>" in page
@@ -236,9 +215,7 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
 def test_the_command_of_a_budget_makes_it_again() -> None:
     """The page names its aperture and settings as the command line takes them."""
     scene = view("asymmetric", (48, 36))
-    settings = DoubleFrustum(
-        near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, fit=3.5, pivot=Pivot.CAMERA
-    )
+    settings = replace(reversed_d32f(0.1 + 0.2), fit=3.5, pivot=Pivot.CAMERA)
     report = xfrustum.budget(scene, settings, scene.plate.aperture(0, 0))
     words = shlex.split(command(report))
     assert words[:5] == ["xfrustum", "budget", scene.source or scene.name, "--aperture", "0,0"]

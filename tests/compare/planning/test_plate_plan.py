@@ -260,16 +260,13 @@ def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
 # How few apertures are set aside --------------------------------------------------------------------------
 
 
-def test_few_apertures_are_set_aside(scouted: Scout) -> None:
+def test_few_apertures_are_set_aside_and_none_is_kept_where_none_has_a_plan(scouted: Scout) -> None:
     """A plan for all but the look over the ball is found by halving, to a 32nd of the looks."""
     over = next(look for look in scouted.looks if look.aperture.index == OVER)
     found = largest_share(scouted.looks, lambda looks: None if over in looks else len(looks))
     assert found is not None
     kept, planned = found
     assert over not in kept and planned == len(kept) >= len(scouted.looks) * (1 - 2 / 32) - 1
-
-
-def test_where_no_aperture_has_a_plan_there_is_none_for_any_share(scouted: Scout) -> None:
     tried: list[int] = []
     assert largest_share(scouted.looks, lambda looks: tried.append(len(looks))) is None
     assert tried == [1, 1, 1]

@@ -8,6 +8,7 @@ Shear: the ordinary off-axis projection against the paper's (docs/method.md, "Th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -85,12 +86,11 @@ def asymmetric() -> tuple[Frustum, HogelImage]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str, options: dict[str, Any]) -> None:
+def test_every_point_is_drawn_where_the_certified_cameras_draw_it(name: str) -> None:
     scene = view(name, (96, 72))
     aperture = scene.plate.aperture(17, 41)
     truth = Reference(scene).trace(aperture)
-    for near in NEARS:
+    for near, options in product(NEARS, OPTIONS):
         settings = DoubleFrustum(near=near, **options)
         predicted = displacements(TruePoints.of(truth), scene.frustum, settings)
         model = drawn_by_the_model(truth, scene.frustum, aperture, settings)
@@ -128,17 +128,17 @@ def test_a_small_near_loses_no_digits(asymmetric: tuple[Frustum, HogelImage]) ->
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_lengths_are_those_of_the_vectors(name: str, options: dict[str, Any]) -> None:
+def test_lengths_are_those_of_the_vectors(name: str) -> None:
     scene = view(name, (48, 36))
     truth = Reference(scene).trace(scene.default_apertures()[-1])
-    settings = DoubleFrustum(near=1e-2 * scene.frustum.longest_reach, **options)
     every = TruePoints.of(truth)
-    for points in (every, every.shown()):
+    for options, points in product(OPTIONS, (every, every.shown())):
+        settings = DoubleFrustum(near=1e-2 * scene.frustum.longest_reach, **options)
         vectors = displacements(points, scene.frustum, settings)
         found = displacement_lengths(points, scene.frustum, settings)
         np.testing.assert_allclose(found, np.hypot(vectors[..., 0], vectors[..., 1]), rtol=1e-12, atol=1e-12)
-    assert np.isnan(displacement_lengths(every, scene.frustum, settings)[~truth.off_plate]).all()
+        if points is every:
+            assert np.isnan(found[~truth.off_plate]).all()
 
 
 RMS_ROUNDING = 1e-12
