@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
@@ -94,11 +95,9 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
 def test_a_stricter_tolerance_within_the_noise_costs_nothing_that_can_be_told() -> None:
     loose, strict = timed("loose", [40, 41, 42, 43, 60], 0.4), timed("strict", [44, 45, 46, 47, 48], 0.05)
     assert "nothing more that can be told: strict, 46 ms" in answers([loose, strict], 0.5)[1].sentence
-    slower = timed("slower", [80, 80, 80, 80, 84], 0.05)
-    assert (
-        "2.00 times (1.90 to 2.10) the time of that"
-        in answers([timed("loose", [40, 40, 40, 41, 42], 0.4), slower], 0.5)[1].sentence
-    )
+    loose, slower = timed("loose", [40, 40, 40, 41, 42], 0.4), timed("slower", [80, 80, 80, 80, 84], 0.05)
+    assert "0.1 px would cost 2.00 times (1.90 to 2.10) the time" in answers([loose, slower], 0.5)[1].sentence
+    assert answers([loose], 0.5)[1].sentence.startswith("Nothing that was measured stays under 0.1 px")
 
 
 def test_too_few_repetitions_rank_nothing() -> None:
@@ -121,7 +120,7 @@ def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(tim
     assert ranking.fastest[0].time_s.median == least.time_s.median
 
 
-@pytest.mark.parametrize("count", [5, 6, 7, 8, 9])
+@pytest.mark.parametrize("count", [5, 6, 9])  # from nine on the interval leaves an outlier out at each end
 def test_equally_long_times_are_told_apart_by_chance_once_in_126_times_at_most(count: int) -> None:
     """Every order of two samples of one distribution is equally likely: all of them are counted."""
     orders = list(itertools.combinations(range(2 * count), count))
@@ -143,13 +142,6 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
     assert beyond <= 1 - CONFIDENCE or len(values) < 6
     assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
-
-
-def test_the_answers_are_sentences_about_the_tolerance_and_a_fifth_of_it() -> None:
-    loose, strict = answers([option(1, 0.4), option(3, 0.05)], 0.5)
-    assert "under 0.5 px: 1 s" in loose.sentence
-    assert "0.1 px would cost 3.00 times" in strict.sentence
-    assert "Nothing" in answers([option(1, 0.4)], 0.5)[1].sentence
 
 
 def test_no_two_curves_of_a_figure_look_the_same() -> None:
@@ -195,10 +187,8 @@ def test_a_tracer_alone_shows_the_truth_but_for_what_float32_cannot_tell(tracer:
     assert proposed.certainty is not None
     assert (proposed.certainty == Certainty.UNEXAMINED).all()
     judged = compare_images(truth, proposed, reference, radiance=False)
-    assert judged.displacement_px is not None
-    assert judged.displacement_px.max < 1e-6
-    assert judged.surface_wrong is not None
-    assert judged.surface_wrong < 10
+    assert judged.displacement_px is not None and judged.displacement_px.max < 1e-6
+    assert judged.surface_wrong is not None and judged.surface_wrong < 10
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-1, 1e-3, 1e-7])
@@ -220,7 +210,9 @@ def test_cost_prints_one_object_and_writes_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cost_module, "NEARS_PER_REACH", (1e-2, 1e-5))
-    scene = "grating"
+    scene = str(tmp_path / "scene.toml")
+    lens = film((40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0))
+    Path(scene).write_text(named("one part", "mm") + lens + part("torus", 12.0, (3.0, 1.0, 25.0)))
     arguments = ["cost", scene, "--repeat", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)

@@ -27,18 +27,31 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
+@pytest.fixture(scope="module")
+def report_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("evil")
+    (folder / "evil.toml").write_text(SCENE)
+    out = folder / "report"
+    words = [
+        "report",
+        str(folder / "evil.toml"),
+        "--near",
+        "1",
+        "--depth",
+        "d24",
+        "--quiet",
+        "--out",
+        str(out),
+    ]
+    assert main(words) == 0
+    return out / "index.html"
+
+
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     Path("evil.toml").write_text(SCENE)
     return "evil.toml"
-
-
-@pytest.fixture
-def report_page(scene: str) -> Path:
-    arguments = ["report", scene, "--near", "1,0.1", "--depth", "d24", "--quiet", "--out", "report"]
-    assert main(arguments) == 0
-    return Path("report/index.html")
 
 
 def policy_of(page: str) -> str:
@@ -55,14 +68,9 @@ def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_p
     scripts = policy.split(";")[1]
     assert "unsafe" not in scripts and "http" not in policy
     own = {base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in SCRIPT.findall(page)}
-    assert own == set(re.findall(r"'sha256-([^']*)'", scripts))
-    assert len(own) == 2
-
-
-def test_no_text_of_a_scene_becomes_markup(report_page: Path) -> None:
-    page = report_page.read_text()
-    assert "<img src=x" not in page
-    assert not re.search(r"<script>document", page)
+    assert own == set(re.findall(r"'sha256-([^']*)'", scripts)) and len(own) == 2
+    # No text of a scene becomes markup.
+    assert "<img src=x" not in page and not re.search(r"<script>document", page)
 
 
 @pytest.mark.parametrize("script", sorted(TEMPLATES.glob("*.js")), ids=lambda path: path.name)
@@ -91,20 +99,9 @@ def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(report_page: 
     options = (
         f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
     )
-    shown = subprocess.run(
-        [
-            str(BROWSER),
-            *options,
-            f"--user-data-dir={tmp_path / 'profile'}",
-            "--enable-logging=stderr",
-            "--dump-dom",
-            report_page.absolute().as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=300,
-    )
+    options += [f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--dump-dom"]
+    words = [str(BROWSER), *options, report_page.as_uri()]
+    shown = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300)
     assert "Content Security Policy" not in shown.stderr
     assert "error of the double frustum</title>" in shown.stdout
     assert shown.stdout.count("js-plotly-plot") >= 6

@@ -58,6 +58,16 @@ def page_data(page: Path) -> dict[str, Any]:
     return data
 
 
+def page_alone(page: Path) -> str:
+    """Return a page without plotly.js, which must be inside; it asks for nothing from elsewhere."""
+    html = page.read_text()
+    own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
+    assert len(html) - len(own) > 1e6 and html.count("* plotly.js v") == 1, "plotly.js is inside"
+    assert not re.search(r"https?:|//cdn|@import|url\(", own)
+    assert not re.search(r'(src|href)\s*=\s*"(?!data:|inspect\.html")', own)
+    return own
+
+
 def refuse(constant: str) -> NoReturn:
     raise AssertionError(f"{constant} is not JSON")
 
@@ -198,12 +208,7 @@ def test_what_tracers_alone_would_have_got_wrong_is_told_for_every_aperture(file
 def test_the_page_is_one_file_with_pictures_and_curves_of_every_row_that_asks_for_nothing(
     files: ReportFiles,
 ) -> None:
-    html, data = files.html.read_text(), page_data(files.html)
-    own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
-    assert len(html) - len(own) > 1e6, "plotly.js is inside"
-    assert not re.search(r"https?:|//cdn|@import|url\(", own)
-    assert not re.search(r'(src|href)\s*=\s*"(?!data:|inspect\.html")', own)
-    assert html.count("get_plotlyjs") == 0 and html.count("* plotly.js v") == 1
+    html, data = page_alone(files.html), page_data(files.html)
     assert files.sentence in html.replace("\u00a0", " ")
     # It begins with the views of the scene, each once.
     assert html.count("Side view</text>") == html.count("Top view</text>") == 1
