@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 CONFIDENCE = 0.95
@@ -66,10 +66,8 @@ class Timing:
     @property
     def interval(self) -> tuple[float, float]:
         """The interval that holds the true median; see `median_interval`."""
-        return (
-            self.lowest if self.low is None else self.low,
-            self.highest if self.high is None else self.high,
-        )
+        low = self.lowest if self.low is None else self.low
+        return low, self.highest if self.high is None else self.high
 
     def told_below(self, other: Timing) -> bool:
         """Whether it is less than another: their intervals do not overlap, and repetitions are enough."""
@@ -78,14 +76,9 @@ class Timing:
 
     def divided_by(self, count: float) -> Timing:
         """Return the timing of each of so many equal parts."""
-        return Timing(
-            median=self.median / count,
-            lowest=self.lowest / count,
-            highest=self.highest / count,
-            repetitions=self.repetitions,
-            low=None if self.low is None else self.low / count,
-            high=None if self.high is None else self.high / count,
-        )
+        names = ("median", "lowest", "highest", "low", "high")
+        shares = {name: value / count for name in names if (value := getattr(self, name)) is not None}
+        return replace(self, **shares)
 
 
 def race(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import groupby
 from typing import TypeVar
 
@@ -76,24 +76,17 @@ class TableRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """One raster image judged against the truth (CONVENTIONS.md, "Errors and their signs").
-
-    Wrong pixels are charged to one of the links of the error budget (`causes`); those that rounding ought to
-    explain and does not are `unexplained`; `predicted` is the error by closed forms, from the geometry of the
-    scene alone. Where causes were left out, the first is empty and the others are None. `shear` is what the
-    pivot does to the points that are shown, None where it does nothing.
-    """
+    """One raster image judged against the truth (CONVENTIONS.md, "Errors and their signs")."""
 
     aperture: Aperture
     settings: DoubleFrustum
     comparison: ComparisonNumbers
-    causes: tuple[Cause, ...]
-    unexplained: int | None
-    predicted: Prediction | None
+    causes: tuple[Cause, ...]  #: links of the error budget with their wrong pixels; empty where left out
+    unexplained: int | None  #: wrong pixels that rounding ought to explain and does not; None without causes
+    predicted: Prediction | None  #: the error by closed forms, from the scene alone; None without causes
     times_s: StageTimes
-    #: The device's own time, a part of `times_s.raster`.
-    gpu_s: float
-    shear: ShearNumbers | None = None
+    gpu_s: float  #: the device's own time, a part of `times_s.raster`
+    shear: ShearNumbers | None = None  #: what the pivot does to the points that are shown, if anything
     #: By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off by
     #: more than 1/255; empty where they were not kept.
     wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
@@ -145,8 +138,7 @@ class Measurement:
         """Return the numbers of the row, as they are written."""
         predicted, surface = self.predicted, None
         if predicted is not None:
-            names = ("silhouettes", "snapped", "depth", "outside", "culled")
-            parts = {name: getattr(predicted, name) for name in names}
+            parts = {one.name: getattr(predicted, one.name) for one in fields(PredictedSurface)[1:]}
             surface = PredictedSurface(fraction=predicted.surface_fraction, **parts)
         return RowNumbers(
             settings=self.settings,

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.radiance import LeftOutNumbers, measure_left_out
 from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
@@ -115,9 +114,23 @@ def measure_light(
     eye, missed = [], []
     steps = len(nears) + 2 * len(lit) * scene.sampling.aperture
     with progress_bar(steps, "light", "measurement", shown=progress) as bar:
-        for one in _eye_errors(scene, first, nears):
-            eye.append(one)
-            bar.update()
+        if nears:
+            once, shader = replace(scene, sampling=Sampling()), Shader(scene)
+            surfaces = Reference(once).trace(first)
+            with Rasterizer(once) as rasterizer:
+                for near in nears:
+                    # With a depth buffer that loses nothing.
+                    exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+                    shown = rasterizer.render(first, exact, normals=False)
+                    errors = (
+                        predicted_eye_error(scene, surfaces, near),
+                        measured_eye_error(scene, shader, shown),
+                    )
+                    predicted, measured = (
+                        float(np.sqrt(np.mean(one**2))) if one.size else 0.0 for one in errors
+                    )
+                    eye.append(EyeError(near=near, predicted=predicted, measured=measured))
+                    bar.update()
         for aperture in lit:
             left_out = measure_left_out(scene, aperture, bar.update)
             truth = Reference(scene).trace(aperture, Sampling())
@@ -138,23 +151,3 @@ def measure_light(
         eye=tuple(eye),
         missed=tuple(missed),
     )
-
-
-def _eye_errors(scene: Scene, aperture: Aperture, nears: Sequence[float]) -> Iterator[EyeError]:
-    """Yield the error of the bent eye vector at each near, with a depth buffer that loses nothing."""
-    if not nears:
-        return
-    once, shader = replace(scene, sampling=Sampling()), Shader(scene)
-    truth = Reference(once).trace(aperture)
-    with Rasterizer(once) as rasterizer:
-        for near in nears:
-            exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
-            drawn = rasterizer.render(aperture, exact, normals=False)
-            predicted = _rms(predicted_eye_error(scene, truth, near))
-            yield EyeError(
-                near=near, predicted=predicted, measured=_rms(measured_eye_error(scene, shader, drawn))
-            )
-
-
-def _rms(values: NDArray[np.floating]) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
