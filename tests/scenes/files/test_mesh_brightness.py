@@ -106,11 +106,8 @@ def write_ply(
     head: str = "",
 ) -> str:
     """Write the sheet as PLY, with more properties of its vertices, and return the file's name."""
-    names = [
-        *(f"float {axis}" for axis in "xyz"),
-        *properties,
-        *(["float s", "float t"] if coordinates else []),
-    ]
+    placed = ("float s", "float t") if coordinates else ()
+    names = ("float x", "float y", "float z", *properties, *placed)
     lines = ["ply", "format ascii 1.0", *([head] if head else []), "element vertex 4"]
     lines += [f"property {name}" for name in names]
     lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
@@ -278,21 +275,14 @@ def named_in_vain(folder: Path) -> list[tuple[str, str]]:
     (folder / "b.mtl").write_text("newmtl wood\nmap_Kd bad.png\n")
     texture = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     uses: dict[str, Any] = {"coordinates": True, "material": "wood"}
+    head, glossy = "comment TextureFile lost.png", "KHR_materials_pbrSpecularGlossiness"
     return [
         (write_obj(folder / "a.obj", head="mtllib m.mtl", **uses), "texture lost.png is missing"),
         (write_obj(folder / "b.obj", head="mtllib b.mtl", **uses), "texture bad.png cannot be read"),
         (write_obj(folder / "c.obj", head="mtllib lost.mtl", **uses), "material library lost.mtl is missing"),
-        (
-            write_ply(folder / "d.ply", (), (), coordinates=True, head="comment TextureFile lost.png"),
-            "texture lost.png is missing",
-        ),
+        (write_ply(folder / "d.ply", (), (), coordinates=True, head=head), "texture lost.png is missing"),
         (write_gltf(folder / "e.gltf", material=texture, image="lost.png"), "texture lost.png is missing"),
-        (
-            write_gltf(
-                folder / "f.gltf", material={"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}
-            ),
-            "KHR_materials_pbrSpecularGlossiness",
-        ),
+        (write_gltf(folder / "f.gltf", material={"extensions": {glossy: {}}}), glossy),
     ]
 
 
@@ -305,9 +295,9 @@ def test_a_texture_that_is_named_and_missing_is_a_warning_that_names_it(
         assert mesh in line
         assert told in line
         assert_albedo(scene, WHITE)
-        capfd.readouterr()
-        assert main(["explain", scene.source, "--repeat", "0", "--json"]) == 0
-        printed = capfd.readouterr()
-        assert printed.err == f"xfrustum: warning: {line}\n"
-        rows = {row["name"]: row for row in json.loads(printed.out)["effects"]}
-        assert rows["textures"]["reason"] == "no object has a texture"
+    capfd.readouterr()
+    assert main(["explain", scene.source, "--repeat", "0", "--json"]) == 0
+    printed = capfd.readouterr()
+    assert printed.err == f"xfrustum: warning: {line}\n"
+    rows = {row["name"]: row for row in json.loads(printed.out)["effects"]}
+    assert rows["textures"]["reason"] == "no object has a texture"

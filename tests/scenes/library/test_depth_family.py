@@ -85,7 +85,7 @@ def test_silhouettes_of_globes_do_not_depend_on_the_number() -> None:
         scene = globes(triangles, size)
         return Reference(scene).propose(scene.plate.middle).object
 
-    fine = shown(320_000)
+    fine = shown(100_000)
     assert set(np.unique(fine)) == {NOTHING, *range(len(GLOBES))}
     # The length of all outlines in pixels, in steps along rows and columns: never less than it is.
     outline = np.count_nonzero(fine[1:] != fine[:-1]) + np.count_nonzero(fine[:, 1:] != fine[:, :-1])
