@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.radiance import transported
 from xfrustum.reference import Reference
-from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
+from xfrustum.reference.alone import TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.progress import progress_bar
@@ -51,17 +51,6 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     return "; ".join(parts)
 
 
-def _record(
-    path: str | Path, decided_by: str, certainty: dict[str, int], alone: AloneNumbers | None = None
-) -> dict[str, Any]:
-    """Return what `trace --json` prints.
-
-    `certainty` is the number of pixels by class; `alone`, how many pixels each tracer alone would have got
-    wrong, is None where the truth was not certified, or nobody asked.
-    """
-    return {"file": Path(path), "decided_by": decided_by, "certainty": certainty, "alone": alone}
-
-
 def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> dict[str, Any]:
     """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
 
@@ -70,7 +59,8 @@ def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> d
     image = reference.propose(aperture)
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
-    return _record(path, reference.tracer_name, {Certainty.UNEXAMINED.name.lower(): image.triangle.size})
+    certainty = {Certainty.UNEXAMINED.name.lower(): image.triangle.size}
+    return {"file": Path(path), "decided_by": reference.tracer_name, "certainty": certainty, "alone": None}
 
 
 def trace_to_file(
@@ -84,7 +74,7 @@ def trace_to_file(
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
     `compared` says whether to count what each tracer alone would have got wrong. InputError where the file
-    cannot be written: it appears complete, or not at all.
+    cannot be written: it appears complete, or not at all. Returns the object that `trace --json` prints.
     """
     alone = TracersAlone(reference.scene) if compared else None
     counted: Counter[str] = Counter()
@@ -104,9 +94,13 @@ def trace_to_file(
                 counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
-    numbers = AloneNumbers(**{name: counted[name] for name in ("judged", "embree", "mitsuba")})
-    classes = {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty}
-    return _record(path, "certified", classes, None if alone is None else numbers)
+    numbers = {name: counted[name] for name in ("judged", "embree", "mitsuba")}
+    return {
+        "file": Path(path),
+        "decided_by": "certified",
+        "certainty": {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
+        "alone": None if alone is None else numbers,
+    }
 
 
 def trace_transported(

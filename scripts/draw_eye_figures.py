@@ -32,7 +32,7 @@ from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, ope
 from xfrustum.scenes.arrays import Bytes, Mask
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.notebook.pictures import WRONG
+from xfrustum.scenes.notebook import WRONG
 
 FOLDER = Path("docs") / "images"
 
