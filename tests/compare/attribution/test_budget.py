@@ -267,7 +267,6 @@ def test_the_links_add_up_from_the_truth_to_the_8_bit_picture(name: str) -> None
     off = np.abs(budget.change.steps.sum(axis=0) - budget.change.total)
     assert (off <= 2.0**-53 * 2 * len(budget.links) * size).all()
     drawn, truth = chain.images[-1].color, chain.images[0].color
-    assert drawn is not None and truth is not None
     output = decoded(np.rint(255 * encoded(drawn)) / 255)
     # The truth's image stores in 32 bits the colors that were computed in double precision.
     np.testing.assert_allclose(budget.change.total, output - truth, rtol=0, atol=2.0**-24)
@@ -300,7 +299,6 @@ def test_the_bend_is_counted_once() -> None:
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color
-    assert truth is not None and model is not None
     local = [budget.links.index(link) for link in LOCAL_LINKS if link != SHADING]
     found = budget.change.steps[local].sum(axis=0)
     same = budget.same & (np.abs(chain.images[-1].height) > 1.0)

@@ -86,9 +86,7 @@ class Case:
     drawn: HogelImage
 
     def wrong(self, image: HogelImage) -> Mask:
-        surface = compare_images(self.truth, image, self.reference).maps.surface
-        assert surface is not None
-        return surface
+        return compare_images(self.truth, image, self.reference).maps.surface
 
 
 @pytest.fixture(scope="module")
@@ -260,7 +258,6 @@ def test_ties_are_not_judged(asymmetric: Case) -> None:
 
 
 def test_nothing_judged_is_no_division_by_zero(asymmetric: Case) -> None:
-    assert asymmetric.truth.certainty is not None
     all_tied = replace(asymmetric.truth, certainty=np.full_like(asymmetric.truth.certainty, Certainty.TIE))
     summary = compare_images(all_tied, asymmetric.drawn, asymmetric.reference).summary()
     assert summary["judged"] == 0
@@ -297,7 +294,6 @@ def test_a_spread_of_nothing_is_none_and_of_anything_its_order_statistics() -> N
     assert Spread.of(np.zeros(0)) is None
     assert Spread.of(np.zeros((3, 3))) == Spread(rms=0, p50=0, p95=0, p99=0, max=0)
     spread = Spread.of(np.arange(101.0))
-    assert spread is not None
     assert (spread.p50, spread.p95, spread.p99, spread.max) == pytest.approx((50, 95, 99, 100))
     assert spread.rms == pytest.approx(math.sqrt(np.mean(np.arange(101.0) ** 2)))
     huge = Spread.of(np.array([1e300, 1e300]))
@@ -520,7 +516,6 @@ def beyond(factor: float) -> int:
 def test_a_wall_shows_from_beside_the_film_what_lies_beyond_its_border(side: int, near: float) -> None:
     """Drawn at u_r is what belongs at u_r (|z| + n)/|z|: outside from |u_r| = |z|/(|z| + n) on."""
     found = compared_wall(side, DoubleFrustum(near=near))
-    assert found.surface is not None and found.maps.outside is not None
     assert found.surface.outside == found.surface.wrong == beyond(DEPTH / (DEPTH + near)) > 0
     # Everywhere the right wall, and nothing in front of it.
     assert found.triangle is not None
@@ -532,7 +527,6 @@ def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outsid
     """The outermost center lies at 1 - 1/W: n/|z| below 1/(W - 1) leaves it inside."""
     largest = DEPTH / (WIDTH - 1)
     inside, outside = (compared_wall(side, DoubleFrustum(near=largest * factor)) for factor in (0.99, 1.01))
-    assert inside.surface is not None and outside.surface is not None
     assert inside.surface.wrong == inside.surface.outside == 0
     assert outside.surface.outside == 2 * HEIGHT
 
@@ -540,7 +534,6 @@ def test_a_picture_displaced_by_less_than_half_a_pixel_shows_nothing_from_outsid
 @pytest.mark.parametrize("side", [-1, 1])
 def test_what_is_fitted_to_the_wall_shows_nothing_from_outside(side: int) -> None:
     found = compared_wall(side, DoubleFrustum(near=20.0, fit=DEPTH))
-    assert found.surface is not None
     assert found.surface.outside == found.surface.wrong == 0
 
 
@@ -555,7 +548,6 @@ class Compared:
         aperture = scene.default_apertures()[-1]
         reference = Reference(scene)
         traced = reference.trace(aperture)
-        assert traced.certainty is not None
         certainty = traced.certainty.copy()
         certainty[::5, ::3] = Certainty.TIE
         self.truth = replace(traced, certainty=certainty)
@@ -607,7 +599,6 @@ def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> 
     expected = np.where(same, drawn.height - truth.height, np.nan)
     np.testing.assert_array_equal(found.maps.height, expected)
     np.testing.assert_array_equal(found.maps.triangle, judged & (truth.triangle != drawn.triangle))
-    assert found.height is not None
     error = expected[same]
     # Sums of other orders: each addition of n squares is off by 2^-53 of the sum, and the root by half.
     assert found.height.rms == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=len(error) * 2**-53)
@@ -616,15 +607,12 @@ def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> 
 
 def test_colors_are_those_of_whole_images(compared: Compared) -> None:
     truth, drawn, found = compared.truth, compared.drawn, compared.found
-    assert truth.color is not None and drawn.color is not None
     judged = truth.certainty != Certainty.TIE
     error = drawn.color.astype(np.float64) - truth.color
     error[~judged] = np.nan
     np.testing.assert_array_equal(found.maps.radiance, error)
-    assert found.radiance is not None
     assert_plain(found.radiance, error[judged])
     same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
-    assert found.radiance.away_from_edges is not None
     assert_plain(found.radiance.away_from_edges, error[same])
 
 

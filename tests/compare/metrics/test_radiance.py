@@ -51,7 +51,6 @@ def test_an_image_is_not_off_from_itself(truth: HogelImage) -> None:
 
 
 def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
-    assert truth.color is not None
     shift = np.array([0.5, -0.25, 0.0])
     found = compare_radiance(truth, colored(truth, truth.color + shift))
     assert found
@@ -73,7 +72,6 @@ def test_what_exceeds_one_level_is_counted_by_pixels_not_channels() -> None:
 
 
 def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:
-    assert truth.color is not None and truth.certainty is not None
     color = truth.color.copy()
     color[0, 0] += 1
     color[5, 5, 1] = np.nan
@@ -102,7 +100,6 @@ def test_an_image_without_color_has_no_radiance_error(truth: HogelImage) -> None
 
 
 def test_compare_says_radiance_and_how_it_looks_when_asked(truth: HogelImage) -> None:
-    assert truth.color is not None
     brighter = colored(truth, truth.color + 0.1)
     plain = compare_images(truth, brighter, None).summary()["radiance"]
     assert plain["rms"] == pytest.approx(0.1, abs=1e-6) and plain["flip"] is None

@@ -304,7 +304,6 @@ def test_a_plan_grows_with_the_scene(buffer: tuple[DepthFormat, DepthMapping]) -
     """Eight times as large, which no float rounds: eight times the near, to three digits."""
     scene = view("asymmetric-recentered", SMALL)
     plate, frustum, screen = scene.plate, scene.frustum, scene.frustum.screen
-    assert screen is not None
     center, size = np.array([screen.center, screen.size]) * 8
     screen = replace(screen, height=8 * screen.height, center=tuple(center), size=tuple(size))
     larger = replace(

@@ -66,12 +66,10 @@ def planner(scene: Scene, scouted: Scout) -> PlatePlanner:
 
 def displaced(scene: Scene, made: Plan, aperture: Aperture) -> float:
     """Return the 99th percentile of displacement that a plan has at an aperture, drawn and judged."""
-    assert made.settings is not None
     reference = Reference(scene)
     with Rasterizer(scene) as rasterizer:
         drawn = rasterizer.render(aperture, made.settings)
     moved = compare_images(reference.trace(aperture), drawn, reference, radiance=False).displacement_px
-    assert moved is not None
     return moved.p99
 
 
@@ -98,7 +96,6 @@ def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Sco
     """Without the look from over the ball, and with a sample that misses it, the plan is wrong there."""
     for seed in range(40):
         made = planner(near_ball, blind).plan(RandomSample(hogels=1, seed=seed))
-        assert made.plate is not None
         if made.plate.beyond == 0:
             break
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) > 0.5
@@ -118,7 +115,6 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, bli
 def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, scouted: Scout) -> None:
     """Each of three samples may flatter: each bound holds with the cube root of the confidence."""
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
-    assert made.plate is not None
     hogels, chosen = made.plate.hogels, made.plate.measured - made.plate.sampled
     expected = share_at_most(0, 5, CONFIDENCE ** (1 / 3)) * (hogels - chosen) / hogels
     assert made.plate.share_beyond_at_most == pytest.approx(expected)
@@ -197,7 +193,6 @@ def test_the_text_says_that_the_plan_holds_elsewhere_and_ends_in_a_command_for_t
 def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball: Scene) -> None:
     """The list in JSON has more of them, and the counts are those of all."""
     none = planner(near_ball, scouted)._without_plan("")
-    assert none.plate is not None
     seven = tuple((column, 2) for column in range(7))
     aside = replace(
         none.plate, set_aside=7, set_aside_apertures=seven, hopeless=1, hopeless_apertures=(OVER,)
@@ -264,7 +259,6 @@ def test_few_apertures_are_set_aside_and_none_is_kept_where_none_has_a_plan(scou
     """A plan for all but the look over the ball is found by halving, to a 32nd of the looks."""
     over = next(look for look in scouted.looks if look.aperture.index == OVER)
     found = largest_share(scouted.looks, lambda looks: None if over in looks else len(looks))
-    assert found is not None
     kept, planned = found
     assert over not in kept and planned == len(kept) >= len(scouted.looks) * (1 - 2 / 32) - 1
     tried: list[int] = []

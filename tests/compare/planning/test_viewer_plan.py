@@ -62,7 +62,6 @@ def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None
     viewer = Viewer(distance=600.0, stereo_acuity_arcsec=1e6)
     fine = replace(requirement(scene, viewer), display=replace(Display.of(scene), pitch=0.1))
     binds = binding(fine.limits)
-    assert binds is not None and binds.largest_near is not None
     assert (binds.name, binds.hidden_by) == (CRACK, "acuity")
     assert "crack" in fine.limit_of_near(DoubleFrustum(near=2 * binds.largest_near), "mm")
     # Without a surface at the plate nothing is noticed at any near.
@@ -93,7 +92,6 @@ def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str
     wanted = requirement(open_scene(scene_file), Viewer(distance=600.0))
     cut = DoubleFrustum(near=0.2, slabs=(0.4,))
     (without, _), (with_cuts, _) = wanted.limits, wanted.limits_with(cut)
-    assert without.largest_near is not None
     assert with_cuts.largest_near is None or with_cuts.largest_near > without.largest_near
     told = planned_table(record_of(wanted, limits_with_cuts=wanted.limits_with(cut)), "mm")
     assert "without cuts: change of depth" in told
@@ -175,7 +173,6 @@ def test_a_plan_whose_replay_shows_too_much_wrong_by_depth_does_not_hold() -> No
     made, wanted = make_viewer_plan(scene, viewer, Requirement(), choices, sample=sample)
     record = planned_record(scene, made, wanted)
     assert made.within
-    assert record.measured is not None
     assert record.measured.depth_wrong > wanted.max_wrong
     judged = replayed_plan(made, record)
     assert not judged.within

@@ -79,7 +79,6 @@ def test_the_blur_is_how_far_a_point_moves_between_the_ends_of_a_pitch(name: str
 
 def test_nothing_is_blurred_at_the_screen_and_everything_at_the_plate() -> None:
     scene = view("asymmetric-recentered", (64, 48))
-    assert scene.frustum.screen is not None
     assert blur_px(scene, scene.frustum.screen.height) == (0.0, 0.0)
     assert sub_apertures_for((0.0, 0.0), 1.0) == 1
     assert blur_px(scene, 0.0) == (math.inf, math.inf)

@@ -73,7 +73,6 @@ class Sheet:
 
     def distance(self, u: Floats, v: Floats) -> Floats:
         """Return w, where the lines of a camera's film meet a tilted plane."""
-        assert self.tilt is not None
         return (self.height + self.near) / (1 - SLOPE * (u * self.tilt[0] + v * self.tilt[1]))
 
     def corners(self) -> Floats:
@@ -301,7 +300,6 @@ def test_only_what_is_drawn_and_judged_counts() -> None:
     nothing = np.full(truth.covered.shape, np.inf)
     assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C_STAR)) == 0
     assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C)) > 0.999
-    assert truth.certainty is not None
     truth.certainty[:] = 2
     assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, starved) == 0
 

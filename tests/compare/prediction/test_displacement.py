@@ -254,7 +254,6 @@ def test_every_point_shifts_by_the_closed_form_from_the_middle_to_the_corner(nam
 def test_opposite_the_middle_of_the_screen_both_pivots_are_the_same() -> None:
     scene = view("asymmetric-recentered", (96, 72))
     screen, aperture = scene.frustum.screen, scene.plate.aperture(61, 12)
-    assert screen is not None
     frustum = replace(scene.frustum, screen=replace(screen, center=(aperture.x, aperture.y)))
     reference = Reference(replace(scene, frustum=frustum))
     camera, paper = (reference.trace_model(aperture, one) for one in both_pivots(1.5))

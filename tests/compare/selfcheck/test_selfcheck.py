@@ -113,7 +113,6 @@ def small_scene() -> Scene:
 
 
 def with_class(image: HogelImage, old: Certainty, new: Certainty) -> HogelImage:
-    assert image.certainty is not None
     return replace(image, certainty=np.where(image.certainty == old, np.uint8(new), image.certainty))
 
 
@@ -126,7 +125,6 @@ def without_a_triangle(image: HogelImage, becomes: int) -> HogelImage:
 
 
 def without_a_companion(image: HogelImage) -> HogelImage:
-    assert image.companions is not None
     return replace(image, companions=image.companions[1:])
 
 
@@ -164,7 +162,6 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
             self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
         ) -> HogelImage:
             image = super().trace(aperture, sampling, colored=colored)
-            assert image.overruled is not None
             return replace(image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle))
 
     monkeypatch.setattr(module, "Reference", Believer)
