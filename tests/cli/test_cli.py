@@ -88,6 +88,7 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
         Path(name).rename(f"moved/{name}")
     there = [f"moved/{name}" for name in images]
     assert main(["compare", *there, "--json"]) == 0
+    assert one_object(capsys.readouterr().out)["surface"] is not None
     with monkeypatch.context() as inside:
         inside.chdir("moved")
         assert main(["compare", *images, "--json"]) == 0
@@ -238,7 +239,7 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
 @pytest.mark.parametrize(
     ("line", "work"),
     [
-        ("cost boxes.toml", "cost.cost.measure_cost"),
+        ("cost boxes.toml", "cost.measure_cost"),
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
         ("budget boxes.toml --near 1", "budget.budget_of"),
         ("compare a.exr b.exr", "comparison.compare_files"),

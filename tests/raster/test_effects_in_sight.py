@@ -81,6 +81,7 @@ def assert_same_bits(asked: Scene, how: DoubleFrustum) -> None:
                 assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
             np.testing.assert_array_equal(hogel.color, one.color)
     one, other = (Reference(asked, effects=some).trace(asked.plate.middle) for some in (None, ALL_EFFECTS))
+    assert one.color is not None and other.color is not None
     np.testing.assert_array_equal(one.color, other.color)
 
 
