@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +91,7 @@ class SurveyOptions:
 
     tolerance_px: float = TOLERANCE_PX  #: displacement beyond which a hogel is counted; see `compare.beyond`
     tracer: str = "embree"  #: gives the truth a second opinion
-    engine: Engine = field(default_factory=Engine)  #: as many processes as this one may use processors
+    engine: Engine | None = None  #: None for as many processes as this one may use processors
     told: Callable[[str], object] = lambda line: None  #: takes notes, a sentence each
     progress: bool = False  #: whether a bar is shown
 
@@ -119,7 +119,7 @@ def survey(
     """
     one_of(scene, Scene, "scene")
     chosen, how = chosen or Chosen(), SurveyOptions(**options)
-    engine, tolerance_px = how.engine, how.tolerance_px
+    engine, tolerance_px = how.engine or Engine(), how.tolerance_px
     if chosen.until is not None and not engine.part.everything:
         raise InputError("--part: how many hogels --until takes is known in the end; use --all or --sample")
     if not real(tolerance_px) > 0:

@@ -290,3 +290,8 @@ def test_pipes_and_damage_in_a_store_hang_nothing_and_change_no_number(
         assert parts_of(out) == parts_of(whole)
     else:
         assert said["status"] == 2 and "was begun with another description" in said["errors"]
+
+
+def test_a_survey_needs_no_engine_to_be_named(scene_path: Path, tmp_path: Path) -> None:
+    words = ["--near", "0.001", "--sample", "1", "--quiet", "--out", str(tmp_path / "survey")]
+    assert main(["survey", str(scene_path), *words]) == 0
