@@ -296,7 +296,6 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
 def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
     rows = [caused(1.0, near_offset=30, pivot=60, depth=10), caused(0.1, near_offset=1), caused(0.01)]
     figure = cause_figure(list(enumerate(rows)), 10.0)
-    assert figure is not None
     stacked = {area["name"]: dict(zip(area["x"], area["y"], strict=True)) for area in figure["data"]}
     assert stacked["near offset"] == {0.01: 100.0, 0.1: 30.0}
     assert stacked["pivot"] == {0.01: 0.0, 0.1: 60.0}

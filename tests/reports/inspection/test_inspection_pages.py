@@ -149,7 +149,6 @@ def test_a_page_that_somebody_else_wrote_names_nothing_that_is_removed(tmp_path:
 def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspected: Inspected) -> None:
     page = (inspected.pages["report"] / PAGE).read_text()
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
-    assert policy is not None
     (nonce,) = re.findall(r"'nonce-([^']+)'", policy[1])
     assert page.count(nonce) == 2, "in the policy, and in the data of our own script"
     assert "unsafe" not in policy[1].split(";")[1]
