@@ -17,3 +17,20 @@ sampling        Samples of a plate's hogels, and what they bound: the share of a
 scout           Which apertures of a plate decide the error: a look through many, before any is measured
 selfcheck/       The truth against brute force in integers
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xfrustum.compare.metrics.comparison import Comparison, compare_images
+    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError, Spread
+
+__all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
+
+
+def __getattr__(name: str) -> object:
+    """Import a name when it is first used: closed forms answer without loading the reference."""
+    if name not in __all__:
+        raise AttributeError(f"module 'xfrustum.compare' has no attribute {name!r}")
+    module = "comparison" if name in ("Comparison", "compare_images") else "error_maps"
+    return getattr(import_module(f"xfrustum.compare.metrics.{module}"), name)
