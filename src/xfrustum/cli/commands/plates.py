@@ -229,8 +229,10 @@ def survey(asked: _Survey) -> int:
 
     if asked.resolution is not None:
         opened = replace(opened, frustum=replace(opened.frustum, resolution=asked.resolution))
-    how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer, "engine": asked.engine}
+    how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer}
     how |= {"told": options.note, "progress": asked.progress}
+    if asked.engine is not None:
+        how["engine"] = asked.engine
     found = surveyed(opened, asked.judged(), asked.out, asked.chosen(), **how)
     options.warn_of(opened)
     # A part of a job array leaves no page.
