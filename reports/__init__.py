@@ -16,6 +16,7 @@ inspection        Inspection pages: every channel of truth and image at every pi
 parts             Hogels in blocks, and a folder of Parquet parts: one for each block, each whole or not there
 planning          Which settings to draw with, what they keep, what a viewer notices, and the command
 plate/            Plates drawn into stores, by any number of processes
+recommend         What depth buffer, pixels and eyes each allow for a plate, in one answer
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scout             What people see of the scout of a plate: chosen apertures with their reasons, and a map
 studies/          Two studies of many scenes: when to split, and what viewers notice

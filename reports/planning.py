@@ -71,7 +71,7 @@ def make_plan(
     requirement = Requirement() if requirement is None else requirement
     one_of(requirement, Requirement, "requirement")
     if apertures is None:
-        return _planned(_scouted(scene, progress), requirement, choices, sample, progress)
+        return planned(scouted_plate(scene, progress), requirement, choices, sample, progress)
     auto = apertures if isinstance(apertures, AutoApertures) else None
     chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
@@ -96,12 +96,13 @@ def make_viewer_plan(
     The separation of `requirement`, where it has one, and its share of pixels wrong by depth are kept. The
     requirement that the plan was made for is returned besides.
     """
-    scouted = _scouted(scene, progress)
+    scouted = scouted_plate(scene, progress)
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong)
-    return _planned(scouted, seen, choices, sample, progress), seen
+    return planned(scouted, seen, choices, sample, progress), seen
 
 
-def _scouted(scene: Scene, progress: bool) -> Scout:
+def scouted_plate(scene: Scene, progress: bool) -> Scout:
+    """Look through apertures all over a plate; InputError where none sees anything."""
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
         scouted = scout(scene, bar.update)
     if not any(math.isfinite(look.nearest) for look in scouted.looks):
@@ -109,22 +110,29 @@ def _scouted(scene: Scene, progress: bool) -> Scout:
     return scouted
 
 
-def _planned(
+def planned(
     scouted: Scout,
     requirement: Requirement,
     choices: Sequence[DepthBuffer] | None,
     sample: RandomSample | None,
     progress: bool,
 ) -> Plan:
+    """Plan how to draw a plate that was looked at, and measure the plan."""
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
-        planner = PlatePlanner(
-            reference=Reference(scouted.scene),
-            scouted=scouted,
-            requirement=requirement,
-            choices=choices or depth_buffers(),
-            done=bar.update,
-        )
-        return planner.plan(sample or RandomSample())
+        planner = planner_of(scouted, requirement, choices)
+        return replace(planner, done=bar.update).plan(sample or RandomSample())
+
+
+def planner_of(
+    scouted: Scout, requirement: Requirement, choices: Sequence[DepthBuffer] | None = None
+) -> PlatePlanner:
+    """Return the planner of a plate that was looked at, with all depth buffers to choose from by default."""
+    return PlatePlanner(
+        reference=Reference(scouted.scene),
+        scouted=scouted,
+        requirement=requirement,
+        choices=choices or depth_buffers(),
+    )
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:

@@ -13,7 +13,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits
-from xfrustum.scenes.plate.plate import Plate
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
@@ -73,20 +73,15 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     bright where the error is large: a near surface, long outlines.
     """
     plate, looks = auto.scout.scene.plate, auto.scout.looks
-    cells = tuple(min(count, MAX_MAP_CELLS) for count in plate.hogels)
-    looked = np.zeros(cells[::-1], dtype=bool)
-    nearest, outlines = np.full(cells[::-1], np.nan), np.full(cells[::-1], np.nan)
+    nearest, outlines = (
+        np.array([getattr(one, name) for one in looks]) for name in ("nearest", "outline_widths")
+    )
+    nothing = ~np.isfinite(nearest)
+    nearest[nothing] = outlines[nothing] = np.nan
     # A surface in the aperture itself, at 0, has the color of the smallest other length.
-    smallest = min((one.nearest for one in looks if 0 < one.nearest < math.inf), default=1.0)
-    for one in looks:
-        column, row = (
-            index * count // hogels
-            for index, count, hogels in zip(one.aperture.index, cells, plate.hogels, strict=True)
-        )
-        looked[row, column] = True
-        if math.isfinite(one.nearest):
-            nearest[row, column] = np.fmin(nearest[row, column], max(one.nearest, smallest))
-            outlines[row, column] = np.fmax(outlines[row, column], one.outline_widths)
+    nearest = np.maximum(nearest, min(nearest[nearest > 0], default=1.0))
+    nearest, looked = plate_cells(plate, auto.scout.apertures, nearest, np.fmin)
+    outlines, _ = plate_cells(plate, auto.scout.apertures, outlines, np.fmax)
     marks = [(one.aperture.index, one.why) for one in auto.chosen]
     title = f"nearest visible |z|, {auto.scout.scene.units}"
     heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
@@ -95,6 +90,23 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     for figure in (heights, widths):
         mark(figure, plate, marks, labels=len(marks))
     return heights, widths
+
+
+def plate_cells(
+    plate: Plate, apertures: Sequence[Aperture], values: Floats, worst: np.ufunc
+) -> tuple[Floats, Mask]:
+    """Return values (A,) of some apertures on the cells of a map (rows, columns), and which cells have one.
+
+    `worst` is `np.fmin` or `np.fmax`: of apertures in the same cell, the one whose value counts.
+    """
+    cells = tuple(min(count, MAX_MAP_CELLS) for count in plate.hogels)
+    columns, rows = (
+        np.array([one.index for one in apertures]).T * np.array([cells]).T // np.array([plate.hogels]).T
+    )
+    shown, looked = np.full(cells[::-1], np.nan), np.zeros(cells[::-1], dtype=bool)
+    worst.at(shown, (rows, columns), values)
+    looked[rows, columns] = True
+    return shown, looked
 
 
 def plate_map(

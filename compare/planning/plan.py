@@ -136,6 +136,11 @@ class Plan(Shown):
             return None
         return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
 
+    @property
+    def depth_buffer(self) -> tuple[DepthFormat | None, DepthMapping | None]:
+        """Its format and mapping."""
+        return self.depth, self.mapping
+
     def summary(self) -> dict[str, Any]:
         """Return the plan as `plan --json` prints it."""
         told, unknown = (
@@ -268,7 +273,7 @@ class PlatePlanner:
                 "No plan: a surface lies in every aperture that sees anything, or so close to it that no "
                 "near draws it. Move it before or behind the plate."
             )
-        views = self._first_views()
+        views = self.first_views()
         for last in (False,) * (MAX_SAMPLES - 1) + (True,):
             views, made = self._settled(views)
             if made.settings is None:
@@ -285,7 +290,7 @@ class PlatePlanner:
 
         def planned(looks: tuple[Look, ...]) -> tuple[Views, Plan] | None:
             planner = replace(self, scouted=replace(self.scouted, looks=looks))
-            views, made = planner._settled(planner._first_views())
+            views, made = planner._settled(planner.first_views())
             return None if made.settings is None else (views, made)
 
         found = largest_share(self._possible, planned)
@@ -376,7 +381,7 @@ class PlatePlanner:
     def _smallest(self) -> DoubleFrustum:
         return DoubleFrustum(near=SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach)
 
-    def _first_views(self) -> Views:
+    def first_views(self) -> Views:
         """Trace the middle, the worst apertures that some near can draw, and those that see farthest."""
         scouted, middle = self.scouted, self.reference.scene.plate.middle
         worst = [look.aperture for look in scouted.worst(len(scouted.looks))]

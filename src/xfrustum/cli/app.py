@@ -14,7 +14,7 @@ USES = {
     "Begin with a scene": ("scene", "scenes new check"),
     "Answer for one aperture": ("aperture", "trace raster figure7"),
     "Compare and explain": ("comparing", "report compare budget"),
-    "Plan settings": ("planning", "plan explain cost"),
+    "Plan settings": ("planning", "recommend plan explain cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
     "The viewer's eye": ("eye", "view"),

@@ -181,6 +181,46 @@ def explain(asked: _Explain) -> None:
     asked.tell(lambda: summary, lambda: text)
 
 
+class _Recommend(options.Measured):
+    scene = options.scene_argument
+    viewer = option(LENGTH, "Distance of who looks at the display, such as 600mm.")
+    display = option(LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]")
+    tolerance_px = option(POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]")
+    depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
+    mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
+    sample = option(COUNT_FROM_1, "Random hogels that plans are measured at.", default=SAMPLED_HOGELS)
+    seed = options.seed_option
+    out = option(FOLDER, "Folder for the page and recommend.json.")
+
+
+@options.command("xfrustum recommend asymmetric --viewer 400mm --out recommend")
+def recommend(asked: _Recommend) -> None:
+    """Say how to draw a plate, and what decides it: the depth buffer, the pixels or the eye.
+
+    Joins what `plan` finds for hogels' pixels and for a viewer with what depth buffers ask for, says which of
+    them binds, whether to split, and what a coarser choice costs, and draws the map of the largest near that
+    each hogel allows.
+    """
+    opened = options.open_scene(asked.scene)
+    from xfrustum.compare.eye.noticeable import Viewer, scene_length
+    from xfrustum.compare.planning.plan import depth_buffers
+    from xfrustum.compare.sampling import RandomSample
+    from xfrustum.reports import recommend as recommending
+
+    options.check_out(asked.out, recommending.FILES)
+    if asked.display is not None:
+        opened = recommending.for_display(opened, scene_length(asked.display, opened))
+    buffers = depth_buffers(asked.depth, asked.mapping)
+    viewer = None if asked.viewer is None else Viewer(distance=scene_length(asked.viewer, opened))
+    sample = RandomSample(hogels=asked.sample, seed=asked.seed)
+    how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
+    found = recommending.recommend(opened, viewer, asked.tolerance_px, buffers, **how)
+    options.warn_of(opened)
+    if asked.out is not None:
+        recommending.write_recommendation(found, asked.out)
+    asked.tell(found.summary, lambda: recommending.table(found))
+
+
 class _Cost(options.OneOrAuto):
     tolerance_px = options.tolerance_option
     repeat = option(COUNT_FROM_1, "Timed pictures of each, after a warm-up.", default=5)

@@ -1,0 +1,112 @@
+"""The near that each judge allows by itself: a depth buffer from below, pixels of each hogel from above."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.compare.planning.search import (
+    SEPARATION_MARGIN,
+    SMALLEST_PER_REACH,
+    DepthBuffer,
+    index_below,
+    largest_index,
+    round_number,
+    smallest_index,
+)
+from xfrustum.compare.planning.views import Requirement, Views
+from xfrustum.compare.scout import Scout
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.notebook import digits
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+
+COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+)
+"""The cheapest depth buffer, the usual one, and the finest of those that no fragment has to write."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BufferLimit:
+    """What a depth buffer asks of near where one pair of frusta draws everything, by closed forms."""
+
+    depth: DepthFormat
+    mapping: DepthMapping
+    smallest_near: float | None  #: scene units, three digits; None where no near up to the reach is enough
+    displacement_p99_px: float | None  #: what that near does at the worst aperture that was looked through
+    any_near: bool = False  #: whether it is the smallest near of all
+
+    def words(self, units: str) -> str:
+        """Say what the depth buffer asks for, in scene units."""
+        label = f"the depth buffer {str(self.depth).upper()} {self.mapping}"
+        if self.smallest_near is None:
+            return f"{label} orders what is seen at no near"
+        if self.any_near:
+            return f"{label} orders what is seen at any near"
+        return f"{label} asks for near from {digits(self.smallest_near)} {units} on"
+
+
+def buffer_limits(
+    views: Views, scouted: Scout, requirement: Requirement, buffers: Sequence[DepthBuffer] = COMPARED_BUFFERS
+) -> tuple[BufferLimit, ...]:
+    """Return the smallest near with which each depth buffer keeps what a requirement asks of depth.
+
+    Sheets at the farthest visible surface are in order, and few pixels are wrong by depth, at all of the
+    views; both improve as near grows.
+    """
+    frustum = scouted.scene.frustum
+    low = index_below(SMALLEST_PER_REACH * frustum.longest_reach)
+    high = index_below(frustum.longest_reach, strictly=True)
+    found = []
+    for depth, mapping in buffers:
+
+        def enough(near: float, depth: DepthFormat = depth, mapping: DepthMapping = mapping) -> bool:
+            settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
+            apart = views.separation(settings) * SEPARATION_MARGIN
+            return (
+                apart <= requirement.separation_in(frustum)
+                and views.depth_wrong(settings) <= requirement.max_wrong
+            )
+
+        near, moved = round_number(smallest_index(low, high, enough)), None
+        if enough(near):
+            moved = float(scouted.displacements(DoubleFrustum(near=near)).max(initial=0.0))
+        found.append(
+            BufferLimit(
+                depth=depth,
+                mapping=mapping,
+                smallest_near=None if moved is None else near,
+                displacement_p99_px=moved,
+                any_near=moved is not None and near == round_number(low),
+            )
+        )
+    return tuple(found)
+
+
+def hogel_limits(scouted: Scout, tolerance_px: float) -> Floats:
+    """Return (A,) the largest near that each aperture of a scout allows by closed form, scene units.
+
+    It keeps 99 % of what the aperture sees within the tolerance: 0 where a surface lies in the aperture or so
+    close to it that no near does, and NaN where nothing is seen.
+    """
+    scene = scouted.scene
+    low = index_below(SMALLEST_PER_REACH * scene.frustum.longest_reach)
+    high = index_below(scene.frustum.longest_reach, strictly=True)
+
+    def largest(number: int) -> float:
+        look = scouted.looks[number]
+        if not math.isfinite(look.nearest):
+            return math.nan
+
+        def kept(near: float) -> bool:
+            return look.displacement_p99_px(DoubleFrustum(near=near), scene) <= tolerance_px
+
+        index = largest_index(low, high, kept)
+        return 0.0 if index is None else round_number(index)
+
+    return np.array([largest(number) for number in range(len(scouted.looks))])

@@ -1,0 +1,397 @@
+"""`xfrustum recommend`: what the depth buffer, the pixels and a viewer's eyes each allow, in one answer."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.eye.noticeable import Viewer, stereo_change_arcsec
+from xfrustum.compare.planning.limits import COMPARED_BUFFERS, BufferLimit, buffer_limits, hogel_limits
+from xfrustum.compare.planning.plan import Plan
+from xfrustum.compare.planning.search import DepthBuffer
+from xfrustum.compare.planning.viewer import (
+    CRACK,
+    STEREO,
+    EyeRequirement,
+    NearLimit,
+    binding,
+    eye_requirement,
+)
+from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.sampling import RandomSample
+from xfrustum.compare.scout import Scout
+from xfrustum.raster import require_room
+from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
+from xfrustum.reports.common.json_ready import write_json
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.provenance import plate_command, versions
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.planning import (
+    LINE_CHARACTERS,
+    PlannedRecord,
+    planned,
+    planned_record,
+    planner_of,
+    replayed_plan,
+    scouted_plate,
+)
+from xfrustum.reports.scout import MARK, plate_cells, plate_map
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook import aligned, digits, percent
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+FILES = PAGE, DATA = "index.html", "recommend.json"
+
+PIXELS, EYES, DEPTH = "pixels", "eyes", "depth buffer"
+"""Names of what may bind near: displacement in hogels' pixels, what a viewer notices, and depth."""
+
+LIMIT_WORDS = {STEREO: "change of depth", CRACK: "crack at the plate"}
+"""What a viewer may notice of near, in words."""
+
+MAX_COMPARED = 5
+"""Largest number of depth buffers to choose from that are all compared."""
+
+QUANTILES = (0.01, 0.1, 0.5, 0.9)
+"""Shares of the hogels that were looked through of which the largest near is told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeAnswer:
+    """A plan for a viewer, what it was made for, and what a replay of it shows."""
+
+    plan: Plan
+    requirement: EyeRequirement
+    record: PlannedRecord
+
+    @property
+    def limit(self) -> NearLimit | None:
+        """What the viewer notices first of a near that grows; None where nothing."""
+        return binding(self.requirement.limits)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recommendation:
+    """How to draw a plate, and what decides it; lengths in scene units.
+
+    Without a viewer pixels judge near. With one eyes do, and pixels besides where their tolerance was asked
+    for (`pixels_count`).
+    """
+
+    scene: Scene
+    scouted: Scout
+    requirement: Requirement
+    pixels: Plan
+    eyes: EyeAnswer | None
+    pixels_count: bool
+    buffers: tuple[BufferLimit, ...]
+    hogel_limits: Floats  #: (A,) largest near of each scouted aperture; see `hogel_limits`
+
+    @property
+    def chosen(self) -> Plan:
+        """The plan that is recommended: of those that count, the one with the smaller near."""
+        plans = [self.pixels] if self.pixels_count or self.eyes is None else []
+        plans += [self.eyes.plan] if self.eyes is not None else []
+        return min(plans, key=lambda one: -math.inf if one.near is None else one.near)
+
+    @property
+    def binds(self) -> str:
+        """What keeps near from being larger; of a plan with cuts, and of none, what one pair fails by."""
+        if self.chosen.settings is None or self.chosen.slabs:
+            return DEPTH if self.pixel_limit is not None else PIXELS
+        return PIXELS if self.chosen is self.pixels else EYES
+
+    @property
+    def pixel_limit(self) -> float | None:
+        """Largest near within the tolerance at all scouted apertures that some near can draw; else None."""
+        possible = self.hogel_limits[self.hogel_limits > 0]
+        return float(possible.min()) if possible.size else None
+
+    def disparity_arcsec(self, near: float) -> float | None:
+        """Return by how much a near without cuts changes a viewer's disparity; None without a viewer."""
+        if self.eyes is None:
+            return None
+        asked = self.eyes.requirement
+        return stereo_change_arcsec(asked.content, asked.viewer, asked.display, DoubleFrustum(near=near))
+
+    @property
+    def paragraph(self) -> str:
+        """The answer: what to draw with, whether to split, what binds, and what a coarser choice costs."""
+        return " ".join(one for one in (*self._to_draw_with(), *self._what_binds(), *self._coarser()) if one)
+
+    def _to_draw_with(self) -> list[str]:
+        chosen, units = self.chosen, self.scene.units
+        settings = chosen.settings
+        if settings is None:
+            return [chosen.reason]
+        cuts = "in one pair of frusta; splitting is not needed"
+        if chosen.slabs:
+            heights = " and ".join(f"{height:g}" for height in chosen.slabs)
+            cuts = f"split at {heights} {units} from the plate, for one pair of frusta is not enough"
+        judged = "what hogels' pixels show"
+        if chosen is not self.pixels and self.eyes is not None:
+            judged = f"what two eyes {self.eyes.requirement.viewer.distance:g} {units} before it see"
+        elif self.eyes is not None:
+            judged += " and two eyes see"
+        first = (
+            f"Draw the plate of {self.scene.name} with near {chosen.near:g} {units} and "
+            f"{settings.depth_label} depth, {cuts}. It is chosen by {judged}"
+        )
+        known = chosen.plate
+        assert known is not None
+        if not chosen.within:
+            return [f"{first}, and does not hold for the whole plate: {chosen.reason}"]
+        share = known.share_beyond_at_most
+        if chosen is self.pixels:
+            beyond = f"beyond {self.requirement.tolerance_px:g} px or 1 % wrong surfaces"
+            held = f"at most {percent(share)} of its {known.hogels:,} hogels are {beyond}"
+            certain = "" if known.confidence == 1 else f" ({percent(known.confidence)} confidence)"
+            return [f"{first}: measured at {known.measured} hogels, {held}{certain}."]
+        assert self.eyes is not None
+        return [f"{first}, and was replayed to them: nothing that they notice."]
+
+    def _what_binds(self) -> list[str]:
+        """Say what each judge allows, the one that binds first."""
+        units, limit, said = self.scene.units, self.pixel_limit, {}
+        if limit is not None:
+            ordinary = float(np.nanmedian(self.hogel_limits))
+            said[PIXELS] = f"pixels allow near up to {digits(limit)} {units} at the worst hogel"
+            said[PIXELS] += f" and up to {digits(ordinary)} at half of them"
+        if self.eyes is not None:
+            found, distance = self.eyes.limit, self.eyes.requirement.viewer.distance
+            largest = None if found is None else found.largest_near
+            allowed = "any near" if largest is None else f"near up to {digits(largest)} {units}"
+            said[EYES] = f"eyes at {distance:g} {units} allow {allowed}"
+        same = (one for one in self.buffers if (one.depth, one.mapping) == self.chosen.depth_buffer)
+        said[DEPTH] = next(same, self.buffers[-1]).words(units)
+        binding_words = said.pop(self.binds, None)
+        first = [] if binding_words is None else [f"What binds: {binding_words}."]
+        others = "; ".join(said.values())
+        return [*first, f"{others[0].upper()}{others[1:]}."] if others else first
+
+    def _coarser(self) -> list[str]:
+        """Say what the cheapest depth buffer would cost where another one is recommended."""
+        first, units = self.buffers[0], self.scene.units
+        if self.chosen.settings is None or self.chosen.depth_buffer == (first.depth, first.mapping):
+            return []
+        if first.smallest_near is None or first.displacement_p99_px is None:
+            return [f"With a coarser depth buffer {first.words(units)}."]
+        moved = first.displacement_p99_px
+        cost = f"displaces the worst hogel by {digits(moved)} px" if math.isfinite(moved) else "is undefined"
+        seen = self.disparity_arcsec(first.smallest_near)
+        eyes = "" if seen is None else f" and changes disparity by {digits(seen)} arc seconds"
+        return [f"A coarser choice costs error: {first.words(units)}, which {cost}{eyes}."]
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The commands that draw the plate so, and that confirm it; none without a plan."""
+        settings = self.chosen.settings
+        if settings is None:
+            return ()
+        draw = shlex.split(plate_command(self.scene, settings))
+        options, source = draw[3 : draw.index("--out")], draw[2]
+        confirm = ["xfrustum", "survey", source, *options, "--out", "survey"]
+        if self.chosen is self.pixels:
+            confirm += ["--tolerance-px", f"{self.requirement.tolerance_px:g}"]
+        if self.eyes is not None:
+            eye = f"0,0,{self.eyes.requirement.viewer.distance:g}"
+            apart = self.eyes.requirement.viewer.eyes_apart_mm / (
+                self.eyes.requirement.display.millimeters or 1
+            )
+            seen = ["--eye", eye, "--stereo", f"{apart:g}"]
+            confirm = ["xfrustum", "view", source, *seen, *options, "--out", "seen"]
+        return shlex.join(draw), shlex.join(confirm)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `recommend --json` prints."""
+        chosen, known = self.chosen, self.hogel_limits[np.isfinite(self.hogel_limits)]
+        eyes = None
+        if self.eyes is not None:
+            eyes = {**self.eyes.plan.summary(), "viewer": self.eyes.record}
+        return {
+            "paragraph": self.paragraph,
+            "near": chosen.near,
+            "slabs": list(chosen.slabs),
+            "depth": chosen.depth,
+            "mapping": chosen.mapping,
+            "within": chosen.within,
+            "binds": self.binds,
+            "largest_near": {
+                "pixels": self.pixel_limit,
+                "eyes": None
+                if self.eyes is None or self.eyes.limit is None
+                else self.eyes.limit.largest_near,
+                "hogels": {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES}
+                if known.size
+                else None,
+            },
+            "buffers": self.buffers,
+            "pixels": self.pixels.summary(),
+            "eyes": eyes,
+            "commands": list(self.commands),
+        }
+
+
+def for_display(scene: Scene, pitch: float) -> Scene:
+    """Return a scene with the hogels of a display of another pitch, scene units, on a plate of its size.
+
+    Raises
+    ------
+    InputError
+        Hogels of this pitch are wider than the plate.
+    """
+    width, height = scene.plate.size
+    if pitch > min(width, height):
+        raise InputError(
+            f"--display {pitch:g}: hogels are wider than the plate of {width:g} x {height:g} {scene.units}"
+        )
+    hogels = (round(width / pitch), round(height / pitch))
+    return replace(scene, plate=replace(scene.plate, hogels=hogels))
+
+
+def recommend(
+    scene: Scene,
+    viewer: Viewer | None = None,
+    tolerance_px: float | None = None,
+    choices: Sequence[DepthBuffer] | None = None,
+    *,
+    sample: RandomSample | None = None,
+    progress: bool = False,
+) -> Recommendation:
+    """Return how to draw a plate: what depth buffer, pixels and eyes allow, and which of them binds.
+
+    Parameters
+    ----------
+    choices
+        Depth buffers to choose from, None for all.
+    viewer
+        Eyes before the display; None where hogels' pixels are all that counts.
+    tolerance_px
+        Largest 99th percentile of displacement; None for the usual, by which no viewer's display is judged.
+
+    Raises
+    ------
+    InputError
+        Nobody sees anything of the objects, the scene's unit is not known to a viewer, or there is no usable
+        OpenGL.
+    """
+    # The plans are measured by drawing them, but only after searches that trace and predict for long.
+    require_room(scene)
+    scouted = scouted_plate(scene, progress)
+    requirement = Requirement() if tolerance_px is None else Requirement(tolerance_px=tolerance_px)
+    eyes = None
+    if viewer is not None:
+        asked = eye_requirement(scouted, viewer)
+        made = planned(scouted, asked, choices, sample, progress)
+        record = planned_record(scene, made, asked, progress=progress)
+        eyes = EyeAnswer(plan=replayed_plan(made, record), requirement=asked, record=record)
+    # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for pixels orders.
+    judging = requirement if eyes is None or tolerance_px is not None else eyes.requirement
+    views = planner_of(scouted, requirement).first_views()
+    compared = COMPARED_BUFFERS if choices is None or len(choices) > MAX_COMPARED else choices
+    return Recommendation(
+        scene=scene,
+        scouted=scouted,
+        requirement=requirement,
+        pixels=planned(scouted, requirement, choices, sample, progress),
+        eyes=eyes,
+        pixels_count=tolerance_px is not None,
+        buffers=buffer_limits(views, scouted, judging, compared),
+        hogel_limits=hogel_limits(scouted, requirement.tolerance_px),
+    )
+
+
+def table(found: Recommendation) -> str:
+    """Return the answer as text: the paragraph, what each judge allows, and the commands."""
+    units, filled = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
+    lines = [textwrap.fill(filled, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " "), ""]
+    lines += aligned([("", f"near from, {units}", f"up to, {units}", ""), *_limit_rows(found)]).splitlines()
+    return "\n".join([*lines, "", *found.commands])
+
+
+def _limit_rows(found: Recommendation) -> list[tuple[str, str, str, str]]:
+    """Return what each judge allows: its name, the smallest and the largest near, and whether it binds."""
+    rows = []
+    if found.pixel_limit is not None:
+        name = f"pixels, {found.requirement.tolerance_px:g} px at the worst hogel"
+        rows.append((name, "", digits(found.pixel_limit), "binds" if found.binds == PIXELS else ""))
+    if found.eyes is not None:
+        for one in found.eyes.requirement.limits:
+            name = f"eyes, {LIMIT_WORDS[one.name]}"
+            largest = "any" if one.largest_near is None else digits(one.largest_near)
+            bound = found.binds == EYES and one == found.eyes.limit
+            rows.append((name, "", largest, "binds" if bound else ""))
+    for buffer in found.buffers:
+        smallest = "none" if buffer.smallest_near is None else digits(buffer.smallest_near)
+        rows.append((f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}", smallest, "", ""))
+    return rows
+
+
+def write_recommendation(found: Recommendation, out: Path) -> tuple[Path, ...]:
+    """Write the page and recommend.json, all or nothing."""
+    with Staging(out, FILES) as staging:
+        (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
+        write_json(staging.folder / DATA, found.summary())
+        return staging.commit()
+
+
+def render_page(found: Recommendation) -> str:
+    """Return one HTML document that needs nothing else."""
+    figures = {"limits": limits_figure(found)}
+    if np.isfinite(found.hogel_limits).any():
+        figures["map"] = map_figure(found)
+    values = {"found": found, "figures": figures, "rows": _limit_rows(found), "versions": versions()}
+    return html_page("recommend.html.j2", {"percent": percent, "digits": digits}, values)
+
+
+def limits_figure(found: Recommendation) -> Figure:
+    """Draw the nears that each judge allows as bars on a logarithmic axis, and the chosen one as a line."""
+    reach, bars = found.scene.frustum.longest_reach, []
+    rows = _limit_rows(found)
+    lengths = [float(cell) for row in rows for cell in row[1:3] if cell not in ("", "any", "none")]
+    near = found.chosen.near
+    low = min([*lengths, near or reach]) / 30
+    for name, smallest, largest, _ in rows:
+        start = low if smallest == "" else math.nan if smallest == "none" else float(smallest)
+        bars.append((name, start, reach if largest in ("", "any") else float(largest)))
+    bar = {
+        "type": "bar",
+        "orientation": "h",
+        "y": [name for name, *_ in bars],
+        "base": [start for _, start, _ in bars],
+        "x": [end - start for _, start, end in bars],
+        "customdata": [end for *_, end in bars],
+        "hovertemplate": "%{y}: %{base:.3g} to %{customdata:.3g}<extra></extra>",
+        "marker": {"color": look(1)[0]},
+    }
+    line = {"type": "line", "x0": near, "x1": near, "yref": "y domain", "y0": 0, "y1": 1}
+    layout = {
+        "height": 110 + 40 * len(bars),
+        "showlegend": False,
+        "xaxis": {
+            "title": f"near, {found.scene.units}",
+            **log_axis([low, reach]),
+            "range": [math.log10(low), math.log10(reach)],
+        },
+        "yaxis": {"type": "category", "autorange": "reversed"},
+        "shapes": [] if near is None else [{**line, "line": {"color": MARK, "width": 2}}],
+    }
+    return styled([bar], layout)
+
+
+def map_figure(found: Recommendation) -> Figure:
+    """Draw the largest near that each hogel allows over the plate, on a logarithmic color scale."""
+    plate, units = found.scene.plate, found.scene.units
+    values, looked = plate_cells(plate, found.scouted.apertures, found.hogel_limits, np.fmin)
+    title = f"largest near that keeps {found.requirement.tolerance_px:g} px, {units}"
+    figure = plate_map(plate, values, title, known=looked, logarithmic=True)
+    figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}
+    return figure

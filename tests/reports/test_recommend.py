@@ -1,0 +1,141 @@
+"""One answer for a plate: each judge's near is its own limit, the smaller of those that count is taken."""
+
+import json
+import math
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.scene_file import film, named, part
+from xfrustum.cli.main import main
+from xfrustum.compare.eye.noticeable import Viewer
+from xfrustum.compare.planning.limits import buffer_limits, hogel_limits
+from xfrustum.compare.planning.search import SEPARATION_MARGIN, SMALLEST_PER_REACH
+from xfrustum.compare.planning.views import Requirement, Views
+from xfrustum.compare.sampling import RandomSample
+from xfrustum.compare.scout import Scout, scout
+from xfrustum.reference import Reference
+from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, for_display, recommend
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
+
+D16 = [(DepthFormat.D16, DepthMapping.STANDARD)]
+FINE = [(DepthFormat.D32F, DepthMapping.REVERSED)]
+SAMPLE = RandomSample(hogels=6)
+STEP = 1.01
+"""Ratio beyond the largest step of lengths of three digits."""
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A torus through the plate and a box far behind it, aside of the middle."""
+    path = tmp_path_factory.mktemp("scene") / "through.toml"
+    size = film((40.0, 30.0), hogels=(4, 3), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(60.0, 60.0))
+    torus, box = part("torus", 24.0, (2.0, 1.0, 0.0)), part("box", 12.0, (-6.0, 1.0, -40.0))
+    path.write_text(named("through", "mm") + size + torus + box)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def scene(scene_file: str) -> Scene:
+    return open_scene(scene_file)
+
+
+@pytest.fixture(scope="module")
+def scouted(scene: Scene) -> Scout:
+    return scout(scene)
+
+
+def test_the_largest_near_of_a_hogel_keeps_the_tolerance_and_the_next_one_does_not(scouted: Scout) -> None:
+    limits, frustum = hogel_limits(scouted, 0.5), scouted.scene.frustum
+    smallest = SMALLEST_PER_REACH * frustum.longest_reach
+    told = 0
+    for look, near in zip(scouted.looks, limits, strict=True):
+        if math.isnan(near):
+            assert math.isinf(look.nearest)
+        elif near == 0:
+            assert look.displacement_p99_px(DoubleFrustum(near=smallest), scouted.scene) > 0.5
+        else:
+            told += 1
+            assert look.displacement_p99_px(DoubleFrustum(near=near), scouted.scene) <= 0.5
+            assert look.displacement_p99_px(DoubleFrustum(near=STEP * near), scouted.scene) > 0.5
+    assert told > len(limits) / 2
+    # Displacement is nearly linear in a small near: twice the tolerance allows about twice the near.
+    twice = hogel_limits(scouted, 1.0)[limits > 0] / limits[limits > 0]
+    assert np.all(twice > 1.9) and np.all(twice < 2.6)
+
+
+def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on(scene: Scene, scouted: Scout) -> None:
+    requirement = Requirement()
+    views = Views.traced(Reference(scene), [scene.plate.middle])
+    coarse, usual, fine = buffer_limits(views, scouted, requirement)
+    assert coarse.smallest_near is not None and usual.smallest_near is not None and fine.any_near
+    assert fine.smallest_near is not None and usual.smallest_near > fine.smallest_near
+    assert coarse.smallest_near > 10 * usual.smallest_near
+
+    def keeps(near: float) -> bool:
+        settings = DoubleFrustum(near=near, depth=coarse.depth, mapping=coarse.mapping)
+        apart = views.separation(settings) * SEPARATION_MARGIN / requirement.separation_in(scene.frustum)
+        return apart <= 1 and views.depth_wrong(settings) <= requirement.max_wrong
+
+    assert keeps(coarse.smallest_near) and not keeps(coarse.smallest_near / STEP)
+    assert "asks for near from" in coarse.words("mm") and "any near" in fine.words("mm")
+
+
+def test_pixels_bind_without_a_viewer_and_eyes_with_one(scene: Scene) -> None:
+    # A tolerance that is asked for counts beside the eyes, and the smaller near keeps both.
+    both = recommend(scene, Viewer(distance=600.0), 0.5, FINE, sample=SAMPLE)
+    assert both.binds == PIXELS and both.chosen is both.pixels
+    assert both.chosen.near is not None and both.pixel_limit is not None
+    assert both.chosen.near <= both.pixel_limit
+    assert shlex.split(both.commands[1])[1] == "view"
+    pixels = replace(both, eyes=None, pixels_count=False)
+    assert pixels.binds == PIXELS and shlex.split(pixels.commands[1])[1] == "survey"
+    eyes = replace(both, pixels_count=False)
+    assert eyes.eyes is not None and eyes.binds == EYES and eyes.chosen is eyes.eyes.plan
+    assert eyes.eyes.limit is not None and eyes.chosen.near == eyes.eyes.limit.largest_near
+    assert "eyes at 600 mm allow near up to" in eyes.paragraph and "splitting is not needed" in eyes.paragraph
+
+
+def test_a_coarse_depth_buffer_binds_where_it_asks_for_more_than_pixels_allow(scene: Scene) -> None:
+    found = recommend(scene, choices=D16, sample=SAMPLE)
+    (buffer,) = found.buffers
+    assert buffer.smallest_near is not None and found.pixel_limit is not None
+    assert buffer.smallest_near > found.pixel_limit and found.binds == DEPTH
+    assert found.chosen.slabs and "one pair of frusta is not enough" in found.paragraph
+    assert f"--slabs {','.join(f'{one:g}' for one in found.chosen.slabs)}" in found.commands[0]
+
+
+def test_a_display_has_its_own_pitch_on_a_plate_of_the_same_size(scene: Scene) -> None:
+    finer = for_display(scene, 0.5)
+    assert finer.plate.hogels == (80, 60) and finer.plate.size == scene.plate.size
+    with pytest.raises(InputError, match="wider than the plate"):
+        for_display(scene, 31.0)
+
+
+def test_the_command_writes_a_page_and_what_it_prints(
+    scene_file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "recommend"
+    asked = ["recommend", scene_file, "--viewer=600mm", "--sample=6", f"--out={out}", "--json", "--quiet"]
+    asked += ["--depth=d32f", "--mapping=reversed"]
+    assert main(asked) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / "recommend.json").read_text())
+    assert printed["binds"] == EYES and printed["within"] and printed["near"] == printed["eyes"]["near"]
+    quantiles = list(printed["largest_near"]["hogels"].values())
+    assert quantiles == sorted(quantiles)
+    page = (out / "index.html").read_text()
+    assert printed["paragraph"] in page.replace("&#39;", "'")
+    assert main(["recommend", scene_file, "--display=1m", "--quiet"]) == 2
+    assert "hogels are wider than the plate" in capsys.readouterr().err
+
+
+def test_nothing_is_recommended_where_a_surface_lies_in_every_aperture(scene: Scene) -> None:
+    square = np.array([[-40.0, -40, 0], [40, -40, 0], [40, 40, 0], [-40, 40, 0]])
+    flat = replace(scene.objects[0], vertices=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    found = recommend(replace(scene, objects=(flat,)), sample=SAMPLE)
+    assert found.chosen.settings is None and found.binds == PIXELS and not found.commands
+    assert found.paragraph.startswith("No plan: a surface lies in every aperture")
