@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding
+from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
     HYPOTHESES,
@@ -333,9 +333,12 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
     """
     reference, images, nominal = evidence.reference, evidence.images, evidence.nominal
     encoding, judging, read = find_encoding(reference, images, nominal), evidence.judging, evidence
-    if not encoding.faults:
-        diagnosis = diagnosis_of(evidence)
-    else:
+    diagnosis = None if encoding.faults else diagnosis_of(evidence)
+    if diagnosis is not None and not diagnosis.faults and evidence.judging.compared is Compared.COLOR:
+        # Only where nothing else explains colors are they read through another curve.
+        encoding = find_transfer(reference, images) if evidence.wrong(nominal) else encoding
+    if encoding.faults:
+        plain = diagnosis
         # Where numbers were asked for and colors are found, shading was not asked for: only geometry counts.
         if encoding.as_colors:
             judging = replace(judging, compared=Compared.GEOMETRY)
@@ -347,9 +350,10 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
         diagnosis = replace(diagnosis, faults=faults)
         if share < MIN_EXPLAINED_FRACTION:
             encoding, judging, read = FoundEncoding(), evidence.judging, evidence
-            diagnosis = diagnosis_of(evidence)
+            diagnosis = plain or diagnosis_of(evidence)
             doubted = (*map(doubtful, faults), *diagnosis.does_not_explain)
             diagnosis = replace(diagnosis, does_not_explain=doubted)
+    assert diagnosis is not None
     if of_views and not diagnosis.faults:
         diagnosis = _with_view_shear(diagnosis, read)
     return Findings(encoding=encoding, diagnosis=diagnosis, judging=judging)

@@ -26,6 +26,7 @@ from xfrustum.scenes.files.foreign_images import (
     Encoding,
     ForeignImage,
     Reading,
+    Transfer,
     radiance,
     read_again,
     stored_integers,
@@ -34,8 +35,12 @@ from xfrustum.scenes.files.foreign_images import (
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
+WRONG_TRANSFER = "wrong-transfer"  # Colors are stored through a curve that `--encoding` cannot state
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
-ENCODING_FAULTS = (CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY)
+ENCODING_FAULTS = (
+    *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_TRANSFER, WRONG_ENCODING),
+    *(OVERFLOW, RESAMPLED, LOSSY),
+)
 """Names of the faults; after the last three numbers are lost."""
 
 # The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
@@ -91,6 +96,14 @@ MAX_LOSSY_STEPS = 24
 # brightness with the truth's, where that of numbers is random. And the share of pixels as bright as the truth
 # for pictures to be read as sRGB: under the right reading nearly all are, under another light few.
 MIN_SHADES, MIN_CORRELATION, MIN_SAME_COLOR_FRACTION = 3, 0.5, 0.5
+
+# Largest distance of the quantiles of brightness from the truth's under another transfer function, as a part
+# of that under the stated one. Quantiles do not depend on geometry that shows much the same surfaces; the
+# diagnosis of the pictures in this reading is the test.
+MAX_TRANSFER_DISTANCE = 0.5
+
+# The encodings that are transfer functions: `--encoding` states them.
+STATED_TRANSFERS = {Transfer.LINEAR: Encoding.RGB, Transfer.SRGB: Encoding.SRGB}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +209,8 @@ class FoundEncoding:
     @property
     def as_colors(self) -> bool:
         """Whether pixels that should be numbers are colors."""
-        return self.reading is not None and self.reading.encoding not in NUMBER_ENCODINGS
+        read = self.reading
+        return read is not None and read.transfer is None and read.encoding not in NUMBER_ENCODINGS
 
     def read(self, reference: Reference, image: HogelImage) -> HogelImage:
         """Return an image read in this way, with lost numbers restored."""
@@ -229,6 +243,37 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     if found is not None and found.reading is not None and found.reading.first_is_lost:
         return replace(found, restoring=search.agreement(found.reading, FIRST_NUMBER))
     return found or FoundEncoding()
+
+
+def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEncoding:
+    """Find the transfer function under which pictures of colors have the truth's distribution of brightness.
+
+    That is a guess: geometry is not known, and the pictures in this reading are to be diagnosed.
+    """
+    if not all(_is_picture(image) and image.color is not None for image in images):
+        return FoundEncoding()
+    # A few pictures tell; those of one plate have one transfer function.
+    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_COMPARED_HOGELS).astype(int))
+    stored = [radiance(stored_rgb(images[index]), Encoding.RGB) for index in chosen]
+    truths = [reference.trace(images[index].camera.aperture).color for index in chosen]
+    expected = np.sort(np.clip(np.concatenate([one.ravel() for one in truths if one is not None]), 0.0, 1.0))
+    values = np.sort(np.concatenate([one.ravel() for one in stored]))
+    # Transfer functions rise: the order of the values is that of the radiance.
+    distances = {one: float(np.abs(one.linear(values) - expected).mean()) for one in Transfer}
+    first = images[chosen[0]]
+    pixels = stored_rgb(first)
+    stated = next(
+        one for one, way in STATED_TRANSFERS.items() if np.array_equal(first.color, radiance(pixels, way))
+    )
+    best = min(distances, key=distances.__getitem__)
+    if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
+        return FoundEncoding()
+    words = f"colors are not stored as {stated} values, as stated, but as {best}"
+    reading, name, value = Reading(encoding=Encoding.RGB, transfer=best), WRONG_TRANSFER, str(best)
+    if best in STATED_TRANSFERS:
+        name, value = WRONG_ENCODING, str(STATED_TRANSFERS[best])
+        words += f" values: --encoding {value}"
+    return FoundEncoding(faults=(Fault(fault=name, value=value, words=words),), reading=reading)
 
 
 def _is_picture(image: HogelImage) -> bool:

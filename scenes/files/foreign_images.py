@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.appearance.display import decoding_curve
+from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image
@@ -23,6 +23,30 @@ class Encoding(StrEnum):
     #: Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing.
     TRIANGLE_ID = "triangle-id"
     OBJECT_ID = "object-id"  #: the same with the object's number
+
+
+class Transfer(StrEnum):
+    """The transfer function by which a picture's stored values came from linear radiance."""
+
+    LINEAR = "linear"
+    SRGB = "sRGB"
+    GAMMA = "gamma 2.2"
+    TWICE = "sRGB, encoded twice"
+    DECODED = "linear values that were decoded once more, as if they were sRGB"
+
+    def linear(self, stored: Singles) -> Singles:
+        """Return the linear radiance of stored values from 0 to 1."""
+        match self:
+            case Transfer.LINEAR:
+                return stored
+            case Transfer.SRGB:
+                return decoding_curve(stored)
+            case Transfer.GAMMA:
+                return np.asarray(stored**2.2)
+            case Transfer.TWICE:
+                return decoding_curve(decoding_curve(stored))
+            case Transfer.DECODED:
+                return encoding_curve(stored)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -49,6 +73,7 @@ class Reading:
     channels: tuple[int, int, int] = (0, 1, 2)
     offset: int = 1  #: number that was added to triangle or object numbers before they were stored
     background: int = 0  #: integer that is stored where there is no surface
+    transfer: Transfer | None = None  #: of colors; None for that of the encoding
 
     @property
     def first_is_lost(self) -> bool:
@@ -99,6 +124,8 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
         color: Singles | None = radiance(stored_rgb(image), reading.encoding)
+        if reading.transfer is not None:
+            color = reading.transfer.linear(radiance(stored_rgb(image), Encoding.RGB))
         return replace(image, triangle=nothing, object=nothing, color=color)
     numbers = reading.numbers(stored_integers(image, reading))
     color = None if isinstance(image, ForeignImage) else image.color
