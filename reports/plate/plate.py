@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.progress import progress_bar
@@ -113,33 +112,34 @@ class PlateSession:
             writing.result()
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlateOptions:
-    """How a plate is written."""
-
-    #: Columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None for those of
-    #: a store that exists, and for a new one as many as `BLOCK_BYTES` hold
-    block: tuple[int, int] | None = None
-    judge: bool = False  #: whether every hogel is traced too, and its measures are stored beside its pixels
-    check: bool = False  #: whether every hogel that is there is read in full; damaged ones are drawn again
-    engine: Engine = HERE  #: where blocks are drawn: here, by other processes, a cluster, or in parts
-    progress: bool = False  #: whether a bar is shown
-
-
-def write_plate(
+def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     scene: Scene,
     settings: DoubleFrustum | None,
     out: Path | str,
     apertures: Iterable[Aperture] | None = None,
     content: PlateContent | None = None,
-    **options: Any,
+    *,
+    block: tuple[int, int] | None = None,
+    judge: bool = False,
+    check: bool = False,
+    engine: Engine = HERE,
+    progress: bool = False,
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, block by block, each into a shard of its own.
 
     Without settings the plate is one of truths; without apertures, the whole one. Blocks are drawn in the
-    order in which their apertures are named. The options are the fields of `PlateOptions`. Killed at any
-    moment it loses no finished block; called again it goes on with the others and ends with the arrays of a
-    run that was not disturbed.
+    order in which their apertures are named, by `engine`. Killed at any moment it loses no finished block;
+    called again it goes on with the others and ends with the arrays of a run that was not disturbed.
+
+    Parameters
+    ----------
+    block
+        Columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None for those
+        of a store that exists, and for a new one as many as `BLOCK_BYTES` hold.
+    judge
+        Whether every hogel is traced too, and its measures are stored beside its pixels.
+    check
+        Whether every hogel that is there is read in full; what is damaged is drawn again.
 
     Raises
     ------
@@ -147,24 +147,23 @@ def write_plate(
         See `source_of` and `open_store`; the block is none; no scheduler answers, or a worker has another
         device than the one that began the plate.
     """
-    how, content, out = PlateOptions(**options), content or PlateContent(), Path(out)
-    part = how.engine.part
+    content, out, part = content or PlateContent(), Path(out), engine.part
     asked = scene.plate.apertures() if apertures is None else apertures
     chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
-    layout = layout_of(scene, content, how.block, judged=how.judge)
+    layout = layout_of(scene, content, block, judged=judge)
     job = PlateJob(
         scene=scene,
         settings=settings,
         content=content,
         out=out,
         layout=layout,
-        free=how.block is None,
-        judge=how.judge,
-        check=how.check,
+        free=block is None,
+        judge=judge,
+        check=check,
     )
     drawn = broken = 0
     some = sum(1 for _ in islice(part.of(layout.blocks(chosen)), MOST_WORKERS))
-    with open_workers(how.engine, some, draws=settings is not None) as workers:
+    with open_workers(engine, some, draws=settings is not None) as workers:
         layout = workers.ask(job, PlateSession.layout)
         store = PlateStore(out, layout)
 
@@ -175,7 +174,7 @@ def write_plate(
         def unfinished(done: Callable[[int], object] = lambda hogels: None) -> Iterator[Block]:
             nonlocal drawn, broken
             for one in blocks():
-                missing, damaged = store.missing(one, check=how.check)
+                missing, damaged = store.missing(one, check=check)
                 drawn, broken = drawn + len(missing), broken + damaged
                 done(len(one.apertures) - len(missing))
                 if missing:
@@ -183,18 +182,18 @@ def write_plate(
 
         total = len(chosen) if part.everything else sum(len(one.apertures) for one in blocks())
         if workers.count == 1 and not workers.elsewhere:
-            with progress_bar(total, job.name, job.unit, shown=how.progress) as bar:
+            with progress_bar(total, job.name, job.unit, shown=progress) as bar:
                 workers.ask(job, PlateSession.draw, unfinished(bar.update), bar.update)
         else:
             deque(unfinished(), maxlen=0)
-            workers.run(job, blocks(), total, progress=how.progress)
+            workers.run(job, blocks(), total, progress=progress)
     return PlateFiles(
         out=out,
         drawn=drawn,
         found=total - drawn,
         damaged=broken,
         notes=(f"{out}: {broken} damaged hogels were drawn again",) if broken else (),
-        table=out.with_suffix(".parquet") if how.judge else None,
+        table=out.with_suffix(".parquet") if judge else None,
     )
 
 

@@ -85,28 +85,24 @@ class Hogels:
         ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SurveyOptions:
-    """How hogels are judged, and what is told meanwhile."""
-
-    tolerance_px: float = TOLERANCE_PX  #: displacement beyond which a hogel is counted; see `compare.beyond`
-    tracer: str = "embree"  #: gives the truth a second opinion
-    engine: Engine | None = None  #: None for as many processes as this one may use processors
-    told: Callable[[str], object] = lambda line: None  #: takes notes, a sentence each
-    progress: bool = False  #: whether a bar is shown
-
-
-def survey(
+def survey(  # noqa: PLR0913 - one keyword for each option of the command
     scene: Scene,
     settings: DoubleFrustum | Sequence[DoubleFrustum] | ForeignRenderer,
     out: Path,
     chosen: Chosen | None = None,
-    **options: Any,
+    *,
+    tolerance_px: float = TOLERANCE_PX,
+    tracer: str = "embree",
+    engine: Engine | None = None,
+    told: Callable[[str], object] = lambda line: None,
+    progress: bool = False,
 ) -> Survey:
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
 
     Every hogel is drawn with each of the settings, or is one of another renderer's plate; by default a sample
-    of `DEFAULT_SAMPLE` is judged. The options are the fields of `SurveyOptions`.
+    of `DEFAULT_SAMPLE` is judged. It is beyond `tolerance_px` by `compare.beyond`; `tracer` gives the truth a
+    second opinion. Hogels are judged by `engine`, by default in as many processes as this one may use
+    processors; `told` takes notes, a sentence each.
 
     Stopped at any moment and called again it goes on where it was, and ends with the rows of a run that was
     not disturbed but for one column: the index of `device` is that of the worker that took the block, so
@@ -118,31 +114,26 @@ def survey(
         The scene, settings or folder are not usable, or the folder holds something else.
     """
     one_of(scene, Scene, "scene")
-    chosen, how = chosen or Chosen(), SurveyOptions(**options)
-    engine, tolerance_px = how.engine or Engine(), how.tolerance_px
+    chosen, engine = chosen or Chosen(), engine or Engine()
     if chosen.until is not None and not engine.part.everything:
         raise InputError("--part: how many hogels --until takes is known in the end; use --all or --sample")
     if not real(tolerance_px) > 0:
         raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
-    job: DrawnJob | ForeignJob
     parts = Parts(out=out.absolute(), name=ROWS)
     common: dict[str, Any] = {"scene": scene, "parts": parts, "tolerance_px": tolerance_px}
+    job: DrawnJob | ForeignJob
+    several: tuple[DoubleFrustum | None, ...]
     if isinstance(settings, ForeignRenderer):
-        renderer = settings.with_layout(scene, how.told)
+        renderer = settings.with_layout(scene, told)
         state = renderer.state(scene.plate.apertures())
-        job = ForeignJob(renderer=renderer, state=state, **common)
-        several: tuple[DoubleFrustum | None, ...] = (None,)
+        job, several = ForeignJob(renderer=renderer, state=state, **common), (None,)
         work: dict[str, Any] = {"images": renderer.description, "state of the images": state}
     else:
-        drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
-        if not drawn:
-            raise InputError("a survey needs at least one setting; give --near or --nears")
-        for one in drawn:
-            one.check_against(scene.frustum)
-        job = DrawnJob(settings=drawn, tracer=how.tracer, **common)
-        several, work = drawn, {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
+        drawn = _each(settings, scene)
+        job, several = DrawnJob(settings=drawn, tracer=tracer, **common), drawn
+        work = {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
     hogels = Hogels.of(scene, chosen, len(several))
     work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": hogels}
     parts.open(json_ready(work))
@@ -172,13 +163,13 @@ def survey(
     mine = list(engine.part.of(blocks))
     with (
         open_workers(engine, len(blocks), draws=job.draws) as workers,
-        progress_bar(sum(map(job.size, mine)), job.name, job.unit, shown=how.progress) as bar,
+        progress_bar(sum(map(job.size, mine)), job.name, job.unit, shown=progress) as bar,
     ):
         for look in range(hogels.looks):
             if look:  # the parts of a job array have but one
                 blocks = mine = hogels.blocks(look, blocks[-1].number + 1)
                 bar.total += sum(map(job.size, mine))
-            parts.tell_damaged((block.number for block in mine), how.told)
+            parts.tell_damaged((block.number for block in mine), told)
             workers.make(job, mine, bar)
             finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
             add_rows(found, (parts.read(block.number) for block in finished))
@@ -191,3 +182,13 @@ def survey(
             surveyed = answer(look, complete=True)
             write_survey(surveyed, list(zip(worst, pictures, strict=True)), parts.out)
     return surveyed
+
+
+def _each(settings: DoubleFrustum | Sequence[DoubleFrustum], scene: Scene) -> tuple[DoubleFrustum, ...]:
+    """Return the settings, each once; InputError where there are none, or one does not suit the scene."""
+    drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
+    if not drawn:
+        raise InputError("a survey needs at least one setting; give --near or --nears")
+    for one in drawn:
+        one.check_against(scene.frustum)
+    return drawn
