@@ -76,9 +76,8 @@ class VerifyOptions:
     layout: str | None = None  #: of a folder or picture (docs/layouts.md)
     apertures: Sequence[tuple[int, int]] | None = None  #: column and row of each; None for the whole plate
     near: float | None = None  #: offset that the renderer's author states; it is then part of the question
-    accept: Sequence[
-        str
-    ] = ()  #: conventions out of `ACCEPTABLE`: images are judged by what was found of them
+    accept: Sequence[str] = ()
+    """Conventions out of `ACCEPTABLE`, of which images are judged by what was found."""
     max_wrong: float = MAX_WRONG  #: share of wrong surfaces of each hogel; of pictures, of colors or outlines
     max_displacement_px: float | None = TOLERANCE_PX
     """Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit."""

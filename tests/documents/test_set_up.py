@@ -6,7 +6,8 @@ import re
 import subprocess
 from pathlib import Path
 
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+TOP = Path(__file__).resolve().parents[2]
+SCRIPTS = TOP / "scripts"
 
 
 def steps(program: str) -> subprocess.CompletedProcess[str]:
@@ -26,3 +27,9 @@ def test_a_step_that_fails_shows_what_it_printed_and_ends_the_script() -> None:
     assert done.returncode == 3
     assert done.stderr == "the reason\n"
     assert re.fullmatch(r"  try it +failed\n", done.stdout)
+
+
+def test_the_tests_that_the_makefile_names_are_there() -> None:
+    for path, name in re.findall(r"(tests/[\w./]+)(?:::(\w+))?", (TOP / "Makefile").read_text()):
+        assert (TOP / path).exists(), path
+        assert not name or f"def {name}(" in (TOP / path).read_text(), name
