@@ -29,6 +29,18 @@ C_COLOR, C_STAR_COLOR, INK, SOFT, SCREEN = "#0072b2", "#d55e00", "#1b1f24", "#5b
 OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
 """Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
 
+DARK = {
+    "#ffffff": "#14171b",
+    "#c9ced4": "#3a414a",
+    INK: "#e8eaed",
+    SOFT: "#a0a8b2",
+    SCREEN: "#35c79f",
+    C_COLOR: "#6db3ee",
+    C_STAR_COLOR: "#ff9a52",
+    **dict(zip(OBJECT_COLORS, ("#aab2bc", "#2fd0a0", "#dd8fd0", "#d3b542", "#97a6ff"), strict=True)),
+}
+"""Colors on dark paper, by those on white."""
+
 FINER, TOLERANCE_CELLS = 2, 0.7
 """Cells of the mask of an outline per pixel of the picture, in either direction; and how far an outline may
 be from the mask's own, which is a staircase of one cell."""
@@ -177,6 +189,7 @@ def draw_view(scene: Scene, view: View) -> str:
 
     values = {
         "scene": scene,
+        "dark": DARK,
         "title": title,
         "subtitle": subtitle,
         "axis": "xy"[axis],

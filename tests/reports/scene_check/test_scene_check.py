@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -16,7 +17,7 @@ import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
-from xfrustum.reports.scene_check.drawing import PictureFrame, View, draw_view, outlines
+from xfrustum.reports.scene_check.drawing import DARK, PictureFrame, View, draw_view, outlines
 from xfrustum.scenes import InputError, Scene, open_scene
 
 FILE = (
@@ -69,9 +70,14 @@ def test_check_writes_two_views_that_name_what_they_show(scene: str, tmp_path: P
     assert [file.name for file in files] == ["side.svg", "top.svg"]
     expected = {"plate", "viewer", "reach 150", "reach 100", "0 sphere", "1 torus"}
     expected |= {"behind the plate: camera C", "viewer's side: camera C*"}
+    expected |= {"outside the picture: 8,000 to 9,000 mm behind the plate"}
     for file in files:
-        assert expected | {"8,000 to 9,000 mm behind the plate"} <= set(words(file.read_text()))
+        assert expected <= set(words(file.read_text()))
         assert "http" not in file.read_text().replace("http://www.w3.org/2000/svg", "")
+        # On dark paper every color has another.
+        drawn, style = re.sub(r"<style>.*</style>", "", file.read_text(), flags=re.DOTALL), file.read_text()
+        for color in set(re.findall(r'"(#[0-9a-f]{6})"', drawn)):
+            assert f'.scene-view [fill="{color}"] {{ fill: {DARK[color]} }}' in style
 
 
 @pytest.mark.parametrize("side", View)
