@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.wrong_renderers.ray_caster import Picture, draw, met, numbers, picture
+from tests.wrong_renderers.ray_caster import Picture, draw, linear, met, numbers, picture
 from tests.wrong_renderers.worlds import Ints, World
 
 Mask = NDArray[np.bool_]
@@ -37,11 +37,12 @@ def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding:
 
 
 def _of_hogel(world: World, i: int, j: int, made: Picture, encoding: str) -> tuple[Mask, Mask, Mask]:
-    if encoding == "rgb":
+    if encoding in ("rgb", "srgb"):
         right = picture(world, i, j, encoding)
         apart = np.abs(made.astype(int) - right).max(axis=2)
+        colors = [linear(of / 255) if encoding == "srgb" else of / 255 for of in (made, right)]
         shown = made.any(axis=2) | (draw(world, i, j).triangle >= 0)
-        return apart > 1, apart > COLOR * 255, shown
+        return apart > 1, np.abs(colors[0] - colors[1]).max(axis=2) > COLOR, shown
     truth = numbers(world, draw(world, i, j), encoding)
     claims = (made.astype(int) * [65536, 256, 1]).sum(axis=2)
     shown, different = (claims != 0) | (truth != 0), claims != truth

@@ -24,9 +24,14 @@ class Mistakes:
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Translation of the scene, mm
     scale: float = 1.0  # Factor of the scene about the plate's center, while the plate stays
     any_reach: bool = False  # Whether surfaces out of reach are drawn too
+    reach: tuple[float, float] = (1.0, 1.0)  # Factors of the reach toward the viewer and behind the plate
     aperture: tuple[float, float] = (0.0, 0.0)  # Offset of each aperture to the right and up, in hogels
     plate: tuple[float, float] = (1.0, 1.0)  # Factors of the distances between apertures
     film: tuple[float, float] = (1.0, 1.0)  # Factors of the film's extent
+    angles: str = ""  # Axes whose pixels have equal angles: `x`, `y`, `xy`; `radial` for a fisheye lens
+    distortion: float = (
+        0.0  # Share by which the film's corners lie farther out: above 0 barrel, below pincushion
+    )
     sample: tuple[float, float] = (0.0, 0.0)  # Offset of a pixel's sampling point to the right and down, px
     near: float = 0.0  # Distance by which both cameras step back, mm
     screen_height: float = 1.0  # Factor of the projection screen's height; its size stays
@@ -35,22 +40,33 @@ class Mistakes:
     only: int | None = None
     """Camera that alone has the film, sampling points and near of these mistakes: 0 is C, 1 is C*."""
     winner: str = "first"  # Rule for the surface that wins; `rank` has the names
+    depth_bits: int = 0  # Bits of the depth buffer, standard mapping; 0 for exact depths
     cull: int = 0
     """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for none."""
     light: str = "right"
     """Light: `right`, `not conjugated` (on C*'s wrong side) or `head` (from the viewer, without ambient)."""
+    normals: str = "right"  # Normals: `right`, `flat` (the triangles' own) or `inverted`
 
 
 RIGHT = Mistakes()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Hits:
     """Every meeting of a line and a triangle, unordered."""
 
     pixel: Ints
     triangle: Ints
     s: Floats  # (M,) s of each meeting, from the line's center; negative on the viewer's side
+    weights: Floats  # (M, 3) barycentric coordinates of each meeting
+
+    @property
+    def fields(self) -> tuple[Ints, Ints, Floats, Floats]:
+        return self.pixel, self.triangle, self.s, self.weights
+
+    def of(self, keep: NDArray[np.bool_] | Ints, further: float = 0.0) -> "Hits":
+        """Return some of the meetings, with s from a center that lies `further` back."""
+        return Hits(self.pixel[keep], self.triangle[keep], self.s[keep] + further, self.weights[keep])
 
 
 def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
@@ -58,17 +74,19 @@ def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
     a, b, c = np.moveaxis(triangles - center, 1, 0)
     sides = [np.cross(b, c).T, np.cross(c, a).T, np.cross(a, b).T]
     volume = np.einsum("ti,it->t", a, sides[0])
-    pixels, numbers, depths = [], [], []
+    pixels, numbers, depths, weights = [], [], [], []
     for start in range(0, len(directions), BLOCK):
         e, f, g = (directions[start : start + BLOCK] @ side for side in sides)
         pixel, number = np.nonzero((e * f >= 0) & (f * g >= 0) & (g * e >= 0))
-        total = e[pixel, number] + f[pixel, number] + g[pixel, number]
+        parts = np.stack([side[pixel, number] for side in (e, f, g)], axis=1)
+        total = parts.sum(axis=1)
         flat = total != 0
-        pixel, number, total = pixel[flat], number[flat], total[flat]
+        pixel, number, total, parts = pixel[flat], number[flat], total[flat], parts[flat]
         pixels.append(pixel + start)
         numbers.append(number)
         depths.append(volume[number] / total)
-    return Hits(pixel=np.concatenate(pixels), triangle=np.concatenate(numbers), s=np.concatenate(depths))
+        weights.append(parts / total[:, None])
+    return Hits(*(np.concatenate(of) for of in (pixels, numbers, depths, weights)))
 
 
 def lines(
@@ -92,8 +110,24 @@ def lines(
     t = t * wrong.film
     u = (2 * (np.arange(width) + wrong.sample[0]) + 1) / width - 1
     v = 1 - (2 * (np.arange(height) + wrong.sample[1]) + 1) / height
-    grid = np.broadcast_arrays(k[0] + u[None, :] * t[0], k[1] + v[:, None] * t[1], -1.0)
+    across, up = slopes(u[None, :], v[:, None], t, wrong)
+    grid = np.broadcast_arrays(k[0] + across, k[1] + up, -1.0)
     return np.array([x, y, 0.0]), np.stack(grid, axis=-1).reshape(-1, 3), np.array([k[0], k[1], 0.0])
+
+
+def slopes(u: Floats, v: Floats, t: Floats, wrong: Mistakes) -> tuple[Floats, Floats]:
+    """Return the slopes of the lines against the film's middle, through the renderer's lens."""
+    across, up = u * t[0], v * t[1]
+    if "x" in wrong.angles:
+        across = np.tan(u * np.arctan(t[0]))
+    if "y" in wrong.angles:
+        up = np.tan(v * np.arctan(t[1]))
+    share = np.hypot(across, up) / np.hypot(*t)
+    factor = 1 + wrong.distortion * share**2
+    if wrong.angles == "radial":
+        corner = np.hypot(*t)
+        factor = np.tan(share * np.arctan(corner)) / (np.maximum(share, 1e-12) * corner)
+    return across * factor, up * factor
 
 
 def of_camera(wrong: Mistakes, camera: int) -> Mistakes:
@@ -110,28 +144,23 @@ def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hit
     n, n_star = (of_camera(wrong, camera).near for camera in (0, 1))
     if n == n_star == 0 and wrong.shear[0] == wrong.shear[1] and wrong.only is None:
         hits = cast(triangles, center, directions)
-        s = hits.s
     else:
         up = np.array([0.0, 0.0, 1.0])
         behind, before = (
             cast(triangles, center + n * (up - shear), directions),
             cast(triangles, center - n_star * (up - shear_star), directions_star),
         )
-        keep, keep_star = behind.s > n, before.s < -n_star
-        s = np.concatenate([behind.s[keep] - n, before.s[keep_star] + n_star])
-        hits = Hits(
-            pixel=np.concatenate([behind.pixel[keep], before.pixel[keep_star]]),
-            triangle=np.concatenate([behind.triangle[keep], before.triangle[keep_star]]),
-            s=s,
-        )
-    keep = (s != 0) & (wrong.any_reach | ((s >= -world.reach[0]) & (s <= world.reach[1])))
-    number = world.seen[hits.triangle]
+        behind, before = behind.of(behind.s > n, -n), before.of(before.s < -n_star, n_star)
+        hits = Hits(*(np.concatenate(both) for both in zip(behind.fields, before.fields, strict=True)))
+    s = hits.s
+    front, back = np.multiply(world.reach, wrong.reach)
+    keep = (s != 0) & (wrong.any_reach | ((s >= -front) & (s <= back)))
     along = np.where((s < 0)[:, None], directions_star[hits.pixel], directions[hits.pixel])
     if wrong.cull:
         a, b, c = np.moveaxis(triangles[hits.triangle], 1, 0)
         seen = np.einsum("ni,ni->n", np.cross(b - a, c - a), -along)
         keep &= np.sign(seen) != wrong.cull
-    return Hits(pixel=hits.pixel[keep], triangle=number[keep], s=s[keep]), along[keep]
+    return replace(hits, triangle=world.seen[hits.triangle]).of(keep), along[keep]
 
 
 def rank(s: Floats, winner: str) -> Floats:
@@ -145,6 +174,14 @@ def rank(s: Floats, winner: str) -> Floats:
         "back over front": np.where(front, s + FRONT, s),
         "farthest in C": np.where(front, s, FRONT - s),
     }[winner]
+
+
+def coarse(s: Floats, world: World, wrong: Mistakes) -> Floats:
+    """Return what a depth buffer stores of each s, signed as s; equal ones go to the triangle drawn first."""
+    w = np.abs(s) + wrong.near
+    far = wrong.near + np.where(s < 0, *world.reach)
+    stored = np.round((2**wrong.depth_bits - 1) * far * (w - wrong.near) / (w * (far - wrong.near)))
+    return np.asarray(np.sign(s) * (1 + stored))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -178,40 +215,42 @@ def met(world: World, i: int, j: int) -> Ints:
 
 def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
     hits, along = all_hits(world, i, j, wrong)
-    first = rank(hits.s, wrong.winner)
+    first = rank(coarse(hits.s, world, wrong) if wrong.depth_bits else hits.s, wrong.winner)
     order = np.lexsort((first, hits.pixel))
     order = order[np.isfinite(first[order])]
     pixel, at = np.unique(hits.pixel[order], return_index=True)
     width, height = world.resolution
     triangle, radiance = np.full(height * width, -1), np.zeros((height * width, 3))
     triangle[pixel] = hits.triangle[order][at]
-    front = hits.s[order][at] < 0
-    radiance[pixel] = shade(world, triangle[pixel], along[order][at], front, wrong.light)
+    radiance[pixel] = shade(world, hits.of(order[at]), along[order][at], wrong)
     return Shown(triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3))
 
 
-def shade(world: World, triangle: Ints, directions: Floats, front: NDArray[np.bool_], how: str) -> Floats:
-    """Return radiance by Phong with the triangle's own normal, turned to the viewer."""
+def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floats:
+    """Return radiance by Phong, with the normal turned to the side of the triangle that is seen."""
     eye = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    a, b, c = np.moveaxis(world.triangles[triangle], 1, 0)
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    normal *= np.where(np.einsum("ni,ni->n", normal, eye) < 0, -1.0, 1.0)[:, None]
+    a, b, c = np.moveaxis(world.triangles[hits.triangle], 1, 0)
+    flat = np.cross(b - a, c - a)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    normal = np.einsum("nc,nci->ni", hits.weights, world.normals[hits.triangle])
+    normal = flat if wrong.normals == "flat" else normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    turned = np.where(np.einsum("ni,ni->n", flat, eye) < 0, -1.0, 1.0)[:, None]
+    normal = normal * (-turned if wrong.normals == "inverted" else turned)
     light = np.broadcast_to(np.array(world.light) / np.linalg.norm(world.light), eye.shape)
-    if how == "not conjugated":
-        light = np.where(front[:, None], -light, light)
-    if how == "head":
+    if wrong.light == "not conjugated":
+        light = np.where((hits.s < 0)[:, None], -light, light)
+    if wrong.light == "head":
         light = np.broadcast_to(np.array([0.0, 0.0, 1.0]), eye.shape)
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     facing, gloss = np.einsum("ni,ni->n", normal, light), np.einsum("ni,ni->n", mirrored, light)
-    of = world.object_of[triangle]
+    of = world.object_of[hits.triangle]
     diffuse = np.array([part.diffuse for part in world.parts])[of]
     ambient, specular, exponent = (
         np.array([getattr(part, name) for part in world.parts])[of]
         for name in ("ambient", "specular", "exponent")
     )
     shine = np.where(facing > 0, specular * np.maximum(gloss, 0) ** exponent, 0.0)
-    around = 0.0 if how == "head" else ambient
+    around = 0.0 if wrong.light == "head" else ambient
     return np.asarray((around + shine)[:, None] + diffuse * np.maximum(facing, 0)[:, None])
 
 
@@ -232,11 +271,24 @@ def eight_bits(radiance: Floats) -> Picture:
     return np.asarray(np.round(255 * np.clip(radiance, 0, 1)), dtype=np.uint8)
 
 
+def srgb(linear: Floats) -> Floats:
+    """Return linear values of 0 to 1 as sRGB has them."""
+    x = np.clip(linear, 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def linear(encoded: Floats) -> Floats:
+    """Return the linear values that sRGB stands for."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
 def picture(world: World, i: int, j: int, encoding: str, wrong: Mistakes = RIGHT) -> Picture:
     """Draw a hogel as a picture of one encoding."""
     shown = draw(world, i, j, wrong)
     if encoding == "rgb":
         return eight_bits(shown.radiance)
+    if encoding == "srgb":
+        return eight_bits(srgb(shown.radiance))
     return packed(numbers(world, shown, encoding))
 
 
@@ -246,13 +298,7 @@ def rewound(world: World) -> World:
     return replace(world, parts=parts, drawn={})
 
 
-def smaller(world: World) -> World:
-    """Return the scene on films half as wide and high."""
+def resized(world: World, factor: float) -> World:
+    """Return the scene on films larger or smaller by a factor."""
     width, height = world.resolution
-    return replace(world, resolution=(width // 2, height // 2), drawn={})
-
-
-def larger(world: World) -> World:
-    """Return the scene on films twice as wide and high."""
-    width, height = world.resolution
-    return replace(world, resolution=(width * 2, height * 2), drawn={})
+    return replace(world, resolution=(round(width * factor), round(height * factor)), drawn={})

@@ -1,7 +1,9 @@
 """The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it would write.
 
-`expected` has, by encoding, the names of faults of which one must be found, or be among the alternatives;
-an encoding without names asks only that nothing false is said. Names follow docs/verify.md.
+`expected` has, by encoding, the mistakes, each with the names of faults of which one must be found, or be
+among the alternatives; an encoding without names asks only that nothing false is said. Names are those of
+docs/verify.md.
+The classic renderers are here; `new_toys` adds the others.
 """
 
 import io
@@ -16,7 +18,9 @@ from tests.wrong_renderers.ray_caster import Mistakes, Picture, packed, picture
 from tests.wrong_renderers.worlds import Ints, World
 
 TRIANGLES, OBJECTS, RGB = ENCODINGS = ("triangle-id", "object-id", "rgb")
+SRGB = "srgb"
 IDS = (TRIANGLES, OBJECTS)
+GROUPS = ("classic", "new", "pairs")
 
 Draw = Callable[[World, int, int, str], Picture]
 
@@ -29,12 +33,17 @@ class Toy:
     words: str  # Description of the mistake in words
     draw: Draw
     encodings: tuple[str, ...] = ENCODINGS
-    expected: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    scene: str | None = None  # Name of the only scene for the renderer; None for all but `crowd`
+    expected: Mapping[str, tuple[frozenset[str], ...]] = field(default_factory=dict)
+    scene: str | None = None  # Name of the only scene for the renderer; None for `harbor` and `attic`
+    group: str = "classic"  # One of `GROUPS`
+
+    def causes(self, encoding: str) -> tuple[frozenset[str], ...]:
+        """Return the names of each mistake; `verify` must say one of each."""
+        return self.expected.get(encoding, ())
 
     def names(self, encoding: str) -> frozenset[str]:
-        """Return the names of faults of which `verify` must name one."""
-        return self.expected.get(encoding, frozenset())
+        """Return all names that `verify` may say."""
+        return frozenset().union(*self.causes(encoding))
 
 
 TWINS = {
@@ -67,7 +76,7 @@ def add(
             return picture(world, i, j, encoding, mistakes)
 
     by_encoding = {TRIANGLES: expected} if isinstance(expected, str) else expected
-    names = {encoding: frozenset(of.split()) for encoding, of in by_encoding.items() if of}
+    names = {encoding: (frozenset(of.split()),) for encoding, of in by_encoding.items() if of}
     TOYS[name] = Toy(name=name, words=words, draw=draw, encodings=encodings, expected=names, scene=scene)
 
 
@@ -114,7 +123,7 @@ def scaled_up(how: Image.Resampling) -> Draw:
     """The picture is drawn at half the size and enlarged."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
-        small = drawn_with(world, "small", ray_caster.smaller)
+        small = drawn_with(world, "small", lambda of: ray_caster.resized(of, 0.5))
         return np.asarray(Image.fromarray(picture(small, i, j, encoding)).resize(world.resolution, how))
 
     return draw
@@ -129,7 +138,9 @@ def drawn_with(world: World, name: str, make: Callable[[World], World]) -> World
 
 def antialiased(world: World, i: int, j: int, encoding: str) -> Picture:
     """The mean of two by two pixels of a picture twice as large."""
-    large = picture(drawn_with(world, "large", ray_caster.larger), i, j, encoding).astype(float)
+    large = picture(
+        drawn_with(world, "large", lambda of: ray_caster.resized(of, 2.0)), i, j, encoding
+    ).astype(float)
     mean = (large[::2, ::2] + large[1::2, ::2] + large[::2, 1::2] + large[1::2, 1::2]) / 4
     return np.asarray(mean.round(), dtype=np.uint8)
 
@@ -162,9 +173,7 @@ def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
 
 def gamma(right: Picture) -> Picture:
     """The film is fitted to a screen, which was not asked for."""
-    x = right / 255
-    srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.asarray(np.round(255 * srgb), dtype=np.uint8)
+    return ray_caster.eight_bits(ray_caster.srgb(right / 255))
 
 
 def noisy(world: World, i: int, j: int, encoding: str) -> Picture:

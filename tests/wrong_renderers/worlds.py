@@ -1,7 +1,7 @@
 """Scenes of their own: without symmetry, on both sides of the plate, one surface through it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -27,6 +27,25 @@ class Part:
     specular: float = 0.2
     exponent: float = 8.0
     hidden: bool = False
+    smooth: bool = False  # Whether the normals at corners are those of the vertices, and not the triangle's
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(F, 3, 3), unit normals at the corners: the faces' mean, weighted by angle, of each position."""
+        corners = self.corners[self.faces]
+        edges = np.roll(corners, -1, axis=1) - corners
+        edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+        flat = np.cross(edges[:, 0], edges[:, 1])
+        flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+        flat = np.repeat(flat[:, None], 3, axis=1)
+        if not self.smooth:
+            return flat
+        angle = np.arccos(-np.einsum("fci,fci->fc", edges, np.roll(edges, 1, axis=1)))
+        places, place = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        total = np.zeros_like(places)
+        np.add.at(total, place.ravel(), (angle[..., None] * flat).reshape(-1, 3))
+        total /= np.linalg.norm(total, axis=1, keepdims=True)
+        return np.asarray(total[place.ravel()].reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +68,11 @@ class World:
     def triangles(self) -> Floats:
         """(T, 3, 3), in the order of their numbers."""
         return np.concatenate([part.corners[part.faces] for part in self.parts])
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(T, 3, 3), unit normals at the corners of all triangles."""
+        return np.concatenate([part.normals for part in self.parts])
 
     @cached_property
     def object_of(self) -> Ints:
@@ -90,7 +114,8 @@ class World:
         )
         for part in self.parts:
             text += (
-                f'[[object]]\nmesh = "{part.name}.obj"\nmaterial = "{part.name}"\n[material.{part.name}]\n'
+                f'[[object]]\nmesh = "{part.name}.obj"\nmaterial = "{part.name}"\n'
+                f"smooth = {str(part.smooth).lower()}\n[material.{part.name}]\n"
                 f"ambient = {part.ambient}\ndiffuse = {list(part.diffuse)}\n"
                 f"specular = {part.specular}\nexponent = {part.exponent}\n"
             )
@@ -178,6 +203,12 @@ def harbor() -> World:
             _part("buoy", pebble((4.0, 3.0, 38.0), (5.0, 6.5, 5.0), 5), (0.65, 0.15, 0.2)),
         ),
     )
+
+
+def cove() -> World:
+    """The harbor with smooth normals."""
+    world = harbor()
+    return replace(world, name="cove", parts=tuple(replace(part, smooth=True) for part in world.parts))
 
 
 def attic() -> World:

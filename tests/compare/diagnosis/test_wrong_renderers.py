@@ -16,19 +16,11 @@ import OpenEXR
 import pytest
 
 import xfrustum
-from tests.wrong_renderers.outcomes import Case, Studio, cases, table, world_of
+from tests.wrong_renderers.new_toys import PAIRS, TOYS
+from tests.wrong_renderers.outcomes import BEYOND_DOUBT, MUST_EXPLAIN, Case, Studio, cases, table, world_of
 from tests.wrong_renderers.ray_caster import draw
-from tests.wrong_renderers.toys import ENCODINGS, TOYS, TWINS
+from tests.wrong_renderers.toys import ENCODINGS, SRGB, TWINS
 from xfrustum.cli.main import main
-
-LIMIT = 0.01  # `verify`'s own limit of wrong pixels in each hogel, where nobody states another
-
-BEYOND_DOUBT = 1.5 * LIMIT
-"""A renderer with more than this in its worst hogel must not pass; between it and none at all it may. Brute
-force counts a displaced pixel from a whole pixel on only, and colors from a tenth of white on."""
-
-MUST_EXPLAIN = 0.9
-"""Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
 
 MAX_DISPLACEMENT_PX = 0.5  # `verify`'s own limit, where nobody states another
 
@@ -43,6 +35,53 @@ QUICK = {
     ("harbor", "triangle-id"): ("right",),
 }
 """Renderers that run every time; all else is slow. To register plain pictures takes seconds, numbers less."""
+
+
+NOT_YET_NAMED = frozenset(
+    [
+        "z-negated",
+        "yz-exchanged",
+        "z-up",
+        "y-up",
+        "xy-exchanged",
+        "x-negated",
+        "front-flipped",
+        "transposed",
+        "equal-angles",
+        "equal-angles-x",
+        "equal-angles-y",
+        "fisheye",
+        "barrel-weak",
+        "barrel",
+        "pincushion",
+        "linear-for-srgb",
+        "srgb-for-linear",
+        "gamma-for-srgb",
+        "gamma-for-linear",
+        "encoded-twice",
+        "decoded",
+        "flat-normals",
+        "inverted-normals",
+        "stale",
+        "stale-block",
+        "late",
+        "exchanged",
+        "odd-columns",
+        "odd-rows",
+        "jitter",
+        "three-quarters-nearest",
+        "three-quarters-bilinear",
+        "object-right",
+        "object-forward",
+        "object-turned",
+        "object-missing",
+        "object-twice",
+        "starved",
+        "clipped",
+        "wrapped",
+    ]
+) | {"+".join(pair) for pair in PAIRS}
+"""Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""
 
 
 def is_quick(case: Case) -> bool:
@@ -88,9 +127,10 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert left <= (1 - MUST_EXPLAIN) * outcome.wrong, f"{sorted(outcome.names)} leave {left} wrong"
     if case.toy in DISPLACED and case.encoding == "triangle-id":
         assert outcome.displacement is None or outcome.displacement > MAX_DISPLACEMENT_PX
+    assert not outcome.false_causes
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     admitted = outcome.admits and (case.encoding != "triangle-id" or "does-not-explain" in expected)
-    assert not expected or outcome.named(expected) or admitted, f"said: {names}"
+    assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"
     if (case.scene, case.toy) in TWINS:
         # Two causes of the same pictures: a wrong one must not stand alone; numbers name one, or both.
         assert outcome.findings or case.encoding != "triangle-id"
@@ -100,9 +140,14 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
         assert both or not told or case.encoding != "triangle-id", names
 
 
+def test_those_that_are_not_yet_named_exist() -> None:
+    assert {name for name, toy in TOYS.items() if toy.group != "classic"} >= NOT_YET_NAMED
+    assert len(PAIRS) >= 10
+
+
 def test_there_are_more_than_twenty_and_they_are_wrong() -> None:
     assert len([toy for toy in TOYS.values() if TOYS["right"] is not toy]) > 20
-    world, encodings = world_of("attic"), {*ENCODINGS}
+    world, encodings = world_of("attic"), {*ENCODINGS, SRGB}
     assert {encoding for toy in TOYS.values() for encoding in toy.encodings} == encodings
     assert (draw(world, 0, 0).triangle >= 0).any()
 
