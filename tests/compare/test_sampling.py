@@ -32,7 +32,7 @@ from xfrustum.compare.sampling import (
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.scenes import Aperture, InputError, Plate
 
-SEEDS = 100  #: simulated surveys of each kind
+SEEDS = 200  #: simulated surveys of each kind
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
 """Share of them whose bounds may fail: a risk of 0.05 exceeds it in one test of 1000."""

@@ -15,11 +15,13 @@ from xfrustum import Rasterizer, open_scene
 
 
 def held_against(part: str, step: int) -> Tally:
-    """Compare every so many scenes of a part."""
-    chosen = list(truths.scenes())[::step]
+    """Compare every so many of a part's scenes; one that the corpus has and this checkout not is gone."""
     with np.load(HERE / f"{part}.npz") as old:
-        names = {name for name, _ in chosen}
+        known = dict.fromkeys(key.partition("|")[0] for key in old.files)
+        here = [name for name in known if truths.SHARED.is_dir() or not name.startswith("shared/")]
+        names = here[::step]
         kept = {key: old[key] for key in old.files if key.partition("|")[0] in names}
+        chosen = [(name, scene) for name, scene in truths.scenes() if name in names]
         return compare_arrays(kept, getattr(truths, part)(chosen))
 
 

@@ -156,7 +156,7 @@ def judge(shift: float, sigma: float, seed: int) -> NoiseTest:
 
 def test_false_alarms_are_as_rare_as_the_level_says() -> None:
     """A share of ALPHA of independent right pictures fails; p-values are uniform."""
-    runs = [judge(0.0, 0.1, seed) for seed in range(300)]
+    runs = [judge(0.0, 0.1, seed) for seed in range(600)]
     alarms = sum(not run.numbers.agrees for run in runs)
     assert alarms <= stats.binom.ppf(1 - 1e-6, len(runs), ALPHA)
     assert stats.kstest([run.numbers.p_value for run in runs], "uniform").pvalue > 1e-6
@@ -166,7 +166,7 @@ def test_false_alarms_are_as_rare_as_the_level_says() -> None:
 @pytest.mark.parametrize("shift_in_errors", [6.0, 12.0, 24.0])
 def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(shift_in_errors: float) -> None:
     """The deviation of a shifted pixel follows the noncentral t."""
-    sigma, runs = 0.1, 150
+    sigma, runs = 0.1, 300
     shift = shift_in_errors * sigma / np.sqrt(SAMPLES)
     found = sum(bool(judge(shift, sigma, seed).differs[4, 7]) for seed in range(runs))
     threshold = stats.t.isf(single_level(ALPHA, int(np.prod(SHAPE))) / 2, SAMPLES - 1)

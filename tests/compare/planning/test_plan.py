@@ -233,7 +233,7 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     assert not separated(round_number(index_below(second) - 1), None)
 
 
-@pytest.mark.parametrize(("name", "buffer", "separation"), [("car", D24, None), *NEEDING_CUTS[1:3]])
+@pytest.mark.parametrize(("name", "buffer", "separation"), [("car", D24, None), *NEEDING_CUTS[:3]])
 def test_no_larger_near_is_predicted_to_hold(
     name: str, buffer: tuple[DepthFormat, DepthMapping], separation: float | None
 ) -> None:

@@ -64,7 +64,7 @@ def checked_one_by_one(
     covered = []
     content = replace(EVERYTHING, effects=effects)
     with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
-        hogels = list(plate.hogels(apertures))
+        hogels = list(plate.hogels(iter(apertures)))
         assert [hogel.aperture for hogel in hogels] == list(apertures)
         for hogel in hogels:
             image = rasterizer.render(hogel.aperture, chosen, normals=False)
@@ -144,9 +144,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
 def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:
     scene = view("asymmetric", (16, 12))
     row = [scene.plate.aperture(column, 30) for column in range(41)]
-    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
-        hogels = list(plate.hogels(iter(row)))
-    assert [hogel.aperture for hogel in hogels] == row
+    assert checked_one_by_one(scene, DoubleFrustum(near=0.1), row) > 0.02
 
 
 def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:

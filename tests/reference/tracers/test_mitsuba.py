@@ -177,6 +177,11 @@ class TestTruth:
         np.testing.assert_array_equal(mitsuba.certainty, embree.certainty)
         np.testing.assert_array_equal(mitsuba.position, embree.position)
 
+    def test_versions_name_what_traced(self) -> None:
+        versions = Reference(open_scene("empty"), "mitsuba").versions
+        assert set(versions) == {"mitsuba", "mitsuba variant", "llvm"}
+        assert versions["mitsuba variant"] == mitsuba_backend().mitsuba.variant()
+
     def test_an_unknown_tracer_is_refused(self) -> None:
         with pytest.raises(InputError, match="embree"):
             Reference(open_scene("empty"), "optix")

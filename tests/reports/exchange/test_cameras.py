@@ -118,6 +118,19 @@ def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     assert cameras["scene_hash"] == scene.content_hash
 
 
+def test_the_file_says_where_cameras_stand_and_where_they_look(tmp_path: Path) -> None:
+    scene = small_view("asymmetric-recentered")
+    aperture, screen = scene.plate.aperture(5, 50), scene.frustum.screen
+    write_cameras(scene, "json", tmp_path, DoubleFrustum(near=3.0), [aperture])
+    k = [(m - a) / -screen.height for m, a in zip(screen.center, (aperture.x, aperture.y), strict=True)]
+    looks_to = {1: ("c", "-z"), -1: ("c-star", "+z")}
+    passes = read(tmp_path / "cameras.json")["apertures"][0]["passes"]
+    for one, (side, looks) in zip(passes, looks_to.items(), strict=True):
+        place = [aperture.x - side * 3 * k[0], aperture.y - side * 3 * k[1], side * 3]
+        assert np.allclose(one["shear"], k) and np.allclose(one["position"], place)
+        assert (one["camera"], one["looks_to"]) == looks
+
+
 def through_the_file(one: Any, points: np.ndarray) -> np.ndarray:
     """Return film coordinates u, v of points by a pass's matrix."""
     clip = np.c_[points, np.ones(len(points))] @ np.array(one["clip_from_scene"]).T

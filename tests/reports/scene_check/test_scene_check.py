@@ -209,7 +209,7 @@ def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: 
 TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\n"
 
 
-@pytest.mark.parametrize("off", ["1e-7", "-1e-15"])
+@pytest.mark.parametrize("off", ["0", "1e-7", "-1e-15"])
 def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
     off: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
