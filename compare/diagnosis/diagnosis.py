@@ -30,6 +30,7 @@ from xfrustum.compare.diagnosis.faults import (
 )
 from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
 from xfrustum.compare.diagnosis.registration import register
+from xfrustum.compare.diagnosis.scene_faults import scene_guesses
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
 from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
@@ -239,6 +240,7 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
+    groups += [("changes",)]
     for fields in groups:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
         if simpler != model:
@@ -401,7 +403,7 @@ def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) ->
 def _of_wrong(evidence: Evidence) -> Diagnosis:
     """Find out how a renderer draws if some of its images are wrong."""
     # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
-    reference, nominal, images = evidence.reference, evidence.nominal, evidence.images
+    whole, reference, nominal, images = evidence, evidence.reference, evidence.nominal, evidence.images
     fit = GeometryFit(model=nominal, low=nominal.parameters, high=nominal.parameters)
     means = "nothing, as no hogel shows enough to tell"
     claims, claiming = _claims(evidence)
@@ -421,13 +423,39 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
     explains = share is None or (share >= MIN_EXPLAINED_FRACTION and evidence.spares(best.model))
     if explains and (faults or share is None):
         if share is not None and evidence.pays(best.model):
-            return Diagnosis(model=best.model, faults=faults, means=means)
-        # The wrong pixels have causes that are nobody's fault, and need no other guess.
-        return Diagnosis(model=nominal, means=means)
-    # Step 3: no guess explains enough. The best fit is reported as doubtful, although fewer faults may do as
-    # well.
-    doubted = tuple(map(doubtful, faults or _named(evidence, fit)))
-    return Diagnosis(model=nominal, does_not_explain=doubted, means=means)
+            found = Diagnosis(model=best.model, faults=faults, means=means)
+        else:
+            # The wrong pixels have causes that are nobody's fault, and need no other guess.
+            found = Diagnosis(model=nominal, means=means)
+    else:
+        # No guess explains enough: the best fit is reported as doubtful, though fewer faults may do.
+        doubted = tuple(map(doubtful, faults or _named(evidence, fit)))
+        found = Diagnosis(model=nominal, does_not_explain=doubted, means=means)
+    # Step 3: what is no convention, such as another scene, where something is left to explain.
+    if (found.faults and not fit.spoiled) or not whole.wrong(found.model, explained=True):
+        return found
+    plain = fit.model.with_parameters(nominal.parameters)
+    values = nominal.parameters
+    bare = [replace(fit, model=one, low=values, high=values, alternatives=()) for one in (plain, nominal)]
+    fits = [best] if found.faults else [best, fit, *bare]
+    distinct = list({one.model: one for one in reversed(fits)}.values())[::-1]
+    return _with_other_faults(whole, claims, distinct, found)
+
+
+def _with_other_faults(
+    evidence: Evidence, claims: Claims | None, fits: Sequence[GeometryFit], found: Diagnosis
+) -> Diagnosis:
+    """Return a diagnosis with faults that are no conventions, where they explain what it leaves."""
+    for guess, more in scene_guesses(evidence, claims, fits):
+        model = evidence.reduced(guess.model)
+        if model.changes != guess.model.changes or not evidence.explains(model):
+            continue
+        if evidence.spares(model) and evidence.pays(model, found.model):
+            known = replace(guess, model=model, alternatives=())
+            share = evidence.share(model)
+            others = (replace(fault, explains=share) for fault in more)
+            return Diagnosis(model=model, faults=(*_named(evidence, known), *others), means=found.means)
+    return found
 
 
 def _claims(evidence: Evidence) -> tuple[Claims | None, int]:

@@ -123,6 +123,7 @@ class Claims:
     hogel: Indices  # (N, 2) column and row of the aperture that the file is named after
     pixel: Indices  # (N, 2) column and row of the pixel in the file
     corners: Floats  # (N, 3, 3) corners of the triangles, scene units
+    part: Indices  # (N,) number of the triangle's object, `NOTHING` for points
     of_points: bool
 
     def __len__(self) -> int:
@@ -131,7 +132,8 @@ class Claims:
 
     def chosen(self, index: Indices | Mask) -> Claims:
         """Return some of the claims."""
-        return replace(self, hogel=self.hogel[index], pixel=self.pixel[index], corners=self.corners[index])
+        names = ("hogel", "pixel", "corners", "part")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def thinned(self, count: int) -> Claims:
         """Return at most `count` claims, drawn at random with a fixed seed."""
@@ -167,11 +169,13 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
             corners = there[:, None] + size[:, None, None] * around
         else:
             corners = scene.triangles[image.triangle[rows, columns]]
+        whole = np.append(scene.object_of_triangle, NOTHING).astype(np.int64)
+        part = whole[np.where(points, NOTHING, image.triangle[rows, columns])]
         of_points &= points
         hogel = np.tile(np.array(image.camera.aperture.index, dtype=np.int64), (len(rows), 1))
-        parts.append((hogel, np.stack((columns, rows), axis=-1), corners))
-    hogel, pixel, corners = (np.concatenate(some) for some in zip(*parts, strict=True))
-    return Claims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, of_points=of_points)
+        parts.append((hogel, np.stack((columns, rows), axis=-1), corners, part))
+    hogel, pixel, corners, part = (np.concatenate(some) for some in zip(*parts, strict=True))
+    return Claims(scene=scene, hogel=hogel, pixel=pixel, corners=corners, part=part, of_points=of_points)
 
 
 def outside_px(claims: Claims, model: DrawnModel, cap: float) -> Floats:
@@ -250,10 +254,11 @@ class GeometryFit:
         return self.noise_px <= MAX_NOISE_PX
 
 
-def fit_geometry(claims: Claims, nominal: DrawnModel) -> GeometryFit:
+def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -> GeometryFit:
     """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
 
-    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements.
+    A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements. A
+    `simple` fit has at most one group of numbers off nominal, and is nominal where no such guess holds.
     """
     fitting = _Fitting(scene=claims.scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
@@ -264,6 +269,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel) -> GeometryFit:
         # Step 2: search the conventions, and try guesses with at most one group off nominal.
         starts = fitting.starts(few)
         found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
+        if not found and simple:
+            found = [(nominal, ())]
         if not found:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.

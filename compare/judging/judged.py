@@ -34,6 +34,7 @@ from xfrustum.compare.metrics.error_maps import (
     pixel_centers,
 )
 from xfrustum.compare.prediction.silhouettes import Kind, contours
+from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, unflipped
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -369,6 +370,7 @@ def judge(
     Image and surface points (H, W, 3), those of `shown_points`, are as found; the image's camera is that of
     the aperture that its file is named after. Causes are found if `explained`, which needs triangle numbers.
     """
+    reference = changed(reference, question.changes)
     judging, scene = judging or Judging(), reference.scene
     seen = _Compared.of(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
@@ -426,6 +428,7 @@ def wrong_pixels(
     Unless `explained`, rounding is not asked about, and both are the same.
     """
     # Which surface a pixel shows is asked, not how far its point has moved.
+    reference = changed(reference, question.changes)
     nowhere = np.full((*image.triangle.shape, 3), np.nan)
     seen = _Compared.of(reference, question, image, nowhere, judging or Judging())
     causes = seen.causes(reference.scene, question) if explained else None

@@ -13,6 +13,7 @@ from enum import Enum, StrEnum, auto
 
 import numpy as np
 
+from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
 from xfrustum.scenes.arrays import Floats
@@ -214,6 +215,8 @@ class DrawnModel:
     one_camera: OneCamera | None = None
     # Whether the lights of the viewer's half are conjugated.
     conjugated: bool = True
+    # Changes of the scene that was drawn (`changed_scene.changed`).
+    changes: tuple[SceneChange, ...] = ()
 
     @property
     def plain(self) -> bool:

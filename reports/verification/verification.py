@@ -13,6 +13,7 @@ from xfrustum.compare.diagnosis.diagnosis import Evidence, Findings, declared, d
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
+from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.conventions import ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import shown_points
@@ -253,7 +254,7 @@ class Run:
         same = same and (question.read_as_found or encoding.reading is None)
 
         def figures(asked: DrawnModel, of: HogelImage, judging: Judging, *, explained: bool) -> Figures:
-            points = shown_points(self.reference.scene, model, of)
+            points = shown_points(changed(self.reference, model.changes).scene, model, of)
             return judge(self.reference, asked, of, points, judging, explained=explained)
 
         as_found = figures(question.asked, given, self.limits.judging, explained=same)
