@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
-from xfrustum.compare.attribution.budget import RIGHT, Budget, make_budget
+from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
 from xfrustum.compare.attribution.radiance_budget import (
     RadianceBudget,
     RadianceLink,
@@ -30,12 +30,24 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
+from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Figure, Shown, Table, aligned, as_shown, digits, marked, png
+from xfrustum.scenes.notebook import (
+    Figure,
+    Shown,
+    Table,
+    aligned,
+    as_shown,
+    counted,
+    digits,
+    marked,
+    percent,
+    png,
+)
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -75,7 +87,8 @@ BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in CHAIN if name != "T5"))
 """Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
-SHOWN_GRAY, EMPTY_GRAY = 215, 250
+SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
+"""Colors of right pixels with and without a surface, RGBA: gray on white and on dark paper."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -109,8 +122,7 @@ class BudgetReport(Shown):
         """Return the numbers as aligned lines."""
         columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle", "standard_error")
         rows = [("radiance changes by", *(name.replace("_", " ") for name in columns))]
-        numbers = self.radiance.numbers
-        for row in (*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)):
+        for row in _radiance_rows(self):
             values = (getattr(row, name) for name in columns)
             rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
         return f"{table(self.geometry)}\n{aligned(rows)}"
@@ -202,6 +214,34 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
     return make_budget(reference, chain), chain
 
 
+IN_ALL = "in all"
+"""Name of the radiance error as a whole, beside its links."""
+
+
+def _radiance_rows(report: BudgetReport) -> tuple[RadianceLink, ...]:
+    """Return what each link adds to the radiance error, and the error as a whole."""
+    numbers = report.radiance.numbers
+    return (*numbers.links, RadianceLink(name=IN_ALL, **vars(numbers.total), standard_error=None))
+
+
+def _radiance_file(name: str) -> str:
+    return f"radiance-{'total' if name == IN_ALL else name.replace(' ', '-')}.png"
+
+
+def _counts(link: LinkNumbers) -> bool:
+    """Whether a link changes anything, or is predicted to."""
+    return bool(link.surface or link.pixels or link.predicted_surface or link.displacement_rms_px)
+
+
+def headline(numbers: BudgetNumbers) -> str:
+    """Say how many pixels show the wrong surface and why, and how many another triangle."""
+    wrong, most = sum(link.surface for link in numbers.links), max(numbers.links, key=lambda one: one.surface)
+    share = percent(wrong / max(numbers.judged, 1))
+    cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
+    said = f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
+    return f"{said}; {numbers.wrong:,} show another triangle"
+
+
 # As text -------------------------------------------------------------------------------------------------
 
 
@@ -223,17 +263,17 @@ def table(geometry: Budget) -> str:
         rows.append(cells)
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
     return (
-        f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle\n{aligned(rows)}\n"
+        f"{headline(numbers)}\n{aligned(rows)}\n"
         f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
 
 
 def _three_digits(value: float | None) -> str:
-    """Write a number with three digits, without an exponent where it is a count of pixels."""
+    """Write a number with three digits, and all digits of thousands of pixels."""
     if value is None:
         return "-"
-    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
+    return f"{value:,.0f}" if value >= 1000 else digits(value)
 
 
 def command(report: BudgetReport) -> str:
@@ -270,8 +310,9 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     pictures[BY_TRIANGLE] = causes(truth, geometry.charge, unexplained, own)
     pictures[BY_SURFACE] = causes(truth, geometry.surface_charge, unexplained & wrong, own)
     changes = (*report.radiance.change.steps, report.radiance.change.total)
-    for name, change in zip((*report.radiance.links, "total"), changes, strict=True):
-        pictures[f"radiance-{name.replace(' ', '-')}.png"] = images.radiance_map(change)
+    for name, change in zip((*report.radiance.links, IN_ALL), changes, strict=True):
+        pictures[_radiance_file(name)] = images.radiance_map(change)
+    changing = [one for one in _radiance_rows(report) if one.max]
     counts = {**geometry.numbers.explained, "unexplained": geometry.numbers.unexplained}
     values = {
         "scene": report.scene,
@@ -279,17 +320,19 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "why": report.why,
         "settings": report.settings,
         "numbers": geometry.numbers,
-        "radiance": report.radiance.numbers,
+        "headline": headline(geometry.numbers),
+        "links": [link for link in links if _counts(link)],
+        "idle": [link for link in links if not _counts(link)],
+        "changing": changing,
+        "unchanging": [one for one in _radiance_rows(report) if not one.max],
         "colors": colors,
         "words": LINK_WORDS,
         "unexplained_color": UNEXPLAINED_COLOR,
-        "unexplained": [int(unexplained.sum()), int((unexplained & wrong).sum())],
         "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
-        "grays": [f"rgb({gray},{gray},{gray})" for gray in (SHOWN_GRAY, EMPTY_GRAY)],
         "chain": list(report.images.items()),
         "by_triangle": BY_TRIANGLE,
         "by_surface": BY_SURFACE,
-        "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
+        "radiance_pictures": [_radiance_file(one.name) for one in changing],
         "radiance_range": images.RADIANCE_RANGE,
         "radiance_colors": images.RADIANCE_SCALE,
         "pictures": {name: images.address(encoded) for name, encoded in pictures.items()},
@@ -299,7 +342,9 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         write_json(staging.folder / DATA, report.summary())
         for name, encoded in pictures.items():
             (staging.folder / name).write_bytes(encoded)
-        page = html_page("budget.html.j2", {"digits": digits}, values)
+        page = html_page(
+            "budget.html.j2", {"digits": digits, "number": _three_digits, "counted": counted}, values
+        )
         (staging.folder / PAGE).write_text(page, encoding="utf-8")
         return staging.commit()
 
@@ -316,10 +361,10 @@ def causes(
 
     `charge` (H, W) is negative where a pixel is right; those that are unexplained have a color of their own.
     """
-    pixels = np.repeat(np.where(truth.covered, SHOWN_GRAY, EMPTY_GRAY)[..., None], 3, axis=-1)
-    colors = np.array([unlabel_rgb(color) for color in link_colors])
+    pixels = np.where(truth.covered[..., None], SHOWN, EMPTY)
+    colors = np.array([(*unlabel_rgb(color), LEVELS) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]
-    pixels[unexplained] = unlabel_rgb(UNEXPLAINED_COLOR)
+    pixels[unexplained] = (*unlabel_rgb(UNEXPLAINED_COLOR), LEVELS)
     buffer = io.BytesIO()
     Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()

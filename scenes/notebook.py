@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 
 def digits(value: float) -> str:
-    """Write a number with three digits, such as `0.0474` or `2.87e-7`."""
-    return plain(f"{value:.3g}")
+    """Write a number with three digits, such as `0.0474` or `2.87e-7`, and thousands in full: `7,470`."""
+    written = f"{value:.3g}"
+    return f"{float(written):,.0f}" if 1e3 <= abs(value) < 1e9 else plain(written)
 
 
 def percent(fraction: float) -> str:

@@ -51,11 +51,6 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
 
 def render_page(found: Survey, pictured: Pictured) -> str:
     """Return one HTML document that needs nothing else; of the same rows, always the same."""
-
-    def readable(value: float) -> str:
-        """Write a number with three digits, and thousands in full: `7,470` and no `7.47e3`."""
-        return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e9 else digits(value)
-
     scene, settings, command = found.scene, found.settings[found.best], None
     maps = {f"map-{number}": figure for number, figure in enumerate(map_figures(found))}
     drawn = {**maps, "distribution": distribution_figure(found), "depth": depth_figure(found)}
@@ -69,7 +64,7 @@ def render_page(found: Survey, pictured: Pictured) -> str:
         "command": command,
         "versions": versions(),
     }
-    return html_page("survey.html.j2", {"percent": percent, "digits": readable}, values)
+    return html_page("survey.html.j2", {"percent": percent, "digits": digits}, values)
 
 
 def map_figures(found: Survey) -> list[Figure]:

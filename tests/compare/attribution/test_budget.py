@@ -206,6 +206,10 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(
         row = next(row for row in page.split("<tr>") if f"<td>{link['name']}</td>" in row)
         assert f'fill="{CAUSE_COLORS[link["name"]]}"' in row
         assert f">{link['pixels']:,}</td>" in row and f">{link['surface']:,}</td>" in row
+    # It leads with wrong surfaces, and what changes nothing is folded.
+    assert page.index(f"{sum(link['surface'] for link in numbers['links']):,} of ") < page.index("<table")
+    assert "<summary>Nothing comes from pivot" in page
+    assert page.index("<td>pivot</td>") > page.index("<details>") > page.index("<td>near offset</td>")
     for name in ("edge", "order", "lost", "unexplained"):
         assert f"<td>{name}</td>" in page
     assert "--near 0.5 --slabs 4.0,10.0</pre>" in page
