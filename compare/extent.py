@@ -43,6 +43,9 @@ the reach, has every error that grows as 1/|z|."""
 MAX_NAMED_OBJECTS = 3
 """Largest number of objects that one message names, so that it stays one line; the others are counted."""
 
+FACING_RESOLUTION = (64, 64)
+"""Pixels of the images in which is counted how much of each object is seen from behind."""
+
 MIN_SIZE_FRACTION = 0.01
 """Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
 is more likely in other units than made for the plate: a pixel of a hogel is a hundredth or more of that
@@ -462,6 +465,31 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
             if (count := in_plate(part))
         ]
     )
+
+
+def facing_warnings(scene: Scene) -> tuple[str, ...]:
+    """Return a sentence for each object most of which is seen from behind, where `--cull back` leaves it out.
+
+    The middle aperture and the plate's corners are looked through, by a tracer alone: nothing is certified.
+    """
+    from xfrustum.compare.metrics.error_maps import turned_away  # noqa: PLC0415 - loads SciPy
+    from xfrustum.reference import Reference  # noqa: PLC0415 - loads ray tracers
+
+    coarse = replace(scene, frustum=replace(scene.frustum, resolution=FACING_RESOLUTION))
+    reference, found = Reference(coarse), []
+    seen = np.zeros((2, len(scene.objects)), dtype=np.int64)
+    for aperture in dict.fromkeys((scene.plate.middle, *scene.plate.corners)):
+        image = reference.propose(aperture, colored=False)
+        chosen = (image.covered, image.covered & turned_away(image))
+        seen += [np.bincount(image.object[pixels], minlength=len(scene.objects)) for pixels in chosen]
+    for number, (part, whole, away) in enumerate(zip(scene.objects, *seen.tolist(), strict=True)):
+        if 2 * away > whole:
+            told = (
+                f"{_percent(away / whole)} of what is seen of object {number} ({Path(part.name).name}) faces "
+            )
+            told += "away from the viewer, and `--cull back` leaves it out; flip_winding = true in its table "
+            found.append(f"{told}turns the winding of its faces")
+    return _first(found)
 
 
 def _first(found: list[str]) -> tuple[str, ...]:

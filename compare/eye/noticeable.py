@@ -80,22 +80,27 @@ DEPTH_SAMPLES = 33
 
 
 def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
-    """Return a length, a number and the name of its unit or None for the scene's own, in scene units.
+    """Return a length, a number and the name of its unit or None for the scene's own, in scene units."""
+    return length_in(length, scene.units, scene.name)
 
-    InputError where it has a unit, and either this unit or that of the scene is not known.
+
+def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
+    """Return a length in units; InputError where it has others, and either of them is not known.
+
+    The message has the name of the scene.
     """
     value, unit = length
-    if unit is None or unit == scene.units:
+    if unit is None or unit == units:
         return value
     known = ", ".join(MILLIMETERS)
     if unit not in MILLIMETERS:
         raise InputError(f"{value:g}{unit} has a unit that is not known; known are {known}")
-    if scene.units not in MILLIMETERS:
+    if units not in MILLIMETERS:
         raise InputError(
-            f"{scene.name}: how long is one of its {scene.units}? Give {value:g} in {scene.units}, without a "
+            f"{name}: how long is one of its {units}? Give {value:g} in {units}, without a "
             f"unit, or a unit that is known to the scene: {known}"
         )
-    return value * MILLIMETERS[unit] / MILLIMETERS[scene.units]
+    return value * MILLIMETERS[unit] / MILLIMETERS[units]
 
 
 @dataclass(frozen=True, kw_only=True)

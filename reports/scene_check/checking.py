@@ -10,6 +10,7 @@ import numpy as np
 from xfrustum.compare.extent import (
     ObjectExtent,
     extents,
+    facing_warnings,
     heights,
     length,
     plate_warnings,
@@ -90,7 +91,7 @@ class SceneCheck(Shown):
 def check(scene: Scene) -> SceneCheck:
     """Say where each object of a scene lies, which apertures may see it, and what looks like a mistake.
 
-    Nothing is drawn or traced: an object behind another one counts as seen.
+    An object behind another one counts as seen; only which side of an object is seen is traced.
     """
     objects = tuple(
         ObjectCheck(extent=extent, looks=_looks(part))
@@ -99,7 +100,7 @@ def check(scene: Scene) -> SceneCheck:
     unseen = unseen_facts(scene, scene.plate.apertures())
     told = [*scene.warnings, *([unseen] if unseen is not None else [])]
     if unseen is None:
-        told += [*warnings(scene), *plate_warnings(scene)]
+        told += [*warnings(scene), *plate_warnings(scene), *facing_warnings(scene)]
         told += [
             f"object {one.number} ({Path(one.name).name}) is outside the frusta of all apertures"
             for one in (checked.extent for checked in objects)

@@ -6,12 +6,18 @@ import os
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
+from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
+from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, length_in
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.arguments import choice
+from xfrustum.scenes.disk.input_files import check_hogels
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.geometry.shapes import place as placed
+from xfrustum.scenes.geometry.shapes import placement
 from xfrustum.scenes.geometry.tessellation import load_patches
 
 FOV_DEG, RESOLUTION = 60.0, 512
@@ -20,6 +26,10 @@ FOV_DEG, RESOLUTION = 60.0, 512
 HOGELS, ROOM = 61, 1.1
 """Apertures along the longer side of the plate: odd, so that the middle one is in the middle; and how much
 larger plate and reach are at least than what they must hold."""
+
+WHOLE = 1e-9
+"""Deviation from a whole number of cells, and from the distance of a viewer, that counts as none: quotients
+of lengths in other units have a few roundings of doubles."""
 
 ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is needed."""
@@ -31,6 +41,38 @@ class Place(StrEnum):
     THROUGH = "through"
     BEHIND = "behind"
     BEFORE = "before"
+
+
+class Up(StrEnum):
+    """The axis of the mesh that points up: y as in glTF, or z as in Blender and most CAD programs."""
+
+    Y = "y"
+    Z = "z"
+
+    @property
+    def rotate_deg(self) -> tuple[float, float, float]:
+        """The turn that makes the axis the scene's y: what looked along -y then looks at the viewer."""
+        return (-90.0, 0.0, 0.0) if self is Up.Z else (0.0, 0.0, 0.0)
+
+
+Length = float | tuple[float, str | None]
+"""A number of scene units, or a number and the name of its unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewSceneOptions:
+    """What of a new scene is asked for; None leaves it to the mesh."""
+
+    #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`, for no
+    #: other mesh file says which one it has.
+    units: str | None = None
+    size: float | None = None  #: of the longest side, scene units; by default its own, or to fit `plate`
+    place: Place | str | None = None
+    plate: tuple[Length, Length] | None = None  #: width and height
+    pitch: Length | None = None  #: largest distance between apertures
+    viewer: Length | None = None  #: distance from which no cells are seen, unless `pitch` says otherwise
+    up: Up | str = Up.Y
+    force: bool = False  #: replace an existing file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +89,19 @@ class NewScene:
     reach: float
     units: str
     heights: tuple[float, float]
-    #: What was placed otherwise, or cannot be drawn where it was asked for; None where nothing was.
+    rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    #: What was placed otherwise, cannot be drawn where it was asked for, or is seen as cells; None: nothing.
     warning: str | None = None
+
+    @property
+    def pitch(self) -> float:
+        """The larger distance between apertures of both axes, scene units."""
+        return max(side / count for side, count in zip(self.plate, self.hogels, strict=True))
+
+    @property
+    def cells_within(self) -> float:
+        """Distance from the plate within which an eye that resolves an arc minute sees hogels as cells."""
+        return self.pitch * ARCMIN_PER_RADIAN / ACUITY_ARCMIN
 
     @property
     def sentence(self) -> str:
@@ -57,60 +110,123 @@ class NewScene:
         return (
             f"{self.path}: the mesh is {shown} {self.units}, {heights(*self.heights, self.units)}; plate of "
             f"{length(self.plate[0])} x {length(self.plate[1])} {self.units} with {self.hogels[0]} x "
-            f"{self.hogels[1]} apertures, reach {length(self.reach)} {self.units} on both sides"
+            f"{self.hogels[1]} apertures, reach {length(self.reach)} {self.units} on both sides; from nearer "
+            f"than {length(self.cells_within)} {self.units} its hogels are seen as cells"
         )
 
 
 def new_scene(
-    mesh: Path | str,
-    out: Path | str | None = None,
-    *,
-    units: str | None = None,
-    size: float | None = None,
-    place: Place | str | None = None,
-    force: bool = False,
+    mesh: Path | str, out: Path | str | None = None, options: NewSceneOptions | None = None, **fields: Any
 ) -> NewScene:
     """Write a scene file whose plate, reach and field of view fit a mesh.
 
-    `units` names the length unit: by default `m` for glTF, whose unit is the meter, and else `units`, for
-    no other mesh file says which one it has. The longest side is scaled to `size`, scene units, and keeps
-    its own where None. Where no place is given, a mesh is put through the plate, or behind it where it is
-    flat and would lie in the plate, where displacement is undefined. `force` replaces an existing file.
+    Fields of `NewSceneOptions` may be given by name. Where no place is given, a mesh is put through the
+    plate, or behind it where it is flat and would lie in the plate, where displacement is undefined.
 
     Raises
     ------
     InputError
-        The mesh cannot be read or has no size, the size is not positive, the file exists already or cannot
-        be written.
+        The mesh cannot be read or has no size, a length is not positive or has an unknown unit, the pitch is
+        larger than the plate, the file exists already or cannot be written.
     """
-    mesh = Path(mesh)
-    asked = None if place is None else choice(Place, place, "place")
+    mesh, asked = Path(mesh), replace(options or NewSceneOptions(), **fields)
+    if asked.place is not None:
+        asked = replace(asked, place=choice(Place, asked.place, "place"))
+    asked = replace(asked, up=choice(Up, asked.up, "up"))
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
-    if out.exists() and not force:
+    if out.exists() and not asked.force:
         raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
-    if size is not None and not (math.isfinite(size) and size > 0):
-        raise InputError(f"size {size} must be a positive length")
-    if units == "":
+    if asked.units == "":
         raise InputError("units must be a text that is not empty")
-    named = units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
-    written = _fitted(mesh, out, named, size, asked)
+    named = asked.units or ("m" if mesh.suffix.lower() in (".gltf", ".glb") else "units")
+
+    def own(name: str, given: Length | None) -> float | None:
+        """Return a length in scene units."""
+        if given is None:
+            return None
+        value = length_in(given if isinstance(given, tuple) else (given, None), named, str(mesh))
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} {value} must be a positive length")
+        return value
+
+    sides = [own("plate", side) for side in asked.plate or ()]
+    display = _Display(
+        plate=tuple(side for side in sides if side is not None),
+        pitch=own("pitch", asked.pitch),
+        viewer=own("viewer", asked.viewer),
+    )
+    asked = replace(asked, units=named, size=own("size", asked.size))
+    written = _fitted(mesh, out, asked, display)
     with Staging(out.parent, (out.name,)) as staging:
         (staging.folder / out.name).write_text(_text(written, mesh), encoding="utf-8")
         staging.commit()
     return written
 
 
-def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place | None) -> NewScene:
+@dataclass(frozen=True, kw_only=True)
+class _Display:
+    """What is asked of the plate, and its viewer's distance, scene units; an empty plate is to be chosen."""
+
+    plate: tuple[float, ...]
+    pitch: float | None
+    viewer: float | None
+
+    def fit(self, width: float, height: float) -> tuple[tuple[float, float], tuple[int, int]]:
+        """Return the size of a plate for a mesh of this size, and its columns and rows of hogels."""
+        size = self.plate or tuple(_round_up(ROOM * side) for side in (width, height))
+        pitch = self.pitch
+        if pitch is None and self.viewer is not None:
+            pitch = self.viewer * ACUITY_ARCMIN / ARCMIN_PER_RADIAN
+        if pitch is None:
+            columns, rows = (max(1, 2 * round((side * HOGELS / max(size) - 1) / 2) + 1) for side in size)
+        else:
+            if self.pitch is not None and pitch > min(size):
+                raise InputError(f"a pitch of {length(pitch)} is larger than the plate, {length(min(size))}")
+            # A whole number of cells, but for the roundings of a quotient, is taken as it is.
+            columns, rows = (math.ceil(side / pitch * (1 - WHOLE)) for side in size)
+            if self.pitch is not None and not self.plate:
+                size = tuple(float(f"{count * pitch:.12g}") for count in (columns, rows))
+        check_hogels(columns, rows)
+        return (size[0], size[1]), (columns, rows)
+
+    def warning(self, written: NewScene) -> str | None:
+        """Return from where hogels are seen as cells, or what lies behind the viewer; None for neither."""
+        units, top = written.units, written.heights[1]
+        if self.viewer is not None and top >= self.viewer:
+            return (
+                f"the mesh ends {length(top)} {units} before the plate, and the viewer is "
+                f"{length(self.viewer)} {units} away: what is behind him he does "
+                "not see; give a smaller --size, or --behind"
+            )
+        seen = self.viewer is not None and self.viewer < written.cells_within * (1 - WHOLE)
+        if not (seen or (self.plate and self.viewer is None and self.pitch is None)):
+            return None
+        return (
+            f"from nearer than {length(written.cells_within)} {units} hogels of {length(written.pitch)} "
+            f"{units} are seen as cells; give a smaller --pitch, or --viewer, the distance from which they "
+            "must not be"
+        )
+
+
+def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
+    turn = Up(asked.up).rotate_deg
+    ends = box(part)
+    part = placed(part, placement(1.0, turn)) if any(turn) else part
     low, high = box(part)
     own = tuple(b - a for a, b in zip(low, high, strict=True))
     if not max(own) > 0:
         raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
-    scale = 1.0 if size is None else float(f"{size / max(own):.6g}")
+    scale = 1.0
+    if asked.size is not None:
+        scale = float(f"{asked.size / max(own):.6g}")
+    elif display.plate:
+        fits = min(side / (ROOM * mine) for side, mine in zip(display.plate, own, strict=False) if mine > 0)
+        scale = float(f"{fits:.6g}")
     width, height, depth = (side * scale for side in own)
     flat = depth <= PLATE_ROUNDING * max(width, height)
-    place = asked or (Place.BEHIND if flat else Place.THROUGH)
+    place = Place(asked.place or (Place.BEHIND if flat else Place.THROUGH))
     # A flat object behind or before the plate keeps the distance of its longest side.
     longest = max(width, height, depth)
     # From there on the middle aperture, of a plate no larger than the object, sees all of its nearest side.
@@ -123,10 +239,9 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place 
         for to, a, b in zip((0.0, 0.0, middle), low, high, strict=True)
     )
     bottom, top = scale * low[2] + z, scale * high[2] + z
-    plate = _round_up(ROOM * max(width, longest / 4)), _round_up(ROOM * max(height, longest / 4))
-    columns, rows = (max(1, 2 * round((side * HOGELS / max(plate) - 1) / 2) + 1) for side in plate)
+    plate, hogels = display.fit(max(width, longest / 4), max(height, longest / 4))
     warning = None
-    if flat and asked is None:
+    if flat and asked.place is None:
         warning = (
             "the mesh is flat, and is placed behind the plate: in the plate, displacement is undefined and "
             "no plan holds (--before places it on the viewer's side)"
@@ -136,19 +251,20 @@ def _fitted(mesh: Path, out: Path, units: str, size: float | None, asked: Place 
             f"{count:,} triangles lie in the plate, within rounding: displacement is undefined there, and "
             "no plan holds for apertures that show them; give --behind or --before, or another translate"
         )
-    return NewScene(
+    written = NewScene(
         path=out,
-        mesh=own,
+        mesh=tuple(b - a for a, b in zip(*ends, strict=True)),
         scale=scale,
         translate=(x, y, z),
         size=(width, height, depth),
         plate=plate,
-        hogels=(columns, rows),
+        hogels=hogels,
         reach=_round_up(ROOM * max(-bottom, top, longest / 2)),
-        units=units,
+        units=asked.units or "units",
         heights=(bottom, top),
-        warning=warning,
+        rotate_deg=turn,
     )
+    return replace(written, warning=warning or display.warning(written))
 
 
 def _round_up(value: float) -> float:
@@ -167,7 +283,9 @@ def _text(new: NewScene, mesh: Path) -> str:
 
     relative = Path(os.path.relpath(mesh.absolute(), new.path.absolute().parent)).as_posix()
     shown = " x ".join(length(side) for side in new.mesh)
-    vector = ", ".join(repr(value) for value in new.translate)
+    vector, turn = (", ".join(map(repr, triple)) for triple in (new.translate, new.rotate_deg))
+    turned = "" if any(new.rotate_deg) else "# "
+    pitch = f"a pitch of {length(new.pitch)}: cells are seen from nearer than {length(new.cells_within)}"
     return f"""\
 # Written by `xfrustum new`; `xfrustum check` draws where everything lies. All keys: CONVENTIONS.md.
 name = {quoted(mesh.stem)}
@@ -175,7 +293,7 @@ units = {quoted(new.units)}  # a name; all lengths here are in this unit
 
 [plate]  # in z = 0, about the origin; +z points to the viewer
 size = [{new.plate[0]!r}, {new.plate[1]!r}]  # width, height
-hogels = [{new.hogels[0]}, {new.hogels[1]}]  # columns, rows of apertures
+hogels = [{new.hogels[0]}, {new.hogels[1]}]  # columns, rows of apertures; {pitch}
 
 [frustum]
 resolution = [{RESOLUTION}, {RESOLUTION}]  # pixels of the image of one aperture
@@ -186,6 +304,7 @@ reach = [{new.reach!r}, {new.reach!r}]  # how far surfaces are shown: toward the
 mesh = {quoted(relative)}  # relative to this file
 scale = {new.scale!r}  # the mesh itself is {shown}
 translate = [{vector}]  # then it lies {heights(*new.heights, new.units)}
-# rotate_deg = [0.0, 0.0, 0.0]  # about x, then y, then z; after scale and before translate
+{turned}rotate_deg = [{turn}]  # about x, then y, then z; after scale and before translate
 # smooth = true  # normals for a mesh that has none
+# flip_winding = true  # for a mesh whose faces are wound the other way, before --cull back
 """

@@ -95,6 +95,7 @@ class _ObjectTable(_Table):
     translate: Triple | None = None
     material: Text | None = None
     smooth: Switch = False
+    flip_winding: Switch = False
     chord_tolerance: Positive | None = None
 
     @model_validator(mode="after")
@@ -308,6 +309,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             from xfrustum.scenes.files.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
 
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
+        part = shapes.flipped(part) if entry.flip_winding else part
         return shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
 
 

@@ -220,6 +220,20 @@ def smoothed(part: SceneObject) -> SceneObject:
     return replace(part, vertex_normals=normals, normals_made=made)
 
 
+def flipped(part: SceneObject) -> SceneObject:
+    """Return the object with its faces wound the other way.
+
+    Normals of its own are turned with them, unless most of them lie on the new side already, as in a file
+    whose normals are right and whose winding is not.
+    """
+    normals, faces = part.vertex_normals, part.faces[:, ::-1]
+    if normals is not None:
+        a, b, c = part.vertices[faces].transpose(1, 0, 2)
+        along = np.einsum("fi,fci->fc", np.cross(b - a, c - a), normals[faces])
+        normals = -normals if np.nansum(np.sign(along)) < 0 else normals
+    return replace(part, faces=faces, vertex_normals=normals)
+
+
 def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     """Return (V, 3) unit normals, weighted by angles; NaN where there are none."""
     # Scale sides to size one: products of the sides of tiny or huge triangles would under- or overflow.

@@ -31,6 +31,7 @@ from .reports.plate.store import camera_of as camera_of
 from .reports.scene_check.checking import SceneCheck as SceneCheck
 from .reports.scene_check.checking import check as check
 from .reports.scene_check.new_scene import NewScene as NewScene
+from .reports.scene_check.new_scene import NewSceneOptions as NewSceneOptions
 from .reports.scene_check.new_scene import new_scene as new_scene
 from .reports.survey.answer import Survey as Survey
 from .reports.survey.survey import survey as survey

@@ -22,7 +22,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
+from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit
 from xfrustum.terminal import printable, say
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -226,6 +226,12 @@ def _length(text: str) -> tuple[float, str | None]:
     return POSITIVE.read(match[1]), match[2] or None
 
 
+def _size(text: str) -> tuple[tuple[float, str | None], ...]:
+    """Return width and height; a unit behind the last is that of both."""
+    first, second = (_length(part.strip()) for part in text.split(","))
+    return (first[0], first[1] or second[1]), second
+
+
 def _depth(text: str) -> tuple[DepthFormat, DepthMapping]:
     form, _, mapping = text.lower().partition(":")
     return DepthFormat(form), DepthMapping(mapping or "standard")
@@ -238,6 +244,7 @@ BELOW_1 = Read(
 )
 SHARE = Read("SHARE", _share, "a share such as 1% or 0.01")
 LENGTH = Read("LENGTH", _length, "a length such as 600 or 600mm")
+SIZE = Read("W,H", _size, "width,height such as 600,400 or 600,400mm")
 NUMBERS = list_of(Read("N", float, ""), wants="a list of numbers such as 0.1,0.01")
 COUNT = Read("N", functools.partial(number, kind=int, least=1), "a number of at least 1")
 SIZES = list_of(COUNT, wants="a list of positive whole numbers such as 512,1024")
@@ -475,6 +482,15 @@ def warn_of(scene: Scene) -> None:
 
     for warning in extent.warnings(scene):
         say(f"warning: {warning}")
+
+
+def warn_of_culling(scene: Scene, settings: DoubleFrustum | Cull | None) -> None:
+    """Warn on standard error of objects of which culling leaves out most of what is seen."""
+    from xfrustum.compare.extent import facing_warnings
+
+    if Cull.BACK in (settings, getattr(settings, "cull", None)):
+        for warning in facing_warnings(scene):
+            say(f"warning: {warning}")
 
 
 def note(line: str) -> None:

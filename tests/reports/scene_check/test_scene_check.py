@@ -4,6 +4,7 @@ import json
 import math
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -19,6 +20,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
 from xfrustum.reports.scene_check.drawing import DARK, PictureFrame, View, draw_view, outlines
 from xfrustum.scenes import InputError, Scene, open_scene
+from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smoothed
 
 FILE = (
     named("two & a <half>", "mm")
@@ -202,6 +204,96 @@ def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: 
     with pytest.raises(InputError, match=said):
         xfrustum.new_scene(solid, tmp_path / "a.toml", **keywords)  # type: ignore[arg-type]
     assert not (tmp_path / "a.toml").exists()
+
+
+ARCMIN = math.pi / 180 / 60
+
+
+@pytest.mark.parametrize(
+    ("asked", "plate", "hogels", "told"),
+    [
+        # 600 mm at half a millimeter, and cells that an eye sees from nearer than 0.5 mm / 1'.
+        (["--plate", "600,400mm", "--pitch", "0.5mm"], (600, 400), (1200, 800), None),
+        (["--plate", "60cm,40cm", "--viewer", "2m"], (600, 400), (1032, 688), None),
+        (["--plate", "600,400", "--viewer", "600", "--pitch", "1"], (600, 400), (600, 400), "3,438 mm"),
+        (["--plate", "600,400"], (600, 400), (61, 41), "33,814 mm"),
+        (["--size", "55", "--pitch", "0.7"], (80.5, 40.6), (115, 58), None),
+        (
+            ["--size", "500", "--viewer", "50mm", "--plate", "60,40", "--pitch", "0.02"],
+            (60, 40),
+            (3000, 2000),
+            "behind",
+        ),
+    ],
+)
+def test_a_real_plate_gets_hogels_that_its_viewer_does_not_see_as_cells(
+    asked: list[str],
+    plate: tuple[float, float],
+    hogels: tuple[int, int],
+    told: str | None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = str(tmp_path / "part.toml")
+    arguments = ["new", str(mesh(tmp_path, "part.obj")), "--out", path, "--units", "mm", "--json", *asked]
+    assert main(arguments) == 0
+    printed = capsys.readouterr()
+    content, scene = json.loads(printed.out), open_scene(path)
+    assert scene.plate.size == pytest.approx(plate) and scene.plate.hogels == hogels
+    pitch = max(plate[0] / hogels[0], plate[1] / hogels[1])
+    assert content["pitch"] == pytest.approx(pitch)
+    assert content["cells_within"] == pytest.approx(pitch / ARCMIN)
+    assert (told in content["warning"] and told in printed.err) if told else content["warning"] is None
+    # A mesh of no stated size fits the plate.
+    low, high = box(scene.objects[0])
+    within = np.subtract(high, low)[:2] < plate
+    assert within.all() or "--size" in asked
+
+
+def test_a_mesh_whose_up_is_z_stands_upright_and_looks_at_the_viewer(tmp_path: Path) -> None:
+    solid = mesh(tmp_path, "part.ply", (1.0, 2.0, 8.0), at=(0.0, 0.0, 100.0))
+    written = xfrustum.new_scene(solid, tmp_path / "a.toml", up="z")
+    low, high = box(open_scene(str(written.path)).objects[0])
+    np.testing.assert_allclose(np.subtract(high, low), (1.0, 8.0, 2.0), atol=1e-4)
+    np.testing.assert_allclose(np.add(high, low), 0.0, atol=1e-3)
+    assert written.mesh == pytest.approx((1.0, 2.0, 8.0), abs=1e-4)
+    # What was up, +z, is up in the scene; what looked along -y, as Blender's front does, looks at the viewer.
+    turned = placement(1.0, written.rotate_deg)[:3, :3]
+    np.testing.assert_allclose(turned @ [0, 0, 1], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(turned @ [0, -1, 0], [0, 0, 1], atol=1e-15)
+
+
+# Winding -------------------------------------------------------------------------------------------------
+
+
+def test_a_mesh_wound_the_other_way_is_told_where_faces_are_culled_and_the_scene_file_turns_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solid, path = trimesh.creation.icosphere(2, 20.0), tmp_path / "a.toml"
+    solid.invert()
+    solid.export(tmp_path / "inside-out.ply")
+    xfrustum.new_scene(tmp_path / "inside-out.ply", path, place="behind", units="mm")
+    drawn = [*("raster", str(path), "--near", "0.1", "--out", str(tmp_path / "a.exr")), "--cull"]
+    told = "faces away from the viewer, and `--cull back` leaves it out"
+    capsys.readouterr()
+    for command, expected in ((["check", str(path)], 1), ([*drawn, "back"], 1), ([*drawn, "none"], 0)):
+        assert main(command) == 0
+        assert capsys.readouterr().err.count(told) == expected
+    wrong = open_scene(str(path)).objects[0]
+    path.write_text(path.read_text().replace("# flip_winding", "flip_winding"))
+    for command in (["check", str(path)], [*drawn, "back"]):
+        assert main(command) == 0
+        assert told not in capsys.readouterr().err
+    np.testing.assert_array_equal(open_scene(str(path)).objects[0].faces, wrong.faces[:, ::-1])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_normals_of_a_flipped_mesh_lie_on_the_side_of_its_new_winding(side: float) -> None:
+    """Whether its file had them on the side of its winding or, rightly, on the other one."""
+    ball = build_shape("sphere")
+    normals = side * np.asarray(smoothed(ball).vertex_normals)
+    turned = flipped(replace(ball, vertex_normals=normals)).vertex_normals
+    np.testing.assert_array_equal(turned, -np.asarray(smoothed(ball).vertex_normals))
 
 
 # Surfaces in the plate -----------------------------------------------------------------------------------

@@ -90,6 +90,7 @@ def raster(asked: _Raster) -> None:
 
     check_writable_image(asked.out)
     options.look_at(opened, [chosen], black_is_right=True)
+    options.warn_of_culling(opened, settings)
     with Rasterizer(opened, effects=asked.light.chosen(opened, (chosen,), settings)) as rasterizer:
         write_image(asked.out, rasterizer.render(chosen, settings, normals=True, color=True))
 

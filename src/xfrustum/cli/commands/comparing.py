@@ -70,6 +70,7 @@ def report(asked: _Report) -> None:
         given = tuple(opened.plate.aperture(*index) for index in asked.apertures or ())
         chosen = given or opened.default_apertures()
         options.look_at(opened, chosen)
+    options.warn_of_culling(opened, asked.sweep.get("cull"))
     how = ReportOptions(
         apertures=chosen,
         tracer=asked.tracer,

@@ -118,6 +118,7 @@ def plate(asked: _Plate) -> None:
     placed = None if asked.layout is None else LaidOutPlate(out=asked.out, layout=asked.layout)
     chosen = blocks_of_apertures(opened.plate, asked.blocks or [(None, None)])
     options.look_at(opened, chosen, black_is_right=True)
+    options.warn_of_culling(opened, asked.settings)
     content = PlateContent(
         color=ColorType(asked.color),
         ids=asked.ids,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.cli import options
-from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, flag, option, several
+from xfrustum.cli.options import FOLDER, LENGTH, POSITIVE, SIZE, TEXT, flag, one_of, option, several
 from xfrustum.terminal import say
 
 
@@ -37,7 +37,13 @@ class _New(options.Printed):
     mesh: Path = options.argument(type=FOLDER)
     out = option(FOLDER, "Scene file.  [default: NAME.toml in this folder]")
     units = option(TEXT, "Name of the length unit.  [default: m for glTF, else units]")
-    size = option(POSITIVE, "Length to which the mesh's longest side is scaled.  [default: unscaled]")
+    size = option(POSITIVE, "Length of the mesh's longest side.  [default: its own, or to fit --plate]")
+    display = several(
+        plate=option(SIZE, "Width and height of the plate, such as 600,400mm.  [default: to fit the mesh]"),
+        pitch=option(LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: --viewer's]"),
+        viewer=option(LENGTH, "Distance of a viewer, such as 600mm, who must not see hogels as cells."),
+    )
+    up = option(one_of("yz"), "Axis of the mesh that points up.", default="y")
     places = several(**{place: flag(words) for place, words in _PLACES.items()})
     force = flag("Replace a scene file that exists.")
 
@@ -51,11 +57,12 @@ def new(asked: _New) -> None:
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     place = next((place for place in reversed(_PLACES) if asked.places[place]), None)
-    how: dict[str, Any] = {"units": asked.units, "size": asked.size, "force": asked.force}
-    written = new_scene(asked.mesh, asked.out, place=place, **how)
+    how: dict[str, Any] = {"units": asked.units, "size": asked.size, "force": asked.force, "up": asked.up}
+    written = new_scene(asked.mesh, asked.out, place=place, **how, **asked.display)
     if written.warning is not None:
         say(f"warning: {written.warning}")
-    asked.tell(lambda: {**asdict(written), "path": str(written.path)}, lambda: written.sentence)
+    more = {"path": str(written.path), "pitch": written.pitch, "cells_within": written.cells_within}
+    asked.tell(lambda: {**asdict(written), **more}, lambda: written.sentence)
 
 
 class _Check(options.Printed):
