@@ -200,16 +200,7 @@ def measure_cost(
             for number, (p99, wrong) in _errors(ways, tracers["embree"]):
                 errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
                 bar.update()
-            seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in timed]
-            for _ in range(repeat):
-                for way, taken in zip(timed, seconds, strict=True):
-                    begun = time.perf_counter()
-                    made = way.make()
-                    taken["time_s"].append(time.perf_counter() - begun)
-                    if isinstance(made, Drawn):
-                        taken["gpu_s"].append(made.times["draw"].gpu_s)
-                        taken["read_s"].append(made.times["read"].wall_s)
-                    bar.update()
+            seconds = _seconds(timed, repeat, bar.update)
     options = [
         Option(
             renderer=way.renderer,
@@ -274,6 +265,21 @@ def _errors(ways: Mapping[Aperture, list[_Way]], reference: Reference) -> Iterat
     most = images_under_way(math.prod(reference.scene.frustum.resolution))
     with ThreadPoolExecutor(worker_count(), thread_name_prefix="judging") as pool:
         yield from in_order(tasks(pool), most)
+
+
+def _seconds(ways: list[_Way], repeat: int, done: Callable[[], object]) -> list[dict[str, list[float]]]:
+    """Return the repeated times of each way by their names in `Option`; all take turns."""
+    seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
+    for _ in range(repeat):
+        for way, taken in zip(ways, seconds, strict=True):
+            begun = time.perf_counter()
+            made = way.make()
+            taken["time_s"].append(time.perf_counter() - begun)
+            if isinstance(made, Drawn):
+                taken["gpu_s"].append(made.times["draw"].gpu_s)
+                taken["read_s"].append(made.times["read"].wall_s)
+            done()
+    return seconds
 
 
 def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[_Way]:

@@ -46,8 +46,9 @@ _GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
 #: glTF 2.0, table 5.1.1.3: bytes of a component by its type's code, and components of an element.
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_TRIANGLES = 4
 #: Modes of the primitives from which trimesh makes a geometry each: points, lines, triangles, strips.
-_PRIMITIVES_READ = (0, 1, _TRIANGLES := 4, 5)
+_PRIMITIVES_READ = (0, 1, _TRIANGLES, 5)
 
 # trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
