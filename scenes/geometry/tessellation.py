@@ -61,7 +61,8 @@ def second_derivatives(net: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def second_derivative_bounds(net: Floats) -> list[float]:
-    """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch: the hull of its control points."""
+    """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch."""
+    # A Bezier surface, hence also a derivative of one, lies in the convex hull of its control points.
     return [float(np.linalg.norm(part, axis=-1).max()) for part in second_derivatives(net)]
 
 
