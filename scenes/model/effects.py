@@ -43,9 +43,8 @@ class Region:
     """The bound: all crossed frusta of a rectangle of apertures, widened by a near offset."""
 
     scene: Scene
-    apertures: tuple[
-        tuple[float, float], ...
-    ]  # lowest and highest x, and y, of the points that lines run through
+    #: lowest and highest x, and y, of the points that lines run through
+    apertures: tuple[tuple[float, float], ...]
     step: float  #: largest distance by which cameras step back, scene units; 0 for the true frusta
     unbounded: bool = False  #: whether near is so small that float32 knows no far plane
 
