@@ -84,6 +84,11 @@ class CostReport(Shown):
         """The cheapest options within the tolerance and within a fifth of it."""
         return answers(self.options, self.tolerance_px)
 
+    @property
+    def answer(self) -> str:
+        """Which option to take, in one sentence."""
+        return answer(self.options, self.tolerance_px)
+
     def _said(self) -> str:
         column, row = self.aperture.index
         answered = " ".join(answer.sentence for answer in self.answers)
@@ -145,6 +150,7 @@ class CostReport(Shown):
                     }
                     for one in self.answers
                 ],
+                "answer": self.answer,
                 "upload_s": self.upload_s,
                 "machine": self.machine,
                 "versions": self.versions,
@@ -435,6 +441,32 @@ def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tu
     return replace(loose, sentence=_fastest(loose)), replace(strict, sentence=_stricter(loose, strict))
 
 
+def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
+    """Return the sentence that ends it: which option to take, and whether anything speaks against others."""
+    ranking, under = rank(options, tolerance_px), f"within {digits(tolerance_px)} px"
+    allowed = [
+        one for one in options if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
+    ]
+    taken = ranking.option
+    if taken is None:
+        return f"Nothing here stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
+    if len(allowed) == 1:
+        return f"Nothing else stays {under}: take {taken.label}."
+    if not ranking.ranked:
+        few = f"times are ranked from {FEWEST_REPETITIONS} repetitions on"
+        return (
+            f"Take {taken.label}, which has the least error {under}; {few} (--repeat {FEWEST_REPETITIONS})."
+        )
+    if len(ranking.fastest) == len(allowed):
+        return f"Nothing here {under} differs by more than the noise: take {taken.label}, of the least error."
+    if len(ranking.fastest) == 1:
+        return f"{taken.label} is the fastest {under}: take it."
+    return (
+        f"Of {len(allowed)} ways {under} {len(ranking.fastest)} are the fastest, and they differ by no more "
+        f"than the noise: take {taken.label}, of the least error."
+    )
+
+
 def _fastest(ranking: FastestWithin) -> str:
     under, count = f"under {digits(ranking.tolerance_px)} px", len(ranking.fastest)
     if not count:
@@ -516,13 +548,14 @@ def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
 
 
 def cost_table(measured: CostReport) -> str:
-    """Return the answers, then every option on the front as aligned lines."""
+    """Return the answers, every option on the front as aligned lines, and which one to take."""
     rows: list[tuple[str, ...]] = [("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")]
     for one, best in _ascending(measured.options):
         if best:
             times = (f"{1e3 * value:.2f}" for value in (one.time_s.median, *one.time_s.interval))
             rows.append((one.label, *times, f"{one.displacement_p99_px:.3g}", f"{one.surface_fraction:.3g}"))
-    return "\n".join([*(answer.sentence for answer in measured.answers), "", aligned(rows)])
+    told = [one.sentence for one in measured.answers]
+    return "\n".join([*told, "", aligned(rows), "", measured.answer])
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:

@@ -22,6 +22,7 @@ from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import (
     Option,
+    answer,
     answers,
     pareto,
     rank,
@@ -98,6 +99,22 @@ def test_a_stricter_tolerance_within_the_noise_costs_nothing_that_can_be_told() 
     loose, slower = timed("loose", [40, 40, 40, 41, 42], 0.4), timed("slower", [80, 80, 80, 80, 84], 0.05)
     assert "0.1 px would cost 2.00 times (1.90 to 2.10) the time" in answers([loose, slower], 0.5)[1].sentence
     assert answers([loose], 0.5)[1].sentence.startswith("Nothing that was measured stays under 0.1 px")
+
+
+def test_the_last_sentence_says_which_way_to_take() -> None:
+    quick, careful = timed("quick", [40, 40, 40, 41, 42], 0.4), timed("careful", [80, 80, 80, 80, 84], 0.05)
+    noisy = timed("noisy", [40, 41, 42, 43, 60], 0.01)
+    assert answer([quick, careful]) == "quick is the fastest within 0.5 px: take it."
+    assert answer([quick, careful], 0.1) == "Nothing else stays within 0.1 px: take careful."
+    assert answer([quick], 0.1).startswith("Nothing here stays within 0.1 px")
+    assert "differs by more than the noise: take noisy, of the least error" in answer([quick, noisy])
+    assert answer([quick, noisy, careful]).startswith("Of 3 ways within 0.5 px 2 are the fastest")
+    once = answer([timed("one", [40], 0.4), timed("other", [90], 0.01)])
+    assert (
+        once.startswith("Take other, which has the least error")
+        and "--repeat 5" in once
+        and "fastest" not in once
+    )
 
 
 def test_too_few_repetitions_rank_nothing() -> None:
