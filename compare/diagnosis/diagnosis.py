@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from xfrustum.compare.diagnosis.faults import (
     with_joint_numbers,
 )
 from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
+from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.diagnosis.scene_faults import scene_guesses
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
@@ -37,6 +39,7 @@ from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
     GROUPS,
+    OTHER_FIELDS,
     DrawnModel,
     Recentering,
     field_of,
@@ -221,7 +224,7 @@ class Evidence:
     def _wrong(self, model: DrawnModel, *, explained: bool = False) -> Mask:
         """Return the wrong pixels (N, H, W) by a guess; if `explained`, those without a known cause."""
         if (model, explained) not in self.known:
-            reference, judging, turned = self.reference, self.judging, model.orientation.applied
+            reference, judging, turned = self.reference, self.judging, model.applied
             pairs = [wrong_pixels(reference, model, one, judging, explained=explained) for one in self.tested]
             for place, one in enumerate((False, explained)):
                 self.known[model, one] = np.array([turned(pair[place]) for pair in pairs], dtype=np.bool_)
@@ -240,7 +243,7 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
-    groups += [("changes",)]
+    groups += [(name,) for name in OTHER_FIELDS]
     for fields in groups:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
         if simpler != model:
@@ -280,7 +283,7 @@ def _compared(
     reference: Reference, ways: Sequence[DrawnModel], image: HogelImage
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
     """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
-    scene, upright = reference.scene, ways[0].orientation.upright
+    scene, upright = reference.scene, ways[0].upright
     aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
     layers = [drawn(scene, way, aperture, known) for way in ways]
     if (image.triangle != NOTHING).any():
@@ -363,7 +366,8 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
 
 def diagnosis_of(evidence: Evidence) -> Diagnosis:
     """Find out how a renderer draws whose pixels are read as stated."""
-    if not evidence.images or evidence.wrong(evidence.nominal):
+    nominal = evidence.nominal
+    if not evidence.images or any(evidence.of([one]).wrong(nominal) for one in evidence.images):
         found = _of_wrong(evidence)
     else:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
@@ -432,7 +436,7 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
         doubted = tuple(map(doubtful, faults or _named(evidence, fit)))
         found = Diagnosis(model=nominal, does_not_explain=doubted, means=means)
     # Step 3: what is no convention, such as another scene, where something is left to explain.
-    if (found.faults and not fit.spoiled) or not whole.wrong(found.model, explained=True):
+    if not any(outlying(whole.of([one]), found.model) for one in whole.images):
         return found
     plain = fit.model.with_parameters(nominal.parameters)
     values = nominal.parameters
@@ -446,13 +450,18 @@ def _with_other_faults(
     evidence: Evidence, claims: Claims | None, fits: Sequence[GeometryFit], found: Diagnosis
 ) -> Diagnosis:
     """Return a diagnosis with faults that are no conventions, where they explain what it leaves."""
-    for guess, more in scene_guesses(evidence, claims, fits):
-        model = evidence.reduced(guess.model)
-        if model.changes != guess.model.changes or not evidence.explains(model):
+    guesses = (hogel_guesses(evidence, claims, fits), scene_guesses(evidence, claims, fits))
+    for guess, more in chain.from_iterable(guesses):
+        named = {one for one, _ in (*guess.model.shows, *guess.model.offsets)}
+        odd = [image for image in evidence.images if image.camera.aperture.index in named]
+        # Hogels that are named by themselves must be explained by themselves too.
+        of_named, model = evidence.of(odd) if odd else evidence, evidence.reduced(guess.model)
+        model = replace(model, **{name: getattr(guess.model, name) for name in OTHER_FIELDS})
+        if not (evidence.explains(model) and of_named.explains(model)):
             continue
-        if evidence.spares(model) and evidence.pays(model, found.model):
+        if evidence.spares(model) and of_named.pays(model, found.model):
             known = replace(guess, model=model, alternatives=())
-            share = evidence.share(model)
+            share = of_named.share(model)
             others = (replace(fault, explains=share) for fault in more)
             return Diagnosis(model=model, faults=(*_named(evidence, known), *others), means=found.means)
     return found

@@ -299,7 +299,7 @@ def moved_words(scene: Scene, offset: Sequence[float], smallest: float) -> str:
     """Return a move in words, such as `0.6 mm to the right`, without components below the smallest."""
     sides = (("to the left", "to the right"), ("downward", "upward"), ("to the back", "toward the viewer"))
     moves = zip(offset, sides, strict=True)
-    found = [f"{abs(one):.4g} {scene.units} {side[one > 0]}" for one, side in moves if abs(one) > smallest]
+    found = [f"{abs(one):.3g} {scene.units} {side[one > 0]}" for one, side in moves if abs(one) > smallest]
     return " and ".join(found) or "not moved"
 
 

@@ -303,6 +303,11 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
     )
 
 
+def fit_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> DrawnModel:
+    """Return a guess with some groups of numbers fitted to claims, and all else as it is."""
+    return _Fitting(scene=claims.scene, nominal=model).fitted(claims, model, groups)
+
+
 def _misfit(claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:
     """Return the mean distance by which claims fail, px; each counts `cap` at most."""
     return float(outside_px(claims, model, cap).mean())

@@ -103,8 +103,10 @@ def _with_objects(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
     """Return a guess with the objects that are missing, and those that are off by themselves."""
     scene, named = evidence.reference.scene, _named_objects(evidence)
     model, faults = fit.model, []
-    unnamed = [number for number in range(len(scene.objects)) if named is None or number not in named]
-    for number in unnamed[:MAX_TRIED_OBJECTS] if len(scene.objects) > 1 else ():
+    # Black images name no object: that all are missing would explain any of them.
+    shown = named is not None or any(one.color is not None and one.color.any() for one in evidence.images)
+    unnamed = [number for number in range(len(scene.objects)) if number not in (named or ())]
+    for number in unnamed[:MAX_TRIED_OBJECTS] if shown and len(scene.objects) > 1 else ():
         without = replace(model, changes=(*model.changes, SceneChange(part=number, missing=True)))
         if evidence.pays(without, model):
             words = f"{_called(scene, number)} is missing: it is not drawn"
@@ -122,7 +124,7 @@ def _with_objects(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
 
 def _off_by_themselves(claims: Claims, model: DrawnModel) -> list[int]:
     """Return the objects many of whose claims fail, where those of some other object hold."""
-    off: Mask = outside_px(claims, model, np.inf) > MAX_NOISE_PX
+    off: Mask = outside_px(claims, model, np.inf) > MAX_PART_NOISE_PX
     numbers, which, counts = np.unique(claims.part, return_inverse=True, return_counts=True)
     odd = np.bincount(which, off) / counts >= MIN_SPOILED_FRACTION
     wanted = odd & (counts >= MIN_PART_CLAIMS)
@@ -206,10 +208,10 @@ def _fault(scene: Scene, change: SceneChange) -> Fault:
         words = ", ".join(f"{one:.3g}" for one in along)
         if np.abs(along).max() > np.cos(np.radians(SMALLEST_TURN_DEG * 10)):
             words, angle = axis, angle * float(np.sign(along["xyz".index(axis)]))
-        words = f"{called} is turned by {angle:.4g} degrees about {words}, through its middle{also}"
+        words = f"{called} is turned by {angle:.3g} degrees about {words}, through its middle{also}"
         return Fault(fault=OBJECT_TURNED, value=angle, unit="degrees", words=words)
     if abs(factor - 1) > float(smallest_named(scene)[places("scene-scale")].min()):
-        words = f"{called} is {factor:.5g} times as large as asked, about its middle{also}"
+        words = f"{called} is {factor:.4g} times as large as asked, about its middle{also}"
         return Fault(fault=OBJECT_SCALE, value=factor, unit="ratio", words=words)
     return Fault(fault=OBJECT_MOVED, value=length, unit=scene.units, words=f"{called} is {moved}")
 

@@ -376,7 +376,7 @@ def judge(
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
     strange: Mask = (image.triangle < NOTHING) | (image.triangle >= len(scene.faces))
     strange |= (image.object < NOTHING) | (image.object >= len(scene.objects))
-    invalid = question.orientation.upright(strange) & shown
+    invalid = question.upright(strange) & shown
     count, error, surface, radiance = int(shown.sum()), seen.differs, None, None
     if by not in COLOR_ONLY:
         errors = wrong_surfaces(reference, question, answer, upright)
@@ -451,7 +451,7 @@ class _Compared:
         cls, reference: Reference, question: DrawnModel, image: HogelImage, points: Floats, judging: Judging
     ) -> _Compared:
         """Turn an image as a question does, and compare it as that of the aperture which it answers for."""
-        scene, upright = reference.scene, question.orientation.upright
+        scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
         answer = trace_drawn(reference, question, aperture)
         # A number below every number is as strange as one above them, and safer to look up.

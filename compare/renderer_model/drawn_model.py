@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
@@ -40,6 +42,10 @@ class Kind(Enum):
     SCREEN = auto()  # a length on the projection screen, of either sign
     NEAR = auto()  # a length of the scene, not negative, of any magnitude
 
+
+Index = tuple[int, int]
+OTHER_FIELDS = ("changes", "shows", "offsets", "odd_lines")
+"""Fields of `DrawnModel` of mistakes of the scene, of single hogels and of rows."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -217,6 +223,11 @@ class DrawnModel:
     conjugated: bool = True
     # Changes of the scene that was drawn (`changed_scene.changed`).
     changes: tuple[SceneChange, ...] = ()
+    # Apertures whose images hogels show, by their files' place; offsets of apertures of their own, x and y.
+    shows: tuple[tuple[Index, Index], ...] = ()
+    offsets: tuple[tuple[Index, tuple[float, float]], ...] = ()
+    # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or down.
+    odd_lines: tuple[int, int] | None = None
 
     @property
     def plain(self) -> bool:
@@ -256,11 +267,30 @@ class DrawnModel:
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
         """Return the aperture of the scene that a file named after one aperture shows."""
-        return scene.plate.aperture(*self.order.index(aperture.index, scene.plate.hogels))
+        ordered = self.order.index(aperture.index, scene.plate.hogels)
+        return scene.plate.aperture(*dict(self.shows).get(aperture.index, ordered))
+
+    def upright(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Return a picture (H, W, ..) as it belongs."""
+        return self.orientation.upright(self._unshifted(picture, -1))
+
+    def applied(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Return an upright picture (H, W, ..) as it was found: the inverse of `upright`."""
+        return self._unshifted(self.orientation.applied(picture), 1)
+
+    def _unshifted(self, picture: NDArray[Any], sign: int) -> NDArray[Any]:
+        if self.odd_lines is None:
+            return picture
+        axis, px = self.odd_lines
+        shifted = picture.copy()
+        odd = (slice(None),) * axis + (slice(1, None, 2),)
+        shifted[odd] = np.roll(picture[odd], sign * px, axis=1 - axis)
+        return shifted
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the guess has it."""
-        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset
+        own = dict(self.offsets).get(aperture.index, (0.0, 0.0))
+        x, y = np.multiply((aperture.x, aperture.y), self.pitch) + self.aperture_offset + own
         return replace(aperture, x=float(x), y=float(y))
 
     def frustum(self, scene: Scene) -> Frustum:

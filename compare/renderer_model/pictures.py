@@ -198,7 +198,7 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
-    upright = model.orientation.upright(image.triangle)
+    upright = model.upright(image.triangle)
     aperture = model.answers(scene, image.camera.aperture)
     points = np.full((*upright.shape, 3), np.nan)
     rows, columns = np.nonzero((upright >= 0) & (upright < len(scene.faces)))
@@ -229,7 +229,7 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
             nearest[nearer], least[nearer] = point[nearer], apart[nearer]
     best[missed] = nearest
     points[rows, columns] = best
-    return np.asarray(model.orientation.applied(points))
+    return np.asarray(model.applied(points))
 
 
 def _nearest_of_edge(
