@@ -39,7 +39,10 @@ class Renderer(StrEnum):
 
 
 CAMERA_FILES = {"json": "cameras.json", "gltf": "cameras.gltf", "mitsuba": "sensors.json"}
-"""Name of the one file of each renderer but Blender."""
+"""Name of the file of cameras of each renderer but Blender."""
+
+TRIANGLES_FILE = "scene.npz"
+"""Name of the file of numbered triangles and objects beside the cameras (`write_triangles`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +87,31 @@ def write_cameras(
     cameras = cameras_of(scene, settings, apertures or scene.default_apertures())
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
-    with Staging(out, (name,)) as staging:
+    with Staging(out, (name, TRIANGLES_FILE)) as staging:
         write_json(staging.folder / name, written)
+        write_triangles(scene, staging.folder / TRIANGLES_FILE)
         files = staging.commit()
-    return CameraFiles(renderer=chosen, files=files, next_step=f"read CONVENTIONS.md, and {files[0]}")
+    next_step = (
+        f"read CONVENTIONS.md, and {files[0]}; {TRIANGLES_FILE} has the numbered triangles and objects"
+    )
+    return CameraFiles(renderer=chosen, files=files, next_step=next_step)
+
+
+def write_triangles(scene: Scene, path: Path) -> None:
+    """Write the corners of all triangles and which object each belongs to, in the order of their numbers.
+
+    Lengths are in scene units and scene coordinates: no transform of an object is left to do.
+    """
+    objects = scene.objects
+    np.savez(
+        path,
+        vertices=scene.vertices,
+        faces=scene.faces,
+        object_of_triangle=scene.object_of_triangle,
+        first_vertex=np.cumsum([0, *(len(one.vertices) for one in objects)]),
+        first_triangle=np.cumsum([0, *(len(one.faces) for one in objects)]),
+        names=np.array([one.name for one in objects], dtype=np.str_),
+    )
 
 
 def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None) -> tuple[Path, ...]:
@@ -111,18 +135,10 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
         "colors": [material.diffuse for material in scene.materials],
         "lights": [{"direction": light.direction, "color": light.color} for light in scene.appearance.lights],
     }
-    first = np.cumsum([0, *(len(one.vertices) for one in objects)])
-    faces = [one.faces + start for one, start in zip(objects, first[:-1], strict=True)]
-    with Staging(out, ("render.py", "plate.json", "scene.npz")) as staging:
+    with Staging(out, ("render.py", "plate.json", TRIANGLES_FILE)) as staging:
         shutil.copyfile(Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py")
         write_json(staging.folder / "plate.json", described)
-        np.savez(
-            staging.folder / "scene.npz",
-            vertices=np.concatenate([np.zeros((0, 3)), *(one.vertices for one in objects)]),
-            faces=np.concatenate([np.zeros((0, 3), np.int64), *faces]),
-            first_vertex=first,
-            first_triangle=np.cumsum([0, *(len(one.faces) for one in objects)]),
-        )
+        write_triangles(scene, staging.folder / TRIANGLES_FILE)
         return staging.commit()
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
@@ -23,6 +24,7 @@ from xfrustum.scenes import (
     Offset,
     Pivot,
     Scene,
+    open_scene,
 )
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -71,6 +73,25 @@ def stored_depth(function: str, w: np.ndarray, n: float, f: float) -> np.ndarray
 def small_view(name: str) -> Scene:
     scene = view(name, (28, 21))
     return replace(scene, frustum=replace(scene.frustum, resolution=(28, 21)))
+
+
+@pytest.mark.parametrize("renderer", ["json", "gltf", "mitsuba"])
+def test_the_numbered_triangles_lie_beside_the_cameras(renderer: str, tmp_path: Path) -> None:
+    """A reader of NumPy alone knows what number a triangle and an object have, where they are, and their names."""
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        film((80.0, 60.0), hogels=(3, 3), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(90.0, 90.0))
+        + part("box", 20.0, (10.0, 0.0, -30.0), rotate_deg=(0.0, 30.0, 0.0))
+        + part("torus", 20.0, (0.0, 0.0, 30.0))
+    )
+    assert main(["camera", str(path), "--for", renderer, "--near", "0.1", "--out", str(tmp_path / "a")]) == 0
+    scene = open_scene(str(path))
+    with np.load(tmp_path / "a" / "scene.npz", allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["vertices"][stored["faces"]], scene.triangles)
+        np.testing.assert_array_equal(stored["object_of_triangle"], scene.object_of_triangle)
+        first, names = stored["first_triangle"], stored["names"].tolist()
+    assert names == ["box", "torus"]
+    assert [scene.object_of_triangle[number] for number in first[:-1]] == [0, 1] and first[1] == 12
 
 
 REVERSED: dict[str, Any] = {"depth": DepthFormat.D32F, "mapping": DepthMapping.REVERSED}

@@ -232,7 +232,8 @@ def camera(asked: _Camera) -> None:
 
     `json` has matrices, planes, depth functions and tests of every pass; `gltf` a node for each camera;
     `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders any apertures in
-    Blender 4.5 or newer, exactly and in one pass each (docs/blender.md).
+    Blender 4.5 or newer, exactly and in one pass each (docs/blender.md). Beside all lies scene.npz with the
+    numbered triangles and objects.
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.reports.exchange.cameras import write_cameras
