@@ -90,11 +90,9 @@ def write_cameras(
     with Staging(out, (name, TRIANGLES_FILE)) as staging:
         write_json(staging.folder / name, written)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
-        files = staging.commit()
-    next_step = (
-        f"read CONVENTIONS.md, and {files[0]}; {TRIANGLES_FILE} has the numbered triangles and objects"
-    )
-    return CameraFiles(renderer=chosen, files=files, next_step=next_step)
+        cameras_file, triangles_file = sorted(staging.commit(), key=lambda file: file.name != name)
+    next_step = f"read CONVENTIONS.md, and {cameras_file}; {triangles_file} has the numbered triangles"
+    return CameraFiles(renderer=chosen, files=(cameras_file, triangles_file), next_step=next_step)
 
 
 def write_triangles(scene: Scene, path: Path) -> None:

@@ -77,7 +77,7 @@ def small_view(name: str) -> Scene:
 
 @pytest.mark.parametrize("renderer", ["json", "gltf", "mitsuba"])
 def test_the_numbered_triangles_lie_beside_the_cameras(renderer: str, tmp_path: Path) -> None:
-    """A reader of NumPy alone knows what number a triangle and an object have, where they are, and their names."""
+    """A reader of NumPy alone knows which number each triangle and object has, where it is, and its name."""
     path = tmp_path / "scene.toml"
     path.write_text(
         film((80.0, 60.0), hogels=(3, 3), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(90.0, 90.0))
