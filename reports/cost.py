@@ -28,14 +28,14 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
-from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, pixels, where_it_lies
+from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
 from xfrustum.reports.scout import choices
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, Table, aligned, digits, percent
+from xfrustum.scenes.notebook import Shown, Table, aligned, counted, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
@@ -553,7 +553,7 @@ def cost_table(measured: CostReport) -> str:
     for one, best in _ascending(measured.options):
         if best:
             times = (f"{1e3 * value:.2f}" for value in (one.time_s.median, *one.time_s.interval))
-            rows.append((one.label, *times, f"{one.displacement_p99_px:.3g}", f"{one.surface_fraction:.3g}"))
+            rows.append((one.label, *times, digits(one.displacement_p99_px), percent(one.surface_fraction)))
     told = [one.sentence for one in measured.answers]
     return "\n".join([*told, "", aligned(rows), "", measured.answer])
 
@@ -566,10 +566,9 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
         "rows": _ascending(measured.options),
         "figure": trade_off_figure(measured.options, measured.tolerance_px),
     }
-    filters = {"digits": digits, "percent": percent, "pixels": pixels}
     with Staging(out, FILES) as staging:
         write_json(staging.folder / DATA, measured.summary())
-        page = html_page("cost.html.j2", filters, values)
+        page = html_page("cost.html.j2", {"digits": digits, "percent": percent, "counted": counted}, values)
         (staging.folder / PAGE).write_text(page, encoding="utf-8")
         return staging.commit()
 
@@ -606,7 +605,7 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
                     "size": [12 if best else 8 for _, best in mine],
                     "color": color,
                 },
-                "text": [f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
+                "text": [f"{one.label}<br>wrong surface {percent(one.surface_fraction)}" for one, _ in mine],
                 "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
             }
         )

@@ -19,7 +19,7 @@ MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and
 each is five pixels wide on the page."""
 
-MAP_PIXELS = 340  #: height of the map of a plate as high as wide, on the page
+MAP_PIXELS = 260  #: height of the map of a plate as high as wide, on the page
 MARK = "#D55E00"  #: color of the marks of apertures
 LABEL = "#1b1f24"  #: color of their labels, which lie on white on light and on dark paper
 
@@ -115,7 +115,8 @@ def plate_map(
     """Draw a number (rows, columns) over the plate, in its own proportions, row 0 at the top.
 
     The number is blank where it is NaN. Cells that are not `known`, by default those without a value, have
-    the value of the nearest of those that are. The color scale may be `logarithmic`.
+    the value of the nearest of those that are. The color scale may be `logarithmic`. Where the
+    title begins with "share", numbers are told in percent.
     """
     known = np.isfinite(values) if known is None else known
     if known.any():
@@ -132,6 +133,9 @@ def plate_map(
         "colorscale": "Viridis",
         "colorbar": {"thickness": 12, "outlinewidth": 0},
     }
+    if title.startswith("share"):
+        heat["colorbar"]["tickformat"] = "~%"
+        heat["hovertemplate"] = "column %{x:.0f}, row %{y:.0f}: %{customdata:.2~p}<extra></extra>"
     if logarithmic and (exponents := shown[np.isfinite(shown)]).size:
         # Powers of ten, or five ticks spread evenly where these are few.
         ticks = np.arange(np.ceil(exponents.min()), np.floor(exponents.max()) + 1)

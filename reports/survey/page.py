@@ -118,7 +118,7 @@ def depth_figure(found: Survey) -> Figure | None:
     """Draw displacement by depth of content, rms and largest; None where nothing was measured by depth."""
     if not any(tally.depth_pixels.any() for tally in found.tallies):
         return None
-    reach, lines = found.scene.frustum.longest_reach, []
+    reach, lines, drawn = found.scene.frustum.longest_reach, [], list[float]()
     names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(DEPTH_ENDS)]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
@@ -128,20 +128,21 @@ def depth_figure(found: Survey) -> Figure | None:
         curves = ("rms", rms, "solid"), ("largest", tally.depth_max_px, "dot")
         for word, values, dash in curves:
             shown = zip(values.tolist(), tally.depth_pixels > 0, strict=True)
+            heights = [value if is_shown and value > 0 else None for value, is_shown in shown]
+            drawn += [height for height in heights if height is not None]
             lines.append(
                 {
                     "x": names,
-                    "y": [value if is_shown and value > 0 else None for value, is_shown in shown],
+                    "y": heights,
                     "mode": "lines+markers",
                     "marker": {"symbol": marker},
                     "line": {"color": color, "dash": dash},
                     "name": f"{label}{word}",
                 }
             )
-    decades = {"type": "log", "dtick": 1, "exponentformat": "power"}
     layout = {
         "height": 380,
         "xaxis": {"title": f"|z| of the content, {found.scene.units}", "type": "category"},
-        "yaxis": {"title": "displacement, px", **decades},
+        "yaxis": {"title": "displacement, px", **log_axis(drawn)},
     }
     return styled(lines, layout)

@@ -30,7 +30,7 @@ from xfrustum.reports import inspection
 from xfrustum.reports.common.json_ready import json_object, json_ready
 from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.templates_environment import Filters, html_page
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
@@ -39,7 +39,7 @@ from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Figure, Shown, Table
+from xfrustum.scenes.notebook import Figure, Shown, Table, counted, plain
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -474,6 +474,51 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     return written
 
 
+MAP_CLASSES = (
+    (-math.inf, "#56b4e9", "keeps to the limits"),
+    (math.ulp(0.0), "#f3cf8e", "exceeds a limit"),
+    (0.1, "#e69f00", "a tenth or more is wrong"),
+    (0.5, "#d55e00", "half or more is wrong"),
+    (math.inf, "#8c8c8c", "missing"),
+)
+"""Classes of hogels on the map of a plate: the least share that is wrong, color and words."""
+
+
+def plate_map(found: Verification) -> dict[str, Any] | None:
+    """Return which hogels are wrong, as paths of an SVG in units of cells; None where no map is needed.
+
+    A cell of a large plate stands for several hogels, and shows the worst of them.
+    """
+    if found.passed or len(found.hogels) == 1:
+        return None
+
+    def badness(hogel: Hogel) -> float:
+        shares = (check.value or 0.0 for check in hogel.checks if check.unit == "share")
+        wrong = max(0.0 if hogel.passed else math.ulp(0.0), max(shares, default=0.0) * (not hogel.passed))
+        return math.inf if hogel.problem else wrong
+
+    every = ((*hogel.aperture.index, badness(hogel)) for hogel in found.hogels)
+    cells = PlateMap.of(found.scene.plate, "", every).cells
+    number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
+    classes = []
+    for place, (_, color, words) in enumerate(MAP_CLASSES):
+        rows, columns = np.nonzero((number == place) & ~np.isnan(cells))
+        path = "".join(
+            f"M{x} {y}h.96v.96h-.96z" for x, y in zip(columns.tolist(), rows.tolist(), strict=True)
+        )
+        classes.append({"color": color, "words": words, "path": path})
+    return {"size": cells.shape[::-1], "classes": [one for one in classes if one["path"]]}
+
+
+def number(value: float | None, unit: str | None) -> str:
+    """Write a number with six digits, whole ones in full, and shares as percent."""
+    if value is None:
+        return ""
+    if unit == "share":
+        return percent(value)
+    return f"{value:,.0f}" if float(value).is_integer() and abs(value) < 2**53 else plain(f"{value:.6g}")
+
+
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
     as_found, corrected = found.as_found, found.corrected
@@ -486,9 +531,11 @@ def render_page(found: Verification) -> str:
         "guesses": found.diagnosis.guesses,
         "as_found": as_found and figures_words(as_found),
         "corrected": corrected and figures_words(corrected),
+        "map": plate_map(found),
         "versions": {**versions(), **machine()},
     }
-    return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
+    filters: Filters = {"percent": percent, "figures": figures_words, "number": number, "counted": counted}
+    return html_page("verify.html.j2", filters, values)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -548,7 +595,8 @@ def table(found: Verification) -> str:
     lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
     for fault in found.diagnosis.faults:
         known = fault.low is not None and fault.high is not None
-        lines.append(f"  {fault.words}" + (f"  [{fault.low:.6g}, {fault.high:.6g}]" if known else ""))
+        ends = f"  [{number(fault.low, fault.unit)}, {number(fault.high, fault.unit)}]" if known else ""
+        lines.append(f"  {fault.words}{ends}")
     if found.diagnosis.faults:
         lines += [f"  explained: {told}" for told in explained(found)]
     elif found.explained is False:

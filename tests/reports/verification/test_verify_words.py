@@ -10,7 +10,14 @@ from tests.support.foreign_renderers import Faulty
 from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, doubtful
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import MeasuredBy
-from xfrustum.reports.verification.verdict import figures_words, render_page, table, with_correction_tested
+from xfrustum.reports.verification.verdict import (
+    figures_words,
+    number,
+    plate_map,
+    render_page,
+    table,
+    with_correction_tested,
+)
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import open_scene
 
@@ -74,6 +81,34 @@ def test_a_guess_is_told_where_it_explains_anything(explains: float, told: bool)
     assert ("moved: would explain only" in table(found)) is told
     assert ("moved: would explain only" in render_page(found)) is told
     assert [one["words"] for one in found.summary()["does_not_explain"]] == [guess.words]
+
+
+def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None:
+    found = verification({(0, 0): 0, (1, 0): 30, (0, 1): 900, (1, 1): None})
+    drawn = plate_map(found)
+    assert drawn is not None
+    paths = {one["words"]: one["path"] for one in drawn["classes"]}
+    assert paths == {
+        "keeps to the limits": "M0 0h.96v.96h-.96z",
+        "exceeds a limit": "M1 0h.96v.96h-.96z",
+        "half or more is wrong": "M0 1h.96v.96h-.96z",
+        "missing": "M1 1h.96v.96h-.96z",
+    }
+    assert all(f'd="{path}"' in render_page(found) for path in paths.values())
+    right = verification({(0, 0): 0, (1, 0): 0})
+    assert plate_map(right) is None and "Which hogels are wrong" not in render_page(right)
+
+
+def test_whole_numbers_are_written_in_full_and_shares_as_percent() -> None:
+    fault = Fault(
+        fault="background-id", value=16777215.0, unit="number", words="stored", low=2.0**24, high=0.5
+    )
+    found = verification({(0, 0): 900})
+    found = replace(found, diagnosis=replace(found.diagnosis, faults=(fault,)))
+    assert "stored  [16,777,216, 0.5]" in table(found)
+    page = render_page(found)
+    assert '<td class="n">16,777,215</td><td class="n">16,777,216</td><td class="n">0.5</td>' in page
+    assert "e+07" not in page and number(0.031, "share") == "3.1 %"
 
 
 def test_words_say_that_displacement_cannot_be_known_in_some_hogels_where_that_is_so() -> None:
