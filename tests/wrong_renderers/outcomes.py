@@ -92,19 +92,22 @@ class Outcome:
         return self.verdict == "pass" and self.truth.wrong > BEYOND_DOUBT
 
     @property
+    def whole(self) -> bool:
+        """Whether correction must mend all: a true cause beside one without a name leaves what that makes."""
+        return TOYS[self.case.toy].group == "classic" or self.all_named
+
+    @property
     def false_causes(self) -> tuple[str, ...]:
         """Names of findings that explain too little, or that are not the truth, where all of it is known."""
-        toy = TOYS[self.case.toy]
-        explains = self.residual <= (1 - MUST_EXPLAIN) * self.wrong
+        true = TOYS[self.case.toy].names(self.case.encoding)
+        mends = not self.whole or self.residual <= (1 - MUST_EXPLAIN) * self.wrong
+        known = TOYS[self.case.toy].group != "classic"
         return tuple(
             found.name
             for found in self.findings
-            if not explains
+            if not mends
             or (found.explains or 0) < MUST_EXPLAIN
-            or (
-                toy.group != "classic"
-                and not matches((found.name, *found.alternatives), toy.names(self.case.encoding))
-            )
+            or (known and not matches((found.name, *found.alternatives), true))
         )
 
 
