@@ -34,7 +34,7 @@ from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, Table, digits, percent
+from xfrustum.scenes.notebook import Shown, Table, counted, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
@@ -214,7 +214,7 @@ def explain(
     sampling, transport = scene.sampling, scene.transport
     side, many, points = sampling.supersample, sampling.multisample, sampling.aperture
     paths = f"{transport.samples} light paths a pixel"
-    smooth = f"{side} x {side} points a pixel and {many} coverage samples are asked for"
+    smooth = f"{side} x {side} points a pixel and {counted(many, 'coverage sample')} are asked for"
     for name, used, asked, cheap in (
         ("antialiasing", side > 1 or many > 1, smooth, "2 x 2 points a pixel"),
         ("band-limiting", points > 1, f"{points} sub-apertures are asked for", "4 sub-apertures"),
@@ -450,9 +450,10 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     else:
         largest = digits(found["largest_near"])
         yield f"near up to {largest} {units} keeps all of it {within}; for the plate ask `xfrustum plan`"
+    used = plan.scene.sampling.aperture
     errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
     yield (
-        f"band limiting: {plan.scene.sampling.aperture:,} sub-apertures are used; edges may be off by so "
+        f"band limiting: {counted(used, 'sub-aperture')} {'is' if used == 1 else 'are'} used; edges may be off by so "
         f"many levels of 8 bits: {', '.join(errors)}; {points(found['sub_apertures'])} keep them under one"
     )
 

@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.compare.eye.loss import (
     DEFAULT_COLOR,
+    SHIFT_PX,
     Collector,
     Disparity,
     DrawnHogel,
@@ -499,6 +500,18 @@ def _page(found: SceneView) -> str:
     return html_page("view.html.j2", {"digits": digits}, values)
 
 
+def _color_sentence(loss: Loss) -> list[str]:
+    """Return how much of a difference of colors that name no surface is shading; nothing for other images."""
+    if loss.fraction is not None or loss.color_fraction is None:
+        return []
+    said = f"Its colors differ in {percent(loss.color_fraction)} of the pixels"
+    if loss.shading is None:
+        return [f"{said}."]
+    reasons = "that is shading (lights, materials or the encoding of colors) and no displacement"
+    nowhere = f"have a color that the replayed truth has nowhere within {SHIFT_PX} px"
+    return [f"{said}; at least {percent(loss.shading)} of these {nowhere}: {reasons}."]
+
+
 def _sentences(found: SceneView) -> list[str]:
     """Return what the eyes lose, in words, the worst eye first."""
     eyes, units, told = found.record.eyes, found.record.units, []
@@ -518,6 +531,7 @@ def _sentences(found: SceneView) -> list[str]:
         unknown = f"; {UNKNOWN}: the hogels name none" if loss.fraction is None else ""
         lost = ", ".join(parts) or "loses nothing that can be told"
         told.append(f"The {name} {lost}{where}{unknown}.")
+        told += _color_sentence(loss)
     if found.renderer and any(eye.display.displacement_arcmin for eye in eyes):
         moves = [[one.displacement_arcmin for one in eye.losses.values()] for eye in eyes]
         pairs = [(a.p99, b.p99) for a, b in moves if a is not None and b is not None]

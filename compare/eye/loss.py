@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from xfrustum.compare.metrics.radiance import perceptual_difference
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import SurfacePoints
@@ -243,6 +245,9 @@ class Loss:
     displacement_arcmin: Quantiles | None  #: angle between where a point is shown and where it belongs
     depth_error: Quantiles | None  #: distance in depth of points of one object on the same ray, scene units
     flip: float | None  #: mean FLIP at the eye's pixels per degree; None where there are no colors
+    color_fraction: float | None  #: share of the judged pixels whose color differs
+    #: Of these the share whose color is nowhere within `SHIFT_PX`: other shading, for nothing has moved there
+    shading: float | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -254,9 +259,13 @@ class LossMaps(Brief):
     displacement_arcmin: Floats
     depth_error: Floats
     flip: Floats | None
+    recolored: tuple[Mask, Mask] | None  #: see `_recolored`
 
     def numbers(self) -> Loss:
         """Return the maps in numbers."""
+        differ, shaded = (
+            (int((one & self.judged).sum()) for one in self.recolored) if self.recolored else (0, 0)
+        )
         judged = int(self.judged.sum())
         wrong = None if self.wrong is None else int(self.wrong.sum())
         return Loss(
@@ -266,6 +275,8 @@ class LossMaps(Brief):
             displacement_arcmin=_spread(Quantiles, self.displacement_arcmin[self.judged], 50, 99, 100),
             depth_error=_spread(Quantiles, self.depth_error[self.judged], 50, 99, 100),
             flip=None if self.flip is None else float(self.flip.mean()),
+            color_fraction=None if self.recolored is None else differ / max(judged, 1),
+            shading=shaded / differ if differ else None,
         )
 
 
@@ -331,17 +342,36 @@ def _maps(
     for one in pair:
         judged = judged if one.certainty is None else judged & (one.certainty != Certainty.TIE)
     same = (expected.object == shown.object) & (expected.object != NOTHING)
-    flip = None
+    flip = recolored = None
     if expected.color is not None and shown.color is not None:
         per_degree = pixels_per_degree(scene, shown.eye)
         flip = perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(np.float64)
+        recolored = _recolored(expected.color, shown.color)
     return LossMaps(
         judged=judged,
         wrong=None if wrong is None else wrong & judged,
         displacement_arcmin=moved * ARCMIN_PER_RADIAN,
         depth_error=np.where(same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan),
         flip=flip,
+        recolored=recolored,
     )
+
+
+SHIFT_PX = 2  #: displacement on an eye's film, of which a color tells nothing of shading
+
+
+def _recolored(expected: ArrayLike, shown: ArrayLike) -> tuple[Mask, Mask]:
+    """Return which pixels (H, W) have another color than expected, and which of them by other shading.
+
+    The color of the latter lies outside the colors that are expected up to `SHIFT_PX` away. Near outlines
+    these reach from one surface to the other, so that there all may be displacement.
+    """
+    true, found = (np.clip(np.asarray(one, dtype=np.float64), 0.0, 1.0) for one in (expected, shown))
+    size = (2 * SHIFT_PX + 1, 2 * SHIFT_PX + 1, 1)
+    low, high = minimum_filter(true, size), maximum_filter(true, size)
+    differ = np.abs(found - true).max(axis=-1) > COLOR_TOLERANCE
+    beyond = np.maximum(found - high, low - found).max(axis=-1) > COLOR_TOLERANCE
+    return differ, differ & beyond
 
 
 def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:

@@ -16,6 +16,7 @@ from xfrustum.reports.view import eyes_on_path
 from xfrustum.scenes import DoubleFrustum, InputError, open_scene
 from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye
+from xfrustum.scenes.notebook import percent
 
 EYES, EYE, RESOLUTION, NEAR = "--eye=-20,3,300;25,3,300", "--eye=0,0,300", "--resolution=24,18", "--near=0.5"
 SCENE = """
@@ -158,6 +159,10 @@ def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
     (eye,) = found["eyes"]
     assert eye["renderer"]["wrong"] is None and eye["renderer"]["fraction"] is None
     assert eye["renderer"]["flip"] < 0.1
+    assert (
+        f"Its colors differ in {percent(eye['renderer']['color_fraction'])} of the pixels"
+        in (out / "index.html").read_text()
+    )
     page = (out / "index.html").read_text()
     assert "The renderer looks different by FLIP" in page and "wrong surfaces unknown" in page
     for encoding in ("rgb", "srgb"):

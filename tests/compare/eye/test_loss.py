@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.support.moved_scene import moved_scene
 from tests.support.views import reversed_d32f, view
@@ -182,6 +183,26 @@ def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
     np.testing.assert_array_equal(drawn.color, np.ones((45, 60, 3), dtype=np.float32))
     loss = renderer_loss(reference, replace(views, drawn=drawn), numbered=collector.numbered).numbers()
     assert loss.wrong is None and loss.flip is not None and loss.flip > 0.3
+
+
+def test_other_shading_is_told_from_displacement_by_colors_alone() -> None:
+    scene = small("asymmetric")
+    reference = EyeReference(scene)
+    (views,) = views_of(reference, reversed_d32f(NEAR), [LEFT])
+    assert views.replayed.color is not None
+
+    def loss(color: NDArray[np.float32]) -> tuple[float | None, float | None]:
+        drawn = replace(views.replayed, color=color)
+        found = renderer_loss(reference, replace(views, drawn=drawn), numbered=False).numbers()
+        return found.color_fraction, found.shading
+
+    true = np.asarray(views.replayed.color)
+    assert loss(true) == (0.0, None)
+    differ, shading = loss(np.roll(true, (2, -1), axis=(0, 1)))
+    assert differ is not None and differ > 0.05 and shading is not None and shading < 0.02
+    # All that is lit is darker, and away from outlines no surface has such a color.
+    differ, shading = loss(0.4 * true)
+    assert differ is not None and differ > 0.2 and shading is not None and shading > 0.15
 
 
 @pytest.mark.slow

@@ -247,7 +247,7 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     # A blur of more than a pixel: without band limiting half the contrast, else the points' discrepancy.
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(0.7 * 255 * 0.0329)
     text = table(plan)
-    assert "1 sub-apertures are used; edges may be off by so many levels of 8 bits: 1: 89.2" in text
+    assert "1 sub-aperture is used; edges may be off by so many levels of 8 bits: 1: 89.2" in text
     assert "8,192 keep them under one" in text and "4,096: 1.28" in text and "without cuts" in text
     inside = [row["side"] for row in summary(explain(scene(sheet(z=0.0))))["depths"]["rows"]]
     assert inside == ["behind", "before"] and " to any px" in table(explain(scene(sheet(z=0.0))))
