@@ -450,11 +450,11 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     else:
         largest = digits(found["largest_near"])
         yield f"near up to {largest} {units} keeps all of it {within}; for the plate ask `xfrustum plan`"
-    used = plan.scene.sampling.aperture
+    used, verb = plan.scene.sampling.aperture, "is" if plan.scene.sampling.aperture == 1 else "are"
     errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
     yield (
-        f"band limiting: {counted(used, 'sub-aperture')} {'is' if used == 1 else 'are'} used; edges may be off by so "
-        f"many levels of 8 bits: {', '.join(errors)}; {points(found['sub_apertures'])} keep them under one"
+        f"band limiting: {counted(used, 'sub-aperture')} {verb} used; edges may be off by so many "
+        f"levels of 8 bits: {', '.join(errors)}; {points(found['sub_apertures'])} keep them under one"
     )
 
 
