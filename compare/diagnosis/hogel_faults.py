@@ -52,7 +52,8 @@ def hogel_guesses(evidence: Evidence, claims: Claims | None, fits: Sequence[Geom
     # Without claims every guess is drawn: the best one and the nominal one are all that is tried.
     few = fits if claims is not None else list(dict.fromkeys((fits[0], fits[-1])))
     for search in (_with_other_images, _with_odd_lines, _with_offsets):
-        for fit in few:
+        # Pitch and offsets that a fit found may stand for the mean of the apertures' own: nominal ones first.
+        for fit in few[::-1] if search is _with_offsets else few:
             found = search(evidence, claims, fit)
             if found is not None:
                 yield found
@@ -149,9 +150,11 @@ def _with_odd_lines(evidence: Evidence, claims: Claims | None, fit: GeometryFit)
 
 def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -> Guess | None:
     """Return a guess in which each aperture has an offset of its own, fitted to the claims of its hogel."""
-    scene, model, offsets = evidence.reference.scene, fit.model, dict[Index, tuple[float, float]]()
+    scene, nominal, offsets = evidence.reference.scene, evidence.nominal, dict[Index, tuple[float, float]]()
     if claims is None:
         return None
+    unmoved = {"pitch": nominal.pitch, "aperture_offset": nominal.aperture_offset}
+    model = replace(fit.model, **unmoved, scene_offset=nominal.scene_offset)  # type: ignore[arg-type]
     smallest = float(smallest_named(scene)[places("aperture-offset")].max())
     for image in evidence.images:
         index = image.camera.aperture.index

@@ -33,6 +33,7 @@ from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import Filters, html_page
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
+from xfrustum.reports.verification.where import Places, where_words, where_wrong
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.arrays import Bytes
@@ -145,6 +146,7 @@ class Hogel:
     as_found: HogelNumbers | None = None
     corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
+    places: Places | None = None  #: where its wrong pixels are, as found
 
     @property
     def verdict(self) -> str:
@@ -372,6 +374,12 @@ class Verification(Shown):
         wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
         return False if wrong or self.diagnosis.does_not_explain else None
 
+    @property
+    def where(self) -> dict[str, Any] | None:
+        """Where images are wrong, where nothing explains it; else None."""
+        known = [(one.aperture, one.places) for one in self.hogels if one.places is not None]
+        return where_wrong(self.scene, known) if self.explained is False else None
+
     def _said(self) -> str:
         return f"{self.source} as an answer to {self.scene.name!r}. {sentence(self)}"
 
@@ -406,6 +414,7 @@ class Verification(Shown):
             "diagnosis": json_ready(self.diagnosis.faults),
             "does_not_explain": json_ready(self.diagnosis.does_not_explain),
             "explained": self.explained,
+            "where": self.where,
             "found_by": self.diagnosis.means,
             "as_found": json_ready(self.as_found),
             "corrected": json_ready(self.corrected),
@@ -529,6 +538,7 @@ def render_page(found: Verification) -> str:
         "explained": explained(found),
         "unexplained": unexplained(found),
         "guesses": found.diagnosis.guesses,
+        "where": where_words(found.where or {}),
         "as_found": as_found and figures_words(as_found),
         "corrected": corrected and figures_words(corrected),
         "map": plate_map(found),
@@ -602,6 +612,7 @@ def table(found: Verification) -> str:
     elif found.explained is False:
         lines.append(f"  {unexplained(found)}")
         lines += [f"    {fault.words}" for fault in found.diagnosis.guesses]
+        lines += [f"  wrong by {told}" for told in where_words(found.where or {})]
     else:
         judged = any(hogel.as_found for hogel in found.hogels)
         lines.append("  nothing found" if judged else "  no hogel could be judged")

@@ -37,6 +37,7 @@ from xfrustum.reports.verification.verdict import (
     WorstHogels,
     with_correction_tested,
 )
+from xfrustum.reports.verification.where import places_of
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.errors import InputError
@@ -264,6 +265,7 @@ class Run:
             checks=self.limits.checks(as_found),
             as_found=as_found.numbers,
             corrected=corrected.numbers,
+            places=places_of(as_found),
         )
         return judged, (as_found, corrected)
 

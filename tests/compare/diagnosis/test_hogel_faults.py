@@ -14,6 +14,7 @@ from tests.wrong_renderers.worlds import World, harbor
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.renderer_model.conventions import Orientation
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.reports.verification.verdict import render_page, table
 
 Draw = Callable[[World, int, int], Picture]
 
@@ -75,6 +76,26 @@ def test_apertures_with_offsets_of_their_own_are_named(tmp_path: Path, *, stagge
     (fault,) = found_in(draw, tmp_path).values()
     assert fault.fault == ("shifted-columns" if staggered else "jitter")
     assert not staggered or "odd columns" in fault.words
+
+
+def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> None:
+    world = replace(harbor(), resolution=(48, 36), drawn={})
+    scene = world.write(tmp_path)
+    noise = np.random.default_rng(0).integers(0, 3, (36, 48, 3), dtype=np.uint8)
+    for i, j in world.apertures:
+        right = drawn(world, i, j)
+        broken = np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
+        Image.fromarray(broken).save(tmp_path / f"{i}-{j}.png")
+    found = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
+    where = found.summary()["where"]
+    assert not found.diagnosis.faults
+    assert where["column"]["0"]["wrong"] == where["row"]["1"]["wrong"] == 0
+    assert where["column"]["2"]["wrong"] == where["row"]["0"]["wrong"] > 0
+    assert set(where["side"]) >= {"before", "behind"}
+    assert sum(one["wrong"] for one in where["side"].values()) == where["row"]["0"]["wrong"]
+    assert "3 (buoy)" in where["object"]
+    assert "wrong by column of hogels: 2 " in table(found)
+    assert "by column of hogels: 2 " in render_page(found)
 
 
 def test_shifted_lines_are_undone() -> None:
