@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
+    FLAT,
     HYPOTHESES,
     LIGHTS,
     MISTAKEN_UNITS,
@@ -29,6 +30,7 @@ from xfrustum.compare.diagnosis.faults import (
     faults_of,
     with_joint_numbers,
 )
+from xfrustum.compare.diagnosis.film_faults import films_of
 from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
 from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register
@@ -38,9 +40,11 @@ from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
+    EVEN,
     GROUPS,
     OTHER_FIELDS,
     DrawnModel,
+    Film,
     Recentering,
     field_of,
     screen_lengths,
@@ -240,7 +244,7 @@ def shows(image: HogelImage) -> bool:
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield, for each fault of a guess, the guess without this fault."""
     groups: list[tuple[str, ...]] = [(field_of(group),) for group in GROUPS if group != "near"]
-    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), FIELDS]
+    groups += [("orientation",), ("order",), ("recentering",), ("pivot",), ("fit",), ("film",), FIELDS]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     groups += [("one_camera", *CAMERA_GROUPS)] if model.one_camera is not None else []
     groups += [(name,) for name in OTHER_FIELDS]
@@ -262,7 +266,10 @@ def find_composition(
     ways = [
         reduce(lambda made, one: one.of(made), way, model)
         for way in WAYS
-        if model.one_camera is None or not any("one_camera" in one.fields for one in way)
+        if (model.one_camera is None or not any("one_camera" in one.fields for one in way))
+        # Nor is anything culled where a ray tracer draws.
+        and (model.film == EVEN or not any("culled" in one.fields for one in way))
+        and (FLAT not in way or reference.scene.surface.vertex_normals is not None)
     ]
     wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for shown, made in (_compared(reference, ways, image) for image in images):
@@ -285,7 +292,7 @@ def _compared(
     """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
     scene, upright = reference.scene, ways[0].upright
     aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
-    layers = [drawn(scene, way, aperture, known) for way in ways]
+    layers = [drawn(reference, way, aperture, known) for way in ways]
     if (image.triangle != NOTHING).any():
         return upright(image.triangle), [shown.triangle for shown in layers]
     answers = [as_image(reference, aperture, shown) for shown in layers]
@@ -373,19 +380,21 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
         means = f"{_counted(len(evidence.tested), 'hogel')}, in which nothing is wrong"
         found = Diagnosis(model=evidence.nominal, means=means)
+    found = _with_film(evidence, found)
     pictures = [one for one in evidence.images if one.color is not None]
-    if not pictures or not found.model.plain or not found.model.conjugated:
+    if not pictures or not found.model.plain or not found.model.conjugated or found.model.flat:
         return found
     # Numbers of surfaces say nothing of light: where images have colors too, these are tested by themselves.
     nothing, nowhere = np.full_like(pictures[0].triangle, NOTHING), np.full_like(pictures[0].position, np.nan)
     silent: dict[str, Any] = {"triangle": nothing, "object": nothing, "position": nowhere}
     colors = evidence.of([replace(image, **silent) for image in pictures])
-    lit = LIGHTS.of(found.model)
-    share = colors.share(lit) or 0.0
-    if share < MIN_EXPLAINED_FRACTION or not colors.pays(lit, found.model):
-        return found
-    fault = Fault(fault=LIGHTS.fault, value=LIGHTS.value, words=LIGHTS.words, explains=share)
-    return replace(found, model=lit, faults=(*found.faults, fault))
+    for one in (LIGHTS, FLAT):
+        lit = one.of(found.model)
+        share = colors.share(lit) or 0.0
+        if share >= MIN_EXPLAINED_FRACTION and colors.pays(lit, found.model):
+            fault = Fault(fault=one.fault, value=one.value, words=one.words, explains=share)
+            return replace(found, model=lit, faults=(*found.faults, fault))
+    return found
 
 
 def doubtful(fault: Fault) -> Fault:
@@ -465,6 +474,32 @@ def _with_other_faults(
             others = (replace(fault, explains=share) for fault in more)
             return Diagnosis(model=model, faults=(*_named(evidence, known), *others), means=found.means)
     return found
+
+
+def _with_film(evidence: Evidence, found: Diagnosis) -> Diagnosis:
+    """Return a diagnosis that names how pixels lie on their film, where that explains what nothing else does.
+
+    Pictures that are moved by whole pixels may be rolled: then what they show beside their borders says so.
+    """
+    asked, right = evidence.nominal, np.rint(found.model.shift).astype(int)
+    if found.faults:
+        more = any(getattr(found.model, name) != getattr(asked, name) for name in OTHER_FIELDS)
+        rolled = Film(rolled=(int(-right[0]), int(-right[1])))
+        film = replace(found.model, shift=asked.shift, film=rolled)
+        if not right.any() or more or not evidence.pays(film, found.model):
+            return found
+    elif not evidence.images or not evidence.wrong(asked):
+        return found
+    else:
+        # A few hogels choose the film, which all of them test.
+        few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
+        shown = [_compared(few.reference, [asked], image) for image in few.images]
+        films = [replace(asked, film=film) for film in films_of(few, shown)]
+        film = min(films, key=few.wrong)
+    if not (evidence.explains(film) and evidence.spares(film) and evidence.pays(film)):
+        return found
+    fit = GeometryFit(model=film, low=film.parameters, high=film.parameters)
+    return Diagnosis(model=film, faults=_named(evidence, fit), means=found.means)
 
 
 def _claims(evidence: Evidence) -> tuple[Claims | None, int]:

@@ -20,6 +20,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     KINDS,
     Culled,
     DrawnModel,
+    Film,
     Front,
     Kind,
     OneCamera,
@@ -31,6 +32,7 @@ from xfrustum.scenes.model.scene import Scene
 
 ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
 NOT_RECENTERED, SHEAR_SIGN, VIEW_SHEAR = "not-recentered", "shear-sign", "view-shear"
+EQUAL_ANGLES, DISTORTION, WRAPPED, RESAMPLED = "equal-angles", "distortion", "wrapped", "resampled"
 TOGETHER = "together"  # Several numbers none of which explains anything without the others
 
 MISTAKEN_UNITS = {
@@ -117,6 +119,12 @@ LIGHTS = Hypothesis(
     "lights are not conjugated: on the viewer's side bright and dark are exchanged; C* needs L* = -L",
     {"conjugated": False},
 )
+FLAT = Hypothesis(
+    "flat-normals",
+    "flat",
+    "triangles are shaded with their own normals: the scene's are interpolated between vertices",
+    {"flat": True},
+)
 FRONT_MISSING = Hypothesis(
     "front-missing",
     "missing",
@@ -134,7 +142,7 @@ HYPOTHESES = (
     *(FRONT_MISSING, BACK_MISSING, NEAREST, NOT_OVERLAID),
     *map(_culled, (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)),
     *map(_flipped, FLIPPED),
-    LIGHTS,
+    *(LIGHTS, FLAT),
 )
 """All of them; of those that images cannot tell apart, the one that comes first here is named first."""
 
@@ -184,6 +192,8 @@ def faults_of(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> tuple[Faul
         words += f"; or {', '.join(others)}: {witnesses} cannot tell" if others else ""
         value = "no shear" if name == NOT_RECENTERED else str(found.recentering)
         faults.append(Fault(fault=name, value=value, words=words, alternatives=others))
+    if found.film != nominal.film:
+        faults += _of_film(found.film)
     faults += _numbers(scene, nominal, fit, witnesses)
     for one in found_in(found):
         of_ways = [[other.fault for other in found_in(model)] for model in fit.alternatives]
@@ -191,6 +201,30 @@ def faults_of(scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> tuple[Faul
         also = f"; or {', '.join(others)}: images cannot tell" if others else ""
         faults.append(Fault(fault=one.fault, value=one.value, words=one.words + also, alternatives=others))
     return tuple(faults)
+
+
+def _of_film(film: Film) -> Iterator[Fault]:
+    """Yield the faults of a film on which pixels are not spaced evenly."""
+    if film.angles:
+        value = "x and y" if film.angles == "xy" else film.angles
+        words = f"pixels are spaced by equal angles along {value}: a flat film has equal tangents"
+        yield Fault(fault=EQUAL_ANGLES, value=value, words=words)
+    if film.distortion:
+        way = "farther out" if film.distortion > 0 else "farther in"
+        words = f"a lens distorts the film: lines of its corners lie {abs(film.distortion):.3%} {way}"
+        yield Fault(fault=DISTORTION, value=film.distortion, unit="ratio", words=words)
+    if film.unsheared or any(film.rolled):
+        (x, y), told = film.rolled, "in place of the frustum's shear"
+        if not film.unsheared:
+            sides = [f"{abs(x)} px to the {'right' if x > 0 else 'left'}"] if x else []
+            sides += [f"{abs(y)} px {'down' if y > 0 else 'up'}"] if y else []
+            told = "by " + " and ".join(sides)
+        words = f"images are rolled {told}: what leaves on one side comes in on the other"
+        yield Fault(fault=WRAPPED, value=told, words=words)
+    if film.size != 1:
+        how = "interpolated" if film.smooth else "the nearest pixel was taken"
+        words = f"images were drawn at {film.size:.4g} of their resolution and enlarged: {how}"
+        yield Fault(fault=RESAMPLED, value=film.size, unit="ratio", words=words)
 
 
 def with_joint_numbers(

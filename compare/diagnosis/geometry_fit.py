@@ -17,19 +17,22 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares, linprog
+from scipy.optimize import least_squares, linprog, minimize_scalar
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
+    EVEN,
     FLIPPED,
     GROUPS,
     PREFERENCE,
+    RADIUS,
     SCREEN_GROUPS,
     SMALLEST_FACTOR,
     SMALLEST_SHIFT_PX,
     TOLD_APART_PER_REACH,
     DrawnModel,
+    Film,
     OneCamera,
     Recentering,
     places,
@@ -106,6 +109,13 @@ UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
 # last; extents of the film, a field of view taken for half of it or half for all; heights of the screen.
 START_NEARS, SHEARED_NEAR, MAX_STARTS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist()), 0.03, 4
 START_SCALES, START_FILMS, START_HEIGHTS = (1e-3, 0.03, 0.3, 3.0, 30.0), (0.5, 2.0, 3.0), (0.5, 2.0)
+
+# Lenses that are tried: spacings by equal angles, and distortions of a film's corners. The precision of the
+# latter moves the corner of a film of 2000 pixels by a thousandth of one. Then come steps about the
+# best one.
+ANGLES, DISTORTIONS, DISTORTION_PRECISION = ("xy", "x", "y", RADIUS), np.linspace(-0.4, 0.4, 81), 1e-6
+MAX_LENS_RATIO = 0.5  # Largest mean failure of claims with a lens, over that without, at which it is fitted
+DISTORTION_STEPS = np.linspace(-2e-3, 2e-3, 81)
 
 Found = list[tuple[DrawnModel, tuple[str, ...]]]
 """Guesses, the preferred one first, each with the names of its groups that were fitted."""
@@ -220,7 +230,11 @@ def inside_px(claims: Claims, model: DrawnModel) -> tuple[Floats, Floats]:
             line_x = y * w[following] - w * y[following]
             line_y = w * x[following] - x * w[following]
             line_1 = x * y[following] - y * x[following]
-            values = line_x * u + line_y * v + line_1
+            if model.film == EVEN:
+                values = line_x * u + line_y * v + line_1
+            else:
+                across, up = model.film.bent(u, v, one.half_extent)
+                values = line_x * across + line_y * up + line_1
             volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
             # Step 3: divide by the gradient, for a distance in pixels. The depth of the triangle's plane at
             # the point follows from the same quantities. The determinant's sign says which side is inside.
@@ -271,6 +285,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
         found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
         if not found and simple:
             found = [(nominal, ())]
+        if not found:
+            found = fitting.bent(some, starts)
         if not found:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.
@@ -437,6 +453,29 @@ class _Fitting:
             scaled = least_squares(failures, scaled, f_scale=attraction_px, max_nfev=trials, **options).x
         values[index] = scaled * scales
         return start.with_parameters(values)
+
+    def bent(self, claims: Claims, starts: Sequence[DrawnModel]) -> Found:
+        """Return the guess with a lens before the film, and one group off nominal at most, that holds."""
+        few, films = claims.thinned(MAX_SCREENED_CLAIMS), [Film(angles=angles) for angles in ANGLES]
+        films += [Film(distortion=distortion) for distortion in DISTORTIONS.tolist()]
+        plain = dict.fromkeys(one.with_parameters(self.nominal.parameters) for one in starts)
+        tried = [replace(start, film=film) for start, film in itertools.product(plain, films)]
+        least, best = min(((_misfit(few, one), one) for one in tried), key=lambda pair: pair[0])
+        if least > MAX_LENS_RATIO * min(_misfit(few, start) for start in starts):
+            return []
+        if best.film.distortion:
+
+            def misfit(distortion: float) -> float:
+                return _misfit(claims, replace(best, film=Film(distortion=distortion)))
+
+            step, options = float(np.ptp(DISTORTIONS[:2])), {"xatol": DISTORTION_PRECISION}
+            within = best.film.distortion - step, best.film.distortion + step
+            finest = float(minimize_scalar(misfit, bounds=within, method="bounded", options=options).x)
+            # Where several hold equally well, as all of them may on a coarse film, the middle is taken.
+            failures = {one: misfit(one) for one in (finest + DISTORTION_STEPS).tolist()}
+            held = [one for one, failure in failures.items() if failure == min(failures.values())]
+            best = replace(best, film=Film(distortion=(min(held) + max(held)) / 2))
+        return self.simplest(claims, [best], range(2), NOISE_FACTOR * SNAP_PX)
 
     def freest(self, claims: Claims, starts: Sequence[DrawnModel]) -> DrawnModel:
         """Return the best guess with everything free, the usual, better conditioned groups first."""

@@ -187,6 +187,60 @@ FLIPPED = tuple(
 
 
 @dataclass(frozen=True, kw_only=True)
+class Film:
+    """Where the pixels of a picture sample their film: by default each at its own place, evenly spaced."""
+
+    # Axes along which pixels are spaced by equal angles, not by equal tangents: x, y, xy; or the radius.
+    angles: str = ""
+    # By which part a lens moves lines at the film's corners outward; it grows by the square of the radius.
+    distortion: float = 0.0
+    # Pixels by which the picture is rolled, to the right and down: what leaves comes in on the other side.
+    rolled: tuple[int, int] = (0, 0)
+    # Whether it is rolled by whole pixels in place of the shear of the frustum.
+    unsheared: bool = False
+    # Resolution at which it was drawn, over that of the file, and whether it was enlarged by interpolation.
+    size: float = 1.0
+    smooth: bool = False
+
+    def bent(self, u: Floats, v: Floats, half: tuple[float, float]) -> tuple[Floats, Floats]:
+        """Return where on an even film of some half-extents, slopes, a lens has places -1 to 1."""
+        (tx, ty), corner = half, math.hypot(*half)
+        x, y = u * tx, v * ty
+        if "x" in self.angles:
+            x = np.tan(u * math.atan(tx))
+        if "y" in self.angles:
+            y = np.tan(v * math.atan(ty))
+        if self.angles == RADIUS or self.distortion:
+            share = np.hypot(x, y) / corner
+            factor = 1 + self.distortion * np.square(share)
+            if self.angles == RADIUS:
+                factor = np.tan(share * math.atan(corner)) / np.maximum(share * corner, 1e-12)
+            x, y = x * factor, y * factor
+        return x / tx, y / ty
+
+    def directions(self, pencil: Pencil) -> Floats:
+        """Return d (H, W, 3) of the line that each pixel samples; see `Pencil.directions`."""
+        if self == EVEN:
+            return pencil.directions()
+        shears = np.array(pencil.shear) / pencil.half_extent * pencil.resolution / 2 * (1, -1)
+        rolls = np.where(self.unsheared, np.rint(shears), 0.0).astype(int) - self.rolled
+        places = []
+        for count, roll in zip(pencil.resolution, rolls.tolist(), strict=True):
+            drawn = max(1, round(count * self.size))
+            pixel = np.floor(((np.arange(count) + roll) % count + 0.5) * drawn / count)
+            places.append((2 * pixel + 1) / drawn - 1)
+        u, v = np.meshgrid(places[0], -places[1])
+        x, y = self.bent(u, v, pencil.half_extent)
+        (tx, ty), (kx, ky) = pencil.half_extent, (0.0, 0.0) if self.unsheared else pencil.shear
+        return np.stack((kx + x * tx, ky + y * ty, np.full_like(x, -1.0)), axis=-1)
+
+
+RADIUS = "radius"  # Value of `Film.angles`
+EVEN = Film()
+"""The film on which pixels are spaced evenly, as they should be."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class DrawnModel:
     """How a plate was drawn. Lengths are in scene units, pairs and triples along x, y and z."""
 
@@ -228,6 +282,9 @@ class DrawnModel:
     offsets: tuple[tuple[Index, tuple[float, float]], ...] = ()
     # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or down.
     odd_lines: tuple[int, int] | None = None
+    # Whether triangles are shaded with their own normals, not with those of their vertices.
+    flat: bool = False
+    film: Film = EVEN
 
     @property
     def plain(self) -> bool:
@@ -332,8 +389,13 @@ class DrawnModel:
         )
 
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
-        """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate."""
+        """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate.
+
+        NaN everywhere on an uneven film, of which only the reverse is known.
+        """
         found = np.full((*points.shape[:-1], 2), np.nan)
+        if self.film != EVEN:
+            return found
         plate = self.plate_height
         for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
             found[here] = pixel_places(points[here], self.pencil(scene, aperture, side))

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, unflipped
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Culled, DrawnModel, Film, Front, unflipped
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
@@ -14,7 +15,7 @@ from xfrustum.reference.lines.triangles import distance_to_triangles, facing, pl
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Singles
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Aperture
@@ -34,24 +35,26 @@ CAMERA_DISTANCE_PER_REACH = 1e-6
 # doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-Layers = dict[tuple[Pencil, bool, Culled], Layer]
-"""Layers that cameras showed, by their lines, whether the nearest surface won, and the faces left out."""
+Layers = dict[tuple[Pencil, bool, Culled, Film], Layer]
+"""Layers of cameras, by their lines, whether the nearest surface won, the faces left out, and the film."""
 
 
 def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
     """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
-    return as_image(reference, aperture, drawn(reference.scene, model, aperture))
+    return as_image(reference, aperture, drawn(reference, model, aperture))
 
 
-def drawn(scene: Scene, model: DrawnModel, aperture: Aperture, known: Layers | None = None) -> Layer:
+def drawn(reference: Reference, model: DrawnModel, aperture: Aperture, known: Layers | None = None) -> Layer:
     """Return what the cameras of a guess show; `known` holds layers of this aperture for other guesses."""
-    known = {} if known is None else known
+    known, scene = {} if known is None else known, reference.scene
 
     def shown(side: int, *, nearest: bool = False) -> Layer:
         pencil = model.pencil(scene, aperture, side)
-        key = (pencil, nearest, model.culled)
-        if key not in known:
+        key = (pencil, nearest, model.culled, model.film)
+        if key not in known and model.film == EVEN:
             known[key] = layer(scene, pencil, nearest=nearest, culled=model.culled)
+        elif key not in known:
+            known[key] = _layer_through(model.film, reference, pencil, nearest=nearest)
         return known[key]
 
     if model.plain and model.one_pencil:
@@ -89,6 +92,26 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
     return Layer(companions=np.stack((row, column, number), axis=1), **arrays)
 
 
+def _layer_through(film: Film, reference: Reference, pencil: Pencil, *, nearest: bool) -> Layer:
+    """Return what a ray tracer finds along a camera's lines where a film is not even; no faces are culled."""
+    directions, center = film.directions(pencil), np.asarray(pencil.center)
+    rays, (low, high) = directions.reshape(-1, 3), pencil.s_range
+    begin, sign = (high, -1.0) if nearest else (low, 1.0)
+    triangle = reference.tracer.first_hits(center + begin * rays, sign * rays)
+    s = np.full(len(rays), np.nan)
+    met = triangle != NOTHING
+    corners = reference.scene.triangles[triangle[met]]
+    s[met] = plane_places(corners, triangle_normals(corners), center, rays[met])
+    met[met] = (low <= s[met]) & (s[met] <= high)
+    shape = directions.shape[:2]
+    return Layer(
+        triangle=np.where(met, triangle, NOTHING).astype(np.int32).reshape(shape),
+        certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
+        companions=np.zeros((0, 3), dtype=np.int64),
+        position=(center + np.where(met, s, np.nan)[:, None] * rays).reshape(directions.shape),
+    )
+
+
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
     """Return a layer as the image of an aperture."""
     objects = np.append(reference.scene.object_of_triangle, np.int32(NOTHING))
@@ -109,9 +132,11 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     """
     front = answer.height > model.plate_height
     directions, of_c_star = (
-        model.pencil(scene, answer.camera.aperture, side).directions() for side in (1, -1)
+        model.film.directions(model.pencil(scene, answer.camera.aperture, side)) for side in (1, -1)
     )
     directions[front] = of_c_star[front]
+    if model.flat:
+        scene = replace(scene, objects=tuple(replace(one, vertex_normals=None) for one in scene.objects))
 
     def radiance(lit: Scene) -> Singles:
         shader, position = Shader(lit), answer.position.astype(np.float64)
@@ -137,9 +162,29 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     if replace(question, orientation=UPRIGHT, order=UPRIGHT) == DrawnModel():
         return replace(answer, color=reference.trace(aperture).color)
     shared = replace(question, near=0.0).one_pencil
+    if question.film.smooth:
+        return replace(answer, color=_enlarged(reference, question, aperture))
+    shared &= question.film == EVEN and not question.flat
     if not (averages(reference.scene.sampling) and question.conjugated and shared):
         return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
+
+
+def _enlarged(reference: Reference, model: DrawnModel, aperture: Aperture) -> Singles:
+    """Return the color (H, W, 3) of a smaller picture whose pixels are interpolated between."""
+    scene = reference.scene
+    count = scene.frustum.resolution
+    width, height = drawn_size = [max(1, round(one * model.film.size)) for one in count]
+    small = replace(scene, frustum=replace(scene.frustum, resolution=(width, height)))
+    even, there = replace(model, film=EVEN), Reference(small)
+    color = reference_colors(there, even, trace_drawn(there, even, aperture)).color
+    assert color is not None
+    columns, rows = (
+        (np.arange(many) + 0.5) * few / many - 0.5 for many, few in zip(count, drawn_size, strict=True)
+    )
+    places = np.meshgrid(rows, columns, indexing="ij")
+    parts = [map_coordinates(one, places, order=1, mode="nearest") for one in np.moveaxis(color, -1, 0)]
+    return np.stack(parts, axis=-1)
 
 
 def picture_of(
@@ -206,7 +251,7 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     best, off = np.full((len(rows), 3), np.nan), np.full(len(rows), np.inf)
     pencils = {side: model.pencil(scene, aperture, side) for side in (1, -1)}
     for side, pencil in pencils.items():
-        directions, center = pencil.directions()[rows, columns], np.asarray(pencil.center)
+        directions, center = model.film.directions(pencil)[rows, columns], np.asarray(pencil.center)
         with np.errstate(divide="ignore", invalid="ignore"):
             s = plane_places(corners, triangle_normals(corners), center, directions)
             met: Floats = center + s[:, None] * directions
@@ -221,6 +266,10 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     nearest, least = np.full((len(missed), 3), np.nan), np.full(len(missed), np.inf)
     for side, pencil in pencils.items():
+        if model.film != EVEN:
+            # Pixels lie where an even film has their lines.
+            lines = model.film.directions(pencil)[rows[missed], columns[missed]]
+            cells = pixel_places(np.asarray(pencil.center) + lines, pencil)
         for first in range(3):
             ends = corners[missed][:, [first, (first + 1) % 3]]
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,13 +1,20 @@
 """Classic mistakes of film and color are named from the images; other mistakes do not get their names."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.support.foreign_renderers import oblong
+import xfrustum
+from tests.support.foreign_renderers import oblong, saying
+from tests.support.light import with_smooth_normals
 from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
 from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import RADIUS, DrawnModel, Film
+from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
+from xfrustum.reports.verification.verdict import Verification
+from xfrustum.scenes import Aperture, HogelImage, Scene
 from xfrustum.scenes.appearance.display import encoding_curve
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
@@ -55,3 +62,68 @@ def test_colors_through_another_curve_are_read_through_it(
         images.append(of_stored(StoredPixels(rgb=stored), truth.camera, stated))
     found = by_name(Evidence(reference=reference, images=images, nominal=DrawnModel()))
     assert [(name, fault.value) for name, fault in found.items()] == ([expected] if expected else [])
+
+
+def of_film(film: Film, said: str, scene: Scene | None = None) -> Verification:
+    """Verify what a renderer with this film draws."""
+    return of_model(DrawnModel(film=film), said, scene or oblong())
+
+
+def of_model(model: DrawnModel, said: str, asked: Scene) -> Verification:
+    reference = Reference(asked)
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        image = trace_drawn(reference, model, aperture)
+        return saying(colored(asked, model, image) if "color" in said else image, *said.split())
+
+    return xfrustum.verify(asked, draw, apertures=FEW)
+
+
+@pytest.mark.parametrize(
+    ("film", "name", "value"),
+    [
+        (Film(angles="xy"), "equal-angles", "x and y"),
+        (Film(angles="y"), "equal-angles", "y"),
+        (Film(angles=RADIUS), "equal-angles", "radius"),
+        (Film(distortion=-0.07), "distortion", -0.07),
+        (Film(distortion=0.02), "distortion", 0.02),
+    ],
+)
+def test_lenses_are_found_from_triangles(film: Film, name: str, value: str | float) -> None:
+    found = of_film(film, "triangle")
+    (fault,) = found.diagnosis.faults
+    assert fault.fault == name
+    assert fault.value == (value if isinstance(value, str) else pytest.approx(value, abs=2e-4))
+    assert fault.explains == 1.0
+    assert found.corrected is not None and found.corrected.wrong == 0
+
+
+@pytest.mark.parametrize(
+    ("film", "said", "name"),
+    [
+        (Film(rolled=(5, -2)), "triangle", "wrapped"),
+        (Film(rolled=(5, 0)), "color", "wrapped"),
+        (Film(size=0.75), "color", "resampled"),
+        (Film(angles="xy"), "object", "equal-angles"),
+        (Film(distortion=0.05), "color", "distortion"),
+    ],
+)
+def test_films_are_found_from_pictures(film: Film, said: str, name: str) -> None:
+    found = of_film(film, said)
+    assert [fault.fault for fault in found.diagnosis.faults] == [name]
+    assert found.diagnosis.model.film == film or name == "distortion"
+
+
+def test_pictures_that_are_rolled_and_not_sheared_are_named() -> None:
+    found = of_film(Film(unsheared=True), "triangle", oblong("asymmetric-recentered"))
+    assert [fault.fault for fault in found.diagnosis.faults] == ["wrapped"]
+    assert "in place of the frustum's shear" in found.diagnosis.faults[0].words
+
+
+@pytest.mark.parametrize("said", [pytest.param("color", marks=pytest.mark.slow), "triangle color"])
+def test_flat_normals_are_named_where_the_scene_has_smooth_ones(said: str) -> None:
+    scene = oblong()
+    smooth = replace(scene, objects=tuple(with_smooth_normals(part) for part in scene.objects))
+    found = of_model(DrawnModel(flat=True), said, smooth)
+    assert [fault.fault for fault in found.diagnosis.faults] == ["flat-normals"]
+    assert not of_model(DrawnModel(), said, smooth).diagnosis.faults

@@ -41,13 +41,6 @@ NOT_YET_NAMED = frozenset(
     [
         "front-flipped",
         "transposed",
-        "equal-angles",
-        "equal-angles-x",
-        "equal-angles-y",
-        "fisheye",
-        "barrel-weak",
-        "barrel",
-        "pincushion",
         "linear-for-srgb",
         "srgb-for-linear",
         "gamma-for-srgb",
@@ -66,7 +59,6 @@ NOT_YET_NAMED = frozenset(
         "object-twice",
         "starved",
         "clipped",
-        "wrapped",
     ]
 ) | {"+".join(pair) for pair in PAIRS}
 """Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""

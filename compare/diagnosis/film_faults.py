@@ -1,0 +1,58 @@
+"""How pixels may lie on their film: rolled, enlarged from fewer, or behind a lens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.registration import phase_cross_correlation
+
+from xfrustum.compare.diagnosis.geometry_fit import ANGLES, DISTORTIONS
+from xfrustum.compare.renderer_model.drawn_model import Film
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+if TYPE_CHECKING:  # it tests what is found here
+    from xfrustum.compare.diagnosis.diagnosis import Evidence
+
+Picture = NDArray[Any]
+"""Numbers (H, W) or colors (H, W, 3) of an upright image."""
+
+# Resolutions, over those asked for, at which pictures may have been drawn before they were enlarged.
+DRAWN_SIZES = (3 / 4, 2 / 3, 1 / 2, 1 / 3, 1 / 4)
+
+# Numbers of distortions of a lens that are tried at a time, and how often finer ones follow: each time about
+# the best, within its two neighbors. The last ones are 1e-4 apart.
+DISTORTION_TRIALS, FINER_DISTORTIONS = 17, 4
+
+
+def films_of(evidence: Evidence, pictures: Sequence[tuple[Picture, list[Picture]]]) -> Iterator[Film]:
+    """Yield films on which pixels may lie, by some images; `pictures` are these beside what was asked for."""
+    images, nominal, reference = evidence.images, evidence.nominal, evidence.reference
+    rolls = []
+    for shown, (right,) in pictures:
+        # Numbers that are neighbors mean nothing: each gets a gray of its own.
+        grays = [one.mean(axis=-1) if one.ndim == 3 else one * 0.618 % 1 for one in (shown, right)]
+        down, across = phase_cross_correlation(*grays)[0].astype(int).tolist()
+        rolls.append((across, down))
+    yield from (Film(rolled=rolled) for rolled in dict.fromkeys(rolls))
+    if reference.scene.frustum.recentered:
+        yield Film(unsheared=True)
+    for size in DRAWN_SIZES:
+        yield Film(size=size)
+        if all(image.color is not None for image in images):
+            yield Film(size=size, smooth=True)
+    if any((image.triangle != NOTHING).any() for image in images):
+        return  # The fit of geometry has tried lenses.
+    yield from (Film(angles=angles) for angles in ANGLES)
+    best, step = 0.0, float(np.ptp(DISTORTIONS))
+    for finer in range(FINER_DISTORTIONS):
+        if finer > 1 and not best:
+            return  # None makes more pixels right than a film without a lens.
+        step /= DISTORTION_TRIALS - 1
+        tried = (best + step * (np.arange(DISTORTION_TRIALS) - DISTORTION_TRIALS // 2)).tolist()
+        best = min(tried, key=lambda one: evidence.wrong(replace(nominal, film=Film(distortion=one))))
+        step *= 2
+    yield Film(distortion=best)
