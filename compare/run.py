@@ -363,8 +363,7 @@ class _Loop(Generic[Result]):
 
         def predicting(truth: Future[tuple[HogelImage, float]]) -> Predictor:
             image, _ = truth.result()
-            gaps = self._reference.gaps(image.camera.aperture)
-            return Predictor(image, gaps, self._judge.scene.frustum, self._subpixel_bits)
+            return Predictor(image, self._reference, self._subpixel_bits)
 
         def beside(cameras: _Cameras) -> PixelErrors:
             truth, first = cameras.truth.result()[0], cameras.first.result()[0].image
@@ -454,7 +453,7 @@ class _Loop(Generic[Result]):
         if predictor and isinstance(shared, ChainStart):
             prediction, links = predictor.predict_links(setting)
             predicted = time.perf_counter()
-            budget = charged(shared, comparison.errors, links)
+            budget = charged(shared, comparison.errors, (prediction, links))
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
             done = time.perf_counter()
         frame = JudgedFrame(

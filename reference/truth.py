@@ -204,12 +204,13 @@ class Reference:
         for band in rows:
             yield certifier.decide(band).renumbered(some)
 
-    def gaps(self, aperture: Aperture) -> Floats:
+    def gaps(self, aperture: Aperture, before: HogelImage | None = None) -> Floats:
         """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).
 
         A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind the plate,
         to the second nearest; for C*, which keeps the farthest before the plate, to the second farthest;
-        infinite without.
+        infinite without. With `before`, the true image, the next surface is the next of those that are drawn
+        before the first one: triangles are drawn in the order of their numbers.
 
         Gaps come from the filter of the truth: no triangle is left out that a line surely meets, and each gap
         is off by no more than the bounds of rounding of its two surfaces, some 1e-15 of |z| unless seen
@@ -219,7 +220,13 @@ class Reference:
         pencil = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self._triangles, pencil)
         width, height = pencil.resolution
-        return np.concatenate([certifier.gaps(rows) for rows in bands(width, range(height))])
+        numbers = None if before is None else before.triangle.astype(np.int64)
+        return np.concatenate(
+            [
+                certifier.gaps(rows, None if numbers is None else numbers[rows.start : rows.stop].reshape(-1))
+                for rows in bands(width, range(height))
+            ]
+        )
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the true frustum of an aperture, (N,)."""

@@ -21,6 +21,7 @@ from xfrustum.compare.attribution.radiance_budget import (
 )
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import CULLING, Chain, make_chain
+from xfrustum.compare.prediction.predict import CROSSES, FEW, MIN_PIXELS
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -262,11 +263,24 @@ def table(geometry: Budget) -> str:
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
+    notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
-        f"{headline(numbers)}\n{aligned(rows)}\n"
+        f"{headline(numbers)}\n{aligned(rows)}\n{notes}"
         f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
+
+
+def prediction_notes(numbers: BudgetNumbers) -> list[str]:
+    """Return where the predictions of a budget are not held to a factor of 3, and why, in words."""
+    reasons = numbers.prediction_reasons
+    named = {"moves by": reasons.displacement, "surface": reasons.surface}
+    for link in numbers.links:
+        if 0 < (link.predicted_surface or 0) < MIN_PIXELS:
+            # Rounding moves whole regions of a surface that passes through the aperture.
+            chance = link.surface < MIN_PIXELS or reasons.displacement != CROSSES
+            named[f"surface of {link.name}"] = FEW if chance else CROSSES
+    return [f"predicted {name}: {reason}" for name, reason in named.items() if reason]
 
 
 def _three_digits(value: float | None) -> str:
@@ -326,6 +340,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "changing": changing,
         "unchanging": [one for one in _radiance_rows(report) if not one.max],
         "colors": colors,
+        "notes": prediction_notes(geometry.numbers),
         "words": LINK_WORDS,
         "unexplained_color": UNEXPLAINED_COLOR,
         "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],

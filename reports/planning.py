@@ -97,7 +97,8 @@ def make_viewer_plan(
     requirement that the plan was made for is returned besides.
     """
     scouted = scouted_plate(scene, progress)
-    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong)
+    eye_pixel = scene.plate.size[0] / FILM_COLUMNS
+    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
     return planned(scouted, seen, choices, sample, progress), seen
 
 
@@ -368,8 +369,8 @@ class PlannedRecord:
 def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
     """Return what a replay shows beyond what a viewer requires, in words.
 
-    A change of disparity counts where it is beyond stereo acuity by more than the replay's own noise: a plan
-    takes the largest near that is not noticed, so that acuity itself is what its replay shows.
+    A change of disparity counts where it is beyond stereo acuity by more than the replay's own noise. A plan
+    keeps that noise as a margin, so that a replay that is off by it shows no more than acuity.
     """
     parts = []
     change, acuity = found.disparity_change_arcsec, requirement.viewer.stereo_acuity_arcsec

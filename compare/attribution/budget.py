@@ -23,7 +23,7 @@ from xfrustum.compare.metrics.error_maps import (
     wrong_surface,
 )
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
-from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
+from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor, Reasons
 from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
@@ -86,6 +86,7 @@ class BudgetNumbers:
     cancelled: int
     unexplained: int
     not_in_every_link: int
+    prediction_reasons: Reasons
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -242,6 +243,7 @@ class Budget(Shown):
     surface_charge: NDArray[np.int8]  #: (H, W) the link from which on each pixel shows a wrong surface
     explanation: Causes  #: of the pixels charged to rasterization and depth
     predicted: tuple[LinkPrediction, ...]
+    reasons: Reasons  #: why predictions do not hold
 
     @property
     def judged(self) -> int:
@@ -324,6 +326,7 @@ class Budget(Shown):
             explained=counts,
             cancelled=int(cancelled.sum()),
             not_in_every_link=self.displacement.elsewhere,
+            prediction_reasons=self.reasons,
         )
 
     def summary(self) -> dict[str, Any]:
@@ -339,13 +342,14 @@ class Budget(Shown):
 def make_budget(reference: Reference, chain: Chain) -> Budget:
     """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
     start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
-    gaps = reference.gaps(start.truth.camera.aperture)
-    predictor = Predictor(start.truth, gaps, reference.scene.frustum, chain.subpixel_bits)
+    predictor = Predictor(start.truth, reference, chain.subpixel_bits)
     errors = pixel_errors(start.truth, chain.images[-1], reference, start.exact)
-    return charged(start, errors, predictor.predict_links(chain.settings)[1])
+    return charged(start, errors, predictor.predict_links(chain.settings))
 
 
-def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPrediction, ...]) -> Budget:
+def charged(
+    start: ChainStart, errors: PixelErrors, predicted: tuple[Prediction, tuple[LinkPrediction, ...]]
+) -> Budget:
     """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
     exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
     assert changed is not None and errors.surface is not None, "judged beside R0, with the scene at hand"
@@ -366,7 +370,8 @@ def charged(start: ChainStart, errors: PixelErrors, predicted: tuple[LinkPredict
         charge=charge,
         surface_charge=np.where(errors.surface, by_surface, np.int8(RIGHT)),
         explanation=rounded.joined(swapped),
-        predicted=predicted,
+        predicted=predicted[1],
+        reasons=predicted[0].reasons,
     )
 
 

@@ -65,8 +65,8 @@ def moves_rigidly(frustum: Frustum, settings: DoubleFrustum) -> bool:
 
 
 ACUITY_ARCMIN, STEREO_ACUITY_ARCSEC, EYES_APART_MM = 1.0, 20.0, 65.0
-"""Smallest angle that a good eye resolves, smallest difference of disparity that most people tell from none,
-and distance of two eyes."""
+"""Smallest angle that a good eye resolves, smallest difference of disparity that an ordinary observer tells
+from none, the best from a tenth of it, and distance of two eyes (docs/noticeable.md, "Which viewer")."""
 
 MILLIMETERS = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Length of the units that are known by name."""

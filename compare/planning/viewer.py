@@ -12,6 +12,7 @@ from xfrustum.compare.eye.noticeable import (
     Viewer,
     eyes_apart,
     finest_separation,
+    replay_noise_arcsec,
     require_before_viewer,
     resolved_crack,
     runs_through_plate,
@@ -64,6 +65,9 @@ class EyeRequirement(Requirement):
     display: Display
     content: Content
     separation_limit: tuple[str, float] | None = None
+    #: Width on the plate of a pixel of the eyes that replay the plan, scene units: a plan keeps the noise of
+    #: that replay as a margin; None for no margin
+    eye_pixel: float | None = None
 
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
         """Return what may be noticed by name: how much there is, how much is not noticed, and what hides it.
@@ -86,15 +90,29 @@ class EyeRequirement(Requirement):
 
     def by_eyes(self, settings: DoubleFrustum) -> float:
         """Return the ratio of what settings do to depth and at the plate to what is not noticed."""
-        return max((there / allowed for there, allowed, _ in self.noticed(settings).values()), default=0.0)
+        found = self.noticed(settings).items()
+        margin = self._margin(settings)
+        return max(
+            ((there + margin.get(name, 0.0)) / allowed for name, (there, allowed, _) in found), default=0.0
+        )
+
+    def _margin(self, settings: DoubleFrustum) -> dict[str, float]:
+        """Return by how much a replay of settings may be off, by the name of what may be noticed."""
+        if self.eye_pixel is None or self.display.millimeters is None:
+            return {}
+        return {
+            STEREO: replay_noise_arcsec(self.content, self.viewer, self.display, settings, self.eye_pixel)
+        }
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
+        margin = self._margin(larger)
         for name, (there, allowed, hidden_by) in self.noticed(larger).items():
-            if there > allowed:
+            if there + margin.get(name, 0.0) > allowed:
+                noise = f", give or take {margin[name]:.3g} in a replay" if name in margin else ""
                 return (
-                    f"eyes at {self.viewer.distance:g} {units} would see {there:.3g} {_MEASURES[name]}, of "
-                    f"which {_HIDING[hidden_by]} hides {allowed:.3g}"
+                    f"eyes at {self.viewer.distance:g} {units} see {there:.3g} {_MEASURES[name]}{noise}, "
+                    f"of which {_HIDING[hidden_by]} hides {allowed:.3g}"
                 )
         return "depth would be worse off"
 
@@ -157,7 +175,11 @@ def seen_content(scouted: Scout) -> Content:
 
 
 def eye_requirement(
-    scouted: Scout, viewer: Viewer, separation: float | None = None, max_wrong: float = MAX_DEPTH_WRONG
+    scouted: Scout,
+    viewer: Viewer,
+    separation: float | None = None,
+    max_wrong: float = MAX_DEPTH_WRONG,
+    eye_pixel: float | None = None,
 ) -> EyeRequirement:
     """Return what a viewer requires of a plan for a scene whose plate was scouted.
 
@@ -179,4 +201,5 @@ def eye_requirement(
         display=display,
         content=content,
         separation_limit=limit,
+        eye_pixel=eye_pixel,
     )

@@ -142,6 +142,10 @@ MIN_STEP_PER_ERROR = 1e-3
 beside the error, and the difference quotient of `_misordered` would lose it in float64's rounding."""
 
 
+Gaps = tuple[Floats, Floats | None]
+"""Distances (N,) to next surfaces, and to the next ones drawn earlier; None where the order is not known."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stacks:
     """Distances and gaps of the surfaces in the true image of an aperture, scene units, by their camera."""
@@ -149,20 +153,24 @@ class Stacks:
     judged: int  #: pixels whose truth is no tie
     distance: Mapping[Camera, Floats]  #: (N,) |z| of the surfaces that it shows in judged pixels
     gap: Mapping[Camera, Floats]  #: (N,) distance to the next one on the same line, see `Reference.gaps`
+    #: (N,) distance to the next one of those that are drawn before it; None where the order is not known
+    earlier: Mapping[Camera, Floats] | None = None
 
     @classmethod
-    def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
-        """Return the stacks of a true image and its gaps, (H, W)."""
+    def of(cls, truth: HogelImage, gaps: Floats, earlier: Floats | None = None) -> Stacks:
+        """Return the stacks of a true image and its gaps, (H, W), from `Reference.gaps`."""
         # It loads the reference and its tracers, which `explain` does without.
         from xfrustum.compare.metrics.error_maps import judged_pixels  # noqa: PLC0415
 
         judged = judged_pixels(truth).ravel()
         height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
+        order = None if earlier is None else earlier.ravel()
         shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
         return cls(
             judged=int(judged.sum()),
             distance={camera: np.abs(height[here]) for camera, here in shown.items()},
             gap={camera: gaps[here] for camera, here in shown.items()},
+            earlier=None if order is None else {camera: order[here] for camera, here in shown.items()},
         )
 
 
@@ -201,8 +209,9 @@ def depth_wrong_share(
 ) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly, from 0 to 1.
 
-    These are wrong with the given settings, and right with linear D32F depth (docs/method.md). With `unlucky`
-    all equal depths count, as if the wrong surface were always drawn first; else half of them.
+    These are wrong with the given settings, and right with linear D32F depth (docs/method.md). Equal depths
+    are wrong where the other surface is drawn first, as `stacks.earlier` has it; half of them are where that
+    is not known; all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
     normal error of standard deviation e. A format with step q and a uniformly distributed phase orders a
@@ -210,6 +219,10 @@ def depth_wrong_share(
     1 - |x| / q, and are then wrong half the time. The mean over the normal error is
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
+
+    Where the order is known it is twice the part from 0 to q, if the other surface is drawn first, and twice
+    that from -q to 0 if it is drawn later. Of two other surfaces, one of either kind, the likelier counts.
+    Where e is a small part of q, the phase is known as well, and counts (`_misordered_steps`).
 
     A surface is lost where its depth lies within half a step of the clear value; the error of this one depth
     has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it. Pixels that linear
@@ -222,35 +235,38 @@ def depth_wrong_share(
     for camera in stacks.distance:
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
         distance, gap = stacks.distance[camera], stacks.gap[camera]
-        wrong = chances(own, distance, gap, settings, order)
+        earlier = None if stacks.earlier is None or unlucky else stacks.earlier[camera]
+        wrong = chances(own, distance, (gap, earlier), settings, order)
         # The chance under linear depth, which few pixels need, is subtracted.
         at = np.flatnonzero(wrong)
-        anyway = chances(own, distance[at], gap[at], control, order)
+        some = gap[at], None if earlier is None else earlier[at]
+        anyway = chances(own, distance[at], some, control, order)
         expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
     return expected / stacks.judged if stacks.judged else 0.0
 
 
 def chances(
-    own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
+    own: Sequence[Slab], distance: Floats, gaps: Gaps, settings: DoubleFrustum, order: float = 1.0
 ) -> Floats:
     """Return the chance (N,) of each surface to be shown wrongly by the slabs of its camera.
 
-    `distance` and `gap` are as in `Stacks`; `order` is the ratio of the misordered share to that of an
+    `distance` and `gaps` are as in `Stacks`; `order` is the ratio of the misordered share to that of an
     unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
+    gap, earlier = gaps
     least = np.full(len(distance), np.inf)
     for slab in own:
         inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
-        known = _table(slab, settings.depth, settings.mapping)
-        chance = _chance(slab, distance[inside], gap[inside], known, settings.mapping, order)
+        some = gap[inside], None if earlier is None else earlier[inside]
+        chance = _chance(slab, distance[inside], some, settings, order)
         least[inside] = np.minimum(least[inside], chance)
     return np.where(np.isfinite(least), least, 0.0)
 
 
-def _chance(
-    slab: Slab, distance: Floats, gap: Floats, known: _Table, mapping: DepthMapping, order: float
-) -> Floats:
-    """Return the chance of each surface of one slab to be shown wrongly, given what its buffer knows."""
+def _chance(slab: Slab, distance: Floats, gaps: Gaps, settings: DoubleFrustum, order: float) -> Floats:
+    """Return the chance of each surface of one slab to be shown wrongly."""
+    mapping, (gap, earlier) = settings.mapping, gaps
+    known = _table(slab, settings.depth, mapping)
     # Lost: the depth, with the error of one surface, comes within half a step of the clear value. The buffer
     # of C is cleared to its far value, that of C* to its near value.
     w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
@@ -260,17 +276,27 @@ def _chance(
     wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
     # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest surface, and
     # the next one lies closer to the camera. Pairs in different slabs are not compared.
-    paired = np.flatnonzero(np.isfinite(gap))
-    own, other = w[paired], w[paired] + (gap[paired] if slab.camera is Camera.C else -gap[paired])
-    seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
-    paired = paired[seen]
-    apart = _difference(own[seen], gap[paired], other[seen], slab, mapping)
-    close, row = known.in_doubt(own[seen], apart)
-    at = paired[close]
+    misordered = np.zeros_like(w)
+    for some, ends in ((gap, _COIN),) if earlier is None else ((gap, _LATER), (earlier, _EARLIER)):
+        paired = np.flatnonzero(np.isfinite(some))
+        own, other = w[paired], w[paired] + (some[paired] if slab.camera is Camera.C else -some[paired])
+        seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
+        paired = paired[seen]
+        apart = _difference(own[seen], some[paired], other[seen], slab, mapping)
+        close, row = known.in_doubt(own[seen], apart)
+        at, difference, step, error = paired[close], apart[close], known.step[row], known.error[row]
+        chance = order * _misordered(difference, step, error, ends)
+        if earlier is not None and STEP[settings.depth]:
+            sharp = error < MAX_SHARP_ERROR * step
+            # C keeps the smaller depth and C* the larger one, or the reverse where the mapping falls with w.
+            falls = (mapping is DepthMapping.REVERSED) != (slab.camera is Camera.C_STAR)
+            place = stored_depth(w[at[sharp]], slab.near, slab.far, mapping)[0]
+            last = 1 / STEP[settings.depth] - 1  # the largest stored number, which stands for one
+            places = (-last if falls else last) * place, last * difference[sharp]
+            chance[sharp] = _misordered_steps(places, error[sharp] / step[sharp] * np.sqrt(0.5), ends)
+        misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
     # Only a surface that is not lost can be misordered; the two chances are taken as independent.
-    misordered = order * _misordered(apart[close], known.step[row], known.error[row])
-    wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
-    return wrong
+    return np.asarray(wrong + (1 - wrong) * misordered)
 
 
 def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:
@@ -287,15 +313,41 @@ def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mappi
             assert_never(mapping)
 
 
-def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
+_COIN, _LATER, _EARLIER = (-1, 1), (-1, 0), (0, 1)
+"""Differences, in steps, between which the chance of a wrong order falls from one to zero: where it is not
+known which surface is drawn first, where the other one is drawn later, and where it is drawn earlier."""
+
+
+def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int, int]) -> Floats:
     """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_share`."""
 
     # F of `depth_wrong_share`, the integral of the normal distribution function.
     def integral(a: Floats) -> Floats:
         return np.asarray(a * ndtr(a) + np.exp(-(a**2) / 2) / np.sqrt(2 * np.pi))
 
-    ahead, behind = (step - difference) / error, (-step - difference) / error
-    return np.asarray(error / (2 * step) * (integral(ahead) - integral(behind)))
+    behind, ahead = ((end * step - difference) / error for end in ends)
+    return np.asarray(error / ((ends[1] - ends[0]) * step) * (integral(ahead) - integral(behind)))
+
+
+MAX_SHARP_ERROR = 0.25
+"""Largest error of the difference of two depths, in steps, at which it counts where they lie between steps.
+Six standard deviations of each, 6 / sqrt(2) 0.25 = 1.06 steps, reach no farther than the next step."""
+
+
+def _misordered_steps(places: tuple[Floats, Floats], error: Floats, ends: tuple[int, int]) -> Floats:
+    """Return what `_misordered` does where depths and their distance are known in steps.
+
+    The surface that is shown is stored at the step that it is nearest to, or beside that. The other one is in
+    front of it if it is stored before that step, or at it and drawn earlier.
+    """
+    place, apart = places
+    step = np.round(place)
+    below, above = ndtr((step - 0.5 - place) / error), ndtr((place - step - 0.5) / error)
+    border = step + sum(ends) / 2 - place - apart
+    weights = (below, 1 - below - above, above)
+    return np.asarray(
+        sum(part * ndtr((border + k) / error) for k, part in zip((-1, 0, 1), weights, strict=True))
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,13 +9,31 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import Spread, judged_pixels, lengths, root_mean_square, turned_away
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
-from xfrustum.compare.prediction.depth import Stacks, depth_wrong_share, slabs, smallest_separation
+from xfrustum.compare.prediction.depth import (
+    MAX_MISORDERED_FRACTION,
+    Stacks,
+    depth_wrong_share,
+    float32_spacing,
+    slabs,
+    smallest_separation,
+)
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.compare.prediction.silhouettes import Silhouettes
+from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, Cull, DoubleFrustum
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import (
+    Camera,
+    Cull,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Offset,
+    Pivot,
+)
 from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +44,49 @@ class Separations:
     c_star: float | None
 
 
+CROSSES = "not predicted: surfaces cross the plate"
+"""Points that belong outside the film are shown, as near to the plate as one likes: the truth has none."""
+STARVED = "the depth buffer shows other surfaces than those that are displaced"
+ROUNDED = "smaller than the rounding of float32 positions"
+LARGE = "triangles are far larger than the plate: float32 rounds their depth by more than is predicted"
+PARALLEL = "surfaces are parallel to the plate: the depth of all their pixels is rounded alike"
+FEW = "fewer than 20 pixels are predicted: chance decides"
+OUTSIDE = "points from outside the film are shown, which the truth does not have"
+STEPS = "all depths lie within two steps below one: float32 rounds many pixels alike"
+
+MIN_PIXELS = 20
+"""Fewest pixels of which a prediction is held to a factor of 3: a Poisson number of 10 is off by that in one
+of 100, and pixels go wrong by twos, as neighbors."""
+
+MAX_OUTSIDE = 0.05
+"""Share of points from outside the film from which on displacement is not held to a factor of 3: five times
+what the 99th percentile leaves out. On the built-in scenes the least that is off by more is 7 %."""
+
+MAX_LARGE, LARGE_SIDE = 0.01, 8.0
+"""Share of the picture that may show triangles whose sides are so many times the plate's diagonal."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reasons:
+    """Why predictions do not hold, in words; None where they do (docs/answers.md, "Predictions")."""
+
+    displacement: str | None = None
+    surface: str | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
     """The errors that one choice of settings is expected to have; shares are of the judged pixels."""
 
-    displacement_px: Spread | None  #: None where no surface off the plate is drawn
+    #: None where no surface off the plate is drawn, and where it is not predicted
+    displacement_px: Spread | None
     silhouettes: float  #: wrong surface along silhouettes because of displacement
     snapped: float  #: wrong surface along silhouettes because edges snap to subpixels
     depth: float  #: wrong surface because of the depth buffer
     outside: float  #: shown is what belongs outside the film
     separation: Separations
     culled: float = 0.0  #: culling leaves the true surface out
+    reasons: Reasons = Reasons()
 
     @property
     def surface_fraction(self) -> float:
@@ -54,15 +104,29 @@ class LinkPrediction:
 
 
 class Predictor:
-    """All closed forms for the true image of one aperture; `gaps` (H, W) are those of `Reference.gaps`."""
+    """All closed forms for the true image of one aperture."""
 
-    def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
+    def __init__(self, truth: HogelImage, reference: Reference, subpixel_bits: int) -> None:
+        frustum, aperture = reference.scene.frustum, truth.camera.aperture
         self._truth, self._frustum = truth, frustum
         self._subpixel_bits = subpixel_bits
         self._all_points = TruePoints.of(truth)
         self._points = self._all_points.shown()
-        self._stacks = Stacks.of(truth, gaps)
+        self._stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
         self._silhouettes = Silhouettes(truth, frustum, self._all_points)
+        self._in_plate = plate_segments(reference.scene, aperture)
+        sides = np.ptp(reference.scene.triangles[truth.triangle[truth.covered]], axis=1).max(axis=1)
+        large = sides > LARGE_SIDE * math.hypot(*reference.scene.plate.size)
+        self._large = bool(large.sum() > MAX_LARGE * truth.triangle.size)
+        self._parallel = truth.normal is not None and bool(
+            (truth.normal[truth.covered][:, :2] == 0).all(axis=1).sum() > truth.covered.sum() / 2
+        )
+        # A pixel's width at each point, and the spacing of the largest coordinate of what is shown.
+        spacing = float32_spacing(np.abs(truth.position[truth.covered]).max(initial=1.0))
+        pixel = 2 * max(truth.camera.half_extent) / max(frustum.resolution)
+        self._rounding_px = (
+            float(spacing / (pixel * np.median(self._points.depth))) if self._points.depth.size else 0.0
+        )
         self._without_depth: dict[DoubleFrustum, tuple[Prediction, tuple[LinkPrediction, ...]]] = {}
 
     def predict_links(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
@@ -70,7 +134,8 @@ class Predictor:
         prediction, links = self.without_depth(settings)
         share = depth_wrong_share(self._stacks, self._frustum, settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
-        return replace(prediction, depth=share, separation=self._separations(settings)), (*links, depth)
+        prediction = replace(prediction, depth=share, separation=self._separations(settings))
+        return replace(prediction, reasons=self._reasons(settings, prediction)), (*links, depth)
 
     def without_depth(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
         """Return the same without errors of depth: found once for the depth buffers of the same cameras."""
@@ -92,8 +157,12 @@ class Predictor:
             # Culling shows nothing or what lies behind, of which the truth knows no displacement.
             moved[-1] = None
             wrong[-1] = turned * (1 - min(sum(wrong) / judged, 1.0))
+        crosses = self._crosses(settings)
+        if crosses:
+            moved = [None if one else one for one in moved]
         prediction = Prediction(
-            displacement_px=_spread(self._points, self._frustum, settings),
+            displacement_px=None if crosses else _spread(self._points, self._frustum, settings),
+            reasons=Reasons(displacement=CROSSES if crosses else None),
             silhouettes=sum(swept) / judged,
             snapped=snapped / judged,
             depth=0.0,
@@ -104,6 +173,51 @@ class Predictor:
         links = zip([*moved, None], [*wrong, snapped], strict=True)
         return prediction, tuple(
             LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels) for rms, pixels in links
+        )
+
+    def _crosses(self, settings: DoubleFrustum) -> bool:
+        """Return whether a surface crosses the plate within the near windows of both cameras."""
+        if settings.offset is not Offset.PLATE:
+            return False
+        camera = self._truth.camera
+        window = np.array(camera.half_extent)
+        if settings.pivot is Pivot.CAMERA:
+            window = window + np.abs(camera.shear)
+        half = settings.near * window
+        # A segment meets a rectangle unless an axis, or the segment's own normal, separates them.
+        middle, ends = self._in_plate
+        (mx, my), (ex, ey) = middle.T, ends.T
+        meets = (np.abs(middle) <= half + np.abs(ends)).all(axis=1)
+        across = np.abs(mx * ey - my * ex) <= half[0] * np.abs(ey) + half[1] * np.abs(ex)
+        return bool((meets & across).any())
+
+    def _within_steps(self, settings: DoubleFrustum) -> bool:
+        """Return whether half of what is shown is stored within two steps of float32, 2^-24, below one."""
+        near_one = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
+        fine = near_one and settings.depth is not DepthFormat.D16 and self._points.depth.size > 0
+        return fine and settings.near < 2 * 2.0**-24 * float(np.median(self._points.depth))
+
+    def _reasons(self, settings: DoubleFrustum, prediction: Prediction) -> Reasons:
+        """Return why a prediction with its depth does not hold."""
+        displacement, moved = prediction.reasons.displacement, prediction.displacement_px
+        if moved is not None:
+            cases = (
+                (prediction.depth > MAX_MISORDERED_FRACTION, STARVED),
+                (self._large, LARGE),
+                (prediction.outside > MAX_OUTSIDE, OUTSIDE),
+                (moved.rms < self._rounding_px, ROUNDED),
+            )
+            displacement = next((words for holds, words in cases if holds), None)
+        pixels = prediction.surface_fraction * self._stacks.judged
+        by_depth = prediction.depth > prediction.surface_fraction / 100
+        kinds = (
+            (self._large, LARGE),
+            (self._parallel and by_depth, PARALLEL),
+            (pixels < MIN_PIXELS, FEW),
+            (by_depth and self._within_steps(settings), STEPS),
+        )
+        return Reasons(
+            displacement=displacement, surface=next((words for holds, words in kinds if holds), None)
         )
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
@@ -130,6 +244,25 @@ class Predictor:
                 # Both slabs draw a surface at their common cut; for one of them it is the nearest surface.
                 found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
         return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
+
+
+def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
+    """Return the segments along which triangles cross or touch the plate, but for those that lie in it.
+
+    They are given by the way from an aperture to their middles, and from there to an end, (N, 2).
+    """
+    lowest, highest = scene.height_ranges
+    corners = scene.triangles[(lowest <= 0) & (highest >= 0) & (lowest < highest)]
+    following = np.roll(corners, -1, axis=1)
+    z, other = corners[..., 2], following[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = corners + (following - corners) * (z / (z - other))[..., None]
+    places = places[..., :2] - [aperture.x, aperture.y]
+    places[(z * other > 0) | (z == other)] = np.nan
+    first = np.take_along_axis(places, np.isfinite(places[..., :1]).argmax(axis=1)[:, None], axis=1)
+    apart = np.nan_to_num(np.abs(places - first).sum(axis=-1), nan=-1.0).argmax(axis=1)
+    last = np.take_along_axis(places, apart[:, None, None], axis=1)
+    return (first + last)[:, 0] / 2, (last - first)[:, 0] / 2
 
 
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:

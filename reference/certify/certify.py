@@ -52,9 +52,9 @@ class Certifier:
         self._exact = ExactPencil(triangles.corners, pencil)
         self._filter = Filter(triangles, pencil, self._exact)
 
-    def gaps(self, rows: range) -> Floats:
-        """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps`."""
-        return self._filter.gaps(rows).reshape(len(rows), -1)
+    def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
+        """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps` and `Filter.gaps`."""
+        return self._filter.gaps(rows, numbers).reshape(len(rows), -1)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""

@@ -172,17 +172,18 @@ class Filter:
                 triangle=number.numpy(), s=place.numpy(), contested=contested, device=(number, place)
             )
 
-    def gaps(self, rows: range) -> Floats:
+    def gaps(self, rows: range, numbers: Indices | None = None) -> Floats:
         """Return how far the next surface lies behind the first one on the same side, (pixels,).
 
         It is the smallest s of what surely lies behind, minus the largest s of the first surface; infinite
-        without either.
+        without either. With `numbers` (pixels,) only triangles of smaller numbers count as next ones.
         """
         with recording():
             lanes = self._cut(rows)
             first = self._limit(lanes, rows)
             second = dr.full(Float64, np.inf, dr.width(first))
             dr.make_opaque(second)
+            below = None if numbers is None else on_device(numbers.astype(np.float64))
             for some in lanes:
 
                 def lower(column: Any, some: _Lanes = some) -> None:
@@ -190,6 +191,8 @@ class Filter:
                     pixel = self._pixel(some, column, rows)
                     limit = dr.gather(Float64, first, pixel)
                     behind = sure & (s - error > limit) & ((limit >= 0) | (s + error <= 0))
+                    if below is not None:
+                        behind &= Float64(some.number) < dr.gather(Float64, below, pixel)
                     _reduce(dr.ReduceOp.Min, second, s, pixel, behind)
 
                 some.walk(lower)

@@ -14,7 +14,7 @@ from xfrustum.compare.beyond import displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import PixelSet, Spread, is_worse
 from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
-from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.prediction.predict import Prediction, Reasons, Separations
 from xfrustum.compare.run import StageTimes
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.error_report.settings import geometries_of, geometry_names, geometry_of
@@ -60,6 +60,7 @@ class RowNumbers:
     predicted_surface: PredictedSurface | None
     smallest_separation: Separations | None
     measured_over_predicted: Mapping[str, float | None]
+    prediction_reasons: Reasons | None
     times_s: StageTimes = field(metadata=named_columns("time_{}_s"))
     parts_s: Mapping[str, Mapping[str, float]] = field(metadata=named_columns("time_{}_s"))
 
@@ -150,6 +151,7 @@ class Measurement:
             predicted_surface=surface,
             smallest_separation=predicted.separation if predicted else None,
             measured_over_predicted=self.measured_over_predicted,
+            prediction_reasons=predicted.reasons if predicted else None,
             times_s=self.times_s,
             parts_s={"raster": {"gpu": self.gpu_s}},
         )

@@ -14,6 +14,7 @@ from xfrustum.compare.attribution.budget import ShearNumbers
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
+from xfrustum.compare.prediction.predict import CROSSES
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
@@ -132,7 +133,8 @@ def _surface_figure(rows: Rows, reach: float) -> Figure:
                     "mode": "lines",
                     "showlegend": False,
                     "line": {"color": look(place)[0], "dash": "dash", "width": 1.5},
-                    "hovertemplate": _HOVER + "predicted %{y:.2~p}",
+                    "text": [_reason(row.predicted.reasons.surface) for row, _ in predicted if row.predicted],
+                    "hovertemplate": _HOVER + "predicted %{y:.2~p}%{text}",
                 }
             )
         # The legend has one entry for all closed forms.
@@ -152,9 +154,23 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
     if forms:
         nears = sorted(near for near, spread in forms.items() if spread is not None)
         heights = [getattr(forms[near], statistic) or None for near in nears]
-        hover = _HOVER + "predicted %{y:.3g} px"
-        lines.append({"x": nears, "y": heights, "hovertemplate": hover, **_CLOSED_FORM})
+        hover = _HOVER + "predicted %{y:.3g} px%{text}"
+        reasons: dict[float, set[str]] = {near: set() for near in forms}
+        for _, row in rows:
+            if row.predicted and row.predicted.reasons.displacement:
+                reasons[row.settings.near / reach].add(row.predicted.reasons.displacement)
+        text = [_reason("; ".join(sorted(reasons[near]))) for near in nears]
+        lines.append({"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM})
+        crossing = [near for near, found in reasons.items() if CROSSES in found]
+        if crossing:
+            name = f"from {digits(min(crossing))} on {CROSSES}"
+            lines.append({"x": [None], "y": [None], "mode": "lines", "opacity": 0, "name": name})
     return _log_figure(lines, title)
+
+
+def _reason(reason: str | None) -> str:
+    """Return what is said below a prediction that does not hold."""
+    return f"<br>{reason}" if reason else ""
 
 
 def _lines(groups: Mapping[str, Rows], reach: float, number: Number, hover: str) -> list[Figure]:

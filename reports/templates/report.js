@@ -106,6 +106,7 @@ function predictions(row) {
     if (value === null) return "nothing visible";
     return value < data.reach ? `${short(value)} ${data.units}` : "none within the reach";
   };
+  const why = Object.entries(p.reasons).filter(([, reason]) => reason !== null);
   fill(get("predictions"), ["predicted", "measured", "measured / predicted"], [
     moved("rms", "rms"),
     moved("99 %", "p99"),
@@ -117,6 +118,7 @@ function predictions(row) {
     ...(p.culled ? [part("faces culled", p.culled)] : []),
     beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),
     beside("smallest separation in order, farthest surface of C*", apart(p.separation.c_star), "", ""),
+    ...why.map(([name, reason]) => beside(`${name}: ${reason}`, "", "", "", "part")),
   ]);
 }
 

@@ -114,6 +114,9 @@ EXPECTED = {
     r"plan-.*\.measured\.(displacement_p99_px|surface_fraction|depth_wrong)": "the sample counts, too",
     r"plan-viewer\.plate\.(beyond|share_\w+)": "a hogel with wrong surfaces is beyond, whatever moved in it",
     r"explain-.*\.effects\[\d+\]\.reason": "the same facts in other words",
+    r"(report|budget)-.*(predicted_surface|over_predicted\.surface)": "the draw order decides equal depths",
+    r"(report|budget)-.*(predicted_displacement|over_predicted\.displacement)": "null where surfaces cross",
+    r"plan-viewer\.(near|predicted|measured|viewer|plate\.worst)": "near keeps the replay's noise as margin",
     r"no-back: ": "the missing half is named, which was nothing or culling before",
 }
 """Reasons by regular expression: answers that differ or have gone, and why the new one is right."""

@@ -8,7 +8,13 @@ import pytest
 
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.eye.noticeable import Content, Display, Viewer, stereo_change_arcsec
+from xfrustum.compare.eye.noticeable import (
+    Content,
+    Display,
+    Viewer,
+    replay_noise_arcsec,
+    stereo_change_arcsec,
+)
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding
 from xfrustum.compare.planning.views import Quality, Requirement
@@ -55,6 +61,22 @@ def test_the_smallest_limit_binds_and_a_larger_near_is_noticed(scene_file: str) 
     larger = DoubleFrustum(near=near * 1.01)
     assert wanted.by_eyes(larger) > 1
     assert "arc seconds" in wanted.limit_of_near(larger, "mm")
+
+
+def test_a_plan_keeps_the_noise_of_its_replay_as_a_margin(scene_file: str) -> None:
+    bare = requirement(open_scene(scene_file), Viewer(distance=600.0), through=False)
+    wanted = replace(bare, eye_pixel=0.2)
+    near = binding(wanted.limits).largest_near
+    assert near == binding(bare.limits).largest_near
+    settings = DoubleFrustum(near=near)
+    noise = replay_noise_arcsec(wanted.content, wanted.viewer, wanted.display, settings, 0.2)
+    acuity = wanted.viewer.stereo_acuity_arcsec
+    assert bare.by_eyes(settings) <= 1 < wanted.by_eyes(settings)
+    assert wanted.by_eyes(settings) - bare.by_eyes(settings) == pytest.approx(noise / acuity)
+    assert "give or take" in wanted.limit_of_near(settings, "mm")
+    # Change and noise both grow with near: a plan that leaves room for the noise changes less.
+    kept = DoubleFrustum(near=near / (1 + noise / acuity))
+    assert wanted.by_eyes(kept) <= 1 and wanted.noticed(kept)[STEREO][0] < 0.9 * acuity
 
 
 def test_eyes_that_see_no_depth_are_left_with_the_crack(scene_file: str) -> None:

@@ -150,8 +150,8 @@ def test_links_do_not_depend_on_what_was_predicted_before(options: dict[str, Any
     scene = view("asymmetric-recentered", (48, 32))
     aperture, settings = scene.plate.aperture(0, 0), DoubleFrustum(near=2.0, **options)
     reference = Reference(scene)
-    truth, gaps = reference.trace(aperture), reference.gaps(aperture)
-    alone, after = (Predictor(truth, gaps, scene.frustum, 8) for _ in range(2))
+    truth = reference.trace(aperture)
+    alone, after = (Predictor(truth, reference, 8) for _ in range(2))
     after.predict_links(settings)
     links = alone.predict_links(settings)[1]
     assert after.predict_links(settings)[1] == links

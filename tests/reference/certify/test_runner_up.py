@@ -92,6 +92,20 @@ def test_each_camera_sees_what_is_on_its_own_side() -> None:
         np.testing.assert_allclose(gaps, gap, rtol=0, atol=8 * ROUNDED, err_msg=str(heights))
 
 
+def test_the_next_surface_that_is_drawn_earlier_is_found_among_smaller_numbers() -> None:
+    for heights, gap in [
+        ([-3.0, -5.0, -8.0], math.inf),
+        ([-5.0, -3.0, -8.0], 2.0),
+        ([-8.0, -3.0, -5.0], 5.0),
+        ([5.0, 8.0, 3.0], 3.0),
+        ([3.0, -5.0, 8.0], 5.0),
+        ([8.0, 3.0, 5.0], math.inf),
+    ]:
+        reference, aperture = Reference(soup(level_squares(heights), FRUSTA[0])), at(0.3, -0.2)
+        gaps = reference.gaps(aperture, reference.trace(aperture))
+        np.testing.assert_allclose(gaps, gap, rtol=0, atol=8 * ROUNDED, err_msg=str(heights))
+
+
 def test_surfaces_a_few_roundings_apart_are_told_apart_and_coincident_ones_are_one() -> None:
     close = 3 * (1 + 1e-11)
     for heights, gap in [([-3.0, -close], close - 3), ([-3.0, -3.0], math.inf), ([-3.0, -3.0, -4.0], 1.0)]:

@@ -1,0 +1,80 @@
+"""No prediction is off by more than a factor of 3 without its reason beside it."""
+
+import numpy as np
+import pytest
+
+from tests.support.views import at, soup, view
+from xfrustum.compare.prediction.predict import (
+    CROSSES,
+    LARGE,
+    PARALLEL,
+    STARVED,
+    Predictor,
+    plate_segments,
+)
+from xfrustum.compare.run import Judge
+from xfrustum.reference import Reference
+from xfrustum.reports.error_report.settings import DEFAULT_DEPTHS
+from xfrustum.scenes import DoubleFrustum, Pivot
+
+MAX_RATIO = 3.0
+NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
+
+
+@pytest.mark.parametrize(
+    ("name", "reasons"),
+    [
+        ("car", {CROSSES, STARVED}),
+        ("crossing", {CROSSES}),
+        ("large-triangles", {LARGE, STARVED}),
+        ("sheets", {STARVED}),
+        ("grating", {PARALLEL}),
+        ("car-recentered", {CROSSES, STARVED}),
+    ],
+)
+def test_no_ratio_is_off_by_more_than_three_without_a_reason(name: str, reasons: set[str]) -> None:
+    scene = view(name, (64, 48))
+    settings = [
+        DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping, pivot=pivot)
+        for pivot in (Pivot if scene.frustum.recentered else (Pivot.APERTURE,))
+        for near in NEARS
+        for depth, mapping in DEFAULT_DEPTHS
+    ]
+    found: set[str | None] = set()
+    with Judge(scene) as judge:
+        for hogel in judge.stream(scene.default_apertures(), settings, radiance=False, causes=True):
+            for drawing in hogel.drawings:
+                predicted, measured = drawing.predicted, drawing.comparison
+                assert predicted is not None and measured.surface is not None
+                moved, spread, why = predicted.displacement_px, measured.displacement_px, predicted.reasons
+                found |= {why.displacement, why.surface}
+                assert (why.displacement == CROSSES) <= (moved is None)
+                pairs = [(measured.surface.fraction, predicted.surface_fraction, why.surface)]
+                if moved and spread:
+                    pairs += [
+                        (spread.rms, moved.rms, why.displacement),
+                        (spread.p99, moved.p99, why.displacement),
+                    ]
+                for one, other, reason in pairs:
+                    near = other / MAX_RATIO <= one <= other * MAX_RATIO
+                    assert near or reason, (drawing.settings, one, other)
+    assert reasons <= found and (None in found) == (LARGE not in found)
+
+
+def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
+    """The triangle cuts the plate along x = 6 from y = -1 to 1: 6 from the aperture, 5 from another one."""
+    corners = np.array([[[6.0, -2.0, -1.0], [6.0, 2.0, -1.0], [6.0, 0.0, 1.0]]])
+    scene = soup(corners, view("empty", (16, 16)).frustum)
+    middle, ends = plate_segments(scene, at(0, 0))
+    np.testing.assert_allclose(middle, [[6, 0]], atol=1e-12)
+    np.testing.assert_allclose(np.abs(ends), [[0, 1]], atol=1e-12)
+    reference = Reference(scene)
+    for aperture, distance in ((at(0, 0), 6.0), (at(1, 0), 5.0)):
+        predictor = Predictor(reference.trace(aperture), reference, 8)
+        half = reference.camera(aperture).half_extent[0]
+        for near, crosses in ((0.99 * distance / half, False), (1.01 * distance / half, True)):
+            found, links = predictor.predict_links(DoubleFrustum(near=near))
+            assert (found.reasons.displacement == CROSSES) == crosses
+            assert not crosses or links[0].displacement_rms_px is None
+    flat = soup(corners * [1, 1, 0], scene.frustum)
+    assert not len(plate_segments(flat, at(0, 0))[0])
