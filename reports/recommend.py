@@ -34,6 +34,7 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import plate_command, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.planning import (
+    FILM_COLUMNS,
     LINE_CHARACTERS,
     PlannedRecord,
     planned,
@@ -289,7 +290,7 @@ def recommend(
     requirement = Requirement() if tolerance_px is None else Requirement(tolerance_px=tolerance_px)
     eyes = None
     if viewer is not None:
-        asked = eye_requirement(scouted, viewer)
+        asked = eye_requirement(scouted, viewer, eye_pixel=scene.plate.size[0] / FILM_COLUMNS)
         made = planned(scouted, asked, choices, sample, progress)
         record = planned_record(scene, made, asked, progress=progress)
         eyes = EyeAnswer(plan=replayed_plan(made, record), requirement=asked, record=record)
