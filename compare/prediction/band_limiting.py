@@ -72,9 +72,9 @@ def error_bound(count: int, blur: tuple[float, float], contrast: float) -> float
     return min(error, contrast * sum(blur) / 8) if count == 1 else error
 
 
-def sub_apertures_for(blur: tuple[float, float], contrast: float) -> int | None:
-    """Return the least power of two of points that keeps `error_bound` within a level; None for none."""
-    return next((count for count in DISCREPANCY if error_bound(count, blur, contrast) <= LEVEL), None)
+def sub_apertures_for(blur: tuple[float, float], contrast: float, error: float = LEVEL) -> int | None:
+    """Return the least power of two of points that keeps `error_bound` within an error; None for none."""
+    return next((count for count in DISCREPANCY if error_bound(count, blur, contrast) <= error), None)
 
 
 def blurs(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], float]:
@@ -109,9 +109,14 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
     return min(1.0, float(brightest))
 
 
-def needed_sub_apertures(scene: Scene, apertures: Iterable[Aperture] | None = None) -> int:
-    """Return how many sub-apertures a scene's pictures need, at most the last key of `DISCREPANCY`."""
+def needed_sub_apertures(
+    scene: Scene, apertures: Iterable[Aperture] | None = None, error: float = LEVEL
+) -> int:
+    """Return how many sub-apertures keep a scene's pictures within an error, radiance.
+
+    It is at most the last key of `DISCREPANCY`.
+    """
     chosen = None if apertures is None else tuple(apertures)
     contrast = contrast_of(scene, chosen)
-    counts = [sub_apertures_for(blurs(scene, one)[0], contrast) for one in depth_bins(scene, chosen)]
+    counts = [sub_apertures_for(blurs(scene, one)[0], contrast, error) for one in depth_bins(scene, chosen)]
     return max((max(DISCREPANCY) if count is None else count for count in counts), default=1)

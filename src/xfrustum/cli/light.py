@@ -18,9 +18,20 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.plate import Aperture
 
 _SAMPLES = click.IntRange(1, MAX_SAMPLES)
-_POINTS = options.or_auto(
-    options.Read("N", lambda text: options.number(text, int, 1, MAX_SAMPLES + 1), "a number of points")
-)
+
+
+def _points(text: str) -> int | float:
+    """Return a number of points, or the largest error, which is below one, that a share such as 5% allows."""
+    if text.endswith("%"):
+        return float(options.BELOW_1.read(str(float(text[:-1]) / 100)))
+    return int(options.number(text, int, 1, MAX_SAMPLES + 1))
+
+
+_POINTS = options.or_auto(options.Read("N|P%", _points, "a number of points, a share such as 5%"))
+
+COARSER = 0.05
+"""Error of an edge, radiance, for which `auto` says what it would take: a level of 8 bits takes many times
+more points."""
 _OF_SCENE = "  [default: the scene's]"
 
 RASTER = ("effects", "supersample", "multisample", "aperture_samples")
@@ -40,7 +51,7 @@ class Light(Asked):
     supersample = option(_SAMPLES, f"Points along each side of a pixel.{_OF_SCENE}")
     multisample = option(_SAMPLES, f"OpenGL's own samples per pixel.{_OF_SCENE}")
     aperture_samples = option(
-        _POINTS, f"Points of the aperture's area; auto: as many as `explain` asks for.{_OF_SCENE}"
+        _POINTS, f"Points of the aperture's area; P%: edges are off by no more; auto: 1/255.{_OF_SCENE}"
     )
     shadows = flag(f"Shadows, traced by Mitsuba.{_OF_SCENE}", "--shadows/--no-shadows", default=None)
     interreflection = flag(
@@ -53,11 +64,19 @@ class Light(Asked):
     def applied(self, scene: Scene) -> Scene:
         """Return the scene with these settings instead of its own; `auto` is computed, and said."""
         points = self.aperture_samples
-        if points == options.AUTO:
-            from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
+        if points == options.AUTO or isinstance(points, float):
+            from xfrustum.compare.prediction.band_limiting import LEVEL, needed_sub_apertures
 
-            points = needed_sub_apertures(scene)
-            options.note(f"--aperture-samples auto: {points} points stand for the area of each hogel")
+            auto = points == options.AUTO
+            said = options.AUTO if auto else f"{100 * points:g}%"
+            points = needed_sub_apertures(scene, error=LEVEL if auto else points)
+            told = f"--aperture-samples {said}: {points} points stand for the area of each hogel"
+            if auto and (fewer := needed_sub_apertures(scene, error=COARSER)) < points:
+                told += (
+                    f", and it is drawn as often; {fewer} do where edges may be off by 5 % of the radiance "
+                )
+                told += "(--aperture-samples 5%)"
+            options.note(told)
         paths = {"shadows": self.shadows, "interreflection": self.interreflection, "samples": self.samples}
         sampling = present(supersample=self.supersample, multisample=self.multisample, aperture=points)
         changed = replace(

@@ -115,7 +115,9 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
     scene = white_ball(0.1)
     assert contrast_of(scene) == pytest.approx(0.1)
     count = needed_sub_apertures(scene)
-    assert count == 256
+    # Asked for a hundredth of the radiance, which is 2.5 levels.
+    coarse = needed_sub_apertures(scene, error=0.01)
+    assert (count, coarse) == (256, 64)
     means, total = {}, np.zeros((48, 48, 3))
     content = PlateContent(color=ColorType.FLOAT32)
     with PlateRenderer(scene, SHARP, content) as plate:
@@ -123,10 +125,11 @@ def test_the_count_is_enough_and_half_of_it_is_not() -> None:
         for number, hogel in enumerate(plate.hogels(points), 1):
             total += hogel.color
             # The first points of the sequence are the sequence of so many points.
-            if number in (count // 2, count, 8 * count):
+            if number in (coarse, count // 2, count, 8 * count):
                 means[number] = total / number
     error = {n: np.abs(mean - means[8 * count]).max() for n, mean in means.items()}
     assert error[count] <= LEVEL < error[count // 2]
+    assert LEVEL < error[coarse] <= 0.01
 
 
 def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
@@ -142,6 +145,25 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
         largest, least = blurs(scene, one)
         assert max(largest) == pytest.approx(max(blur_px(scene, -one.nearest)))
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
+
+
+def test_auto_says_what_it_takes_and_a_share_takes_fewer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "ball.toml"
+    file.write_text(
+        film((2.0, 2.0), hogels=(8, 8), resolution=(4, 4), fov_deg=(40.0, 40.0), reach=(50.0, 90.0))
+        + "[material.lit]\nambient = 1.0\ndiffuse = 0.0\n"
+        + part("sphere", 1.0, (0.0, 0.0, -2.0), material="lit")
+    )
+    # Nothing is drawn, 16,384 times or otherwise: all commands read the option alike.
+    arguments = ["explain", str(file), "--aperture-samples"]
+    assert main([*arguments, "auto"]) == 0
+    said = capsys.readouterr().err
+    assert "auto: 16384 points" in said and "256 do where edges may be off by 5 % of the radiance" in said
+    assert main([*arguments, "5%"]) == 0
+    assert "5%: 256 points" in capsys.readouterr().err
+    assert [main([*arguments, share]) for share in ("0%", "100%", "-1%")] == [2, 2, 2]
 
 
 def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

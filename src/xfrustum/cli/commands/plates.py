@@ -103,7 +103,8 @@ def plate(asked: _Plate) -> None:
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
     processes may draw one plate at once, and --workers, --scheduler or --part divide it.
     Any reader of Zarr opens it, xarray with names and units.
-    With --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
+    With --aperture-samples, a number, a share such as 5%, or auto, each hogel is the mean over points of its
+    area (band limiting).
     """
     asked.refuse_contradictions()
     light = asked.light
