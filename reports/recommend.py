@@ -356,13 +356,14 @@ def render_page(found: Recommendation) -> str:
 def limits_figure(found: Recommendation) -> Figure:
     """Draw the nears that each judge allows as bars on a logarithmic axis, and the chosen one as a line."""
     reach, bars = found.scene.frustum.longest_reach, []
-    rows = _limit_rows(found)
+    # Thousands have commas, which numbers have not.
+    rows = [[name, *(cell.replace(",", "") for cell in cells)] for name, *cells in _limit_rows(found)]
     lengths = [float(cell) for row in rows for cell in row[1:3] if cell not in ("", "any", "none")]
     near = found.chosen.near
     low = min([*lengths, near or reach]) / 30
     for name, smallest, largest, _ in rows:
         start = low if smallest == "" else math.nan if smallest == "none" else float(smallest)
-        bars.append((name, start, reach if largest in ("", "any") else float(largest)))
+        bars.append((name.replace(", ", ",<br>"), start, reach if largest in ("", "any") else float(largest)))
     bar = {
         "type": "bar",
         "orientation": "h",
@@ -380,6 +381,7 @@ def limits_figure(found: Recommendation) -> Figure:
         "xaxis": {
             "title": f"near, {found.scene.units}",
             **log_axis([low, reach]),
+            "dtick": max(1, round(math.log10(reach / low) / 5)),
             "range": [math.log10(low), math.log10(reach)],
         },
         "yaxis": {"type": "category", "autorange": "reversed"},

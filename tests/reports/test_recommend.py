@@ -18,6 +18,7 @@ from xfrustum.compare.planning.views import Requirement, Views
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reference import Reference
+from xfrustum.reports import recommend as recommend_module
 from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, for_display, recommend
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
 
@@ -134,6 +135,14 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert printed["paragraph"] in page.replace("&#39;", "'")
     assert main(["recommend", scene_file, "--display=1m", "--quiet"]) == 2
     assert "hogels are wider than the plate" in capsys.readouterr().err
+
+
+def test_nears_of_thousands_are_drawn(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers are written with commas, as `1,500`, which no number has."""
+    rows = [("pixels, 0.5 px", "", "1,500", "binds"), ("depth buffer, D24", "1,200", "", "")]
+    monkeypatch.setattr(recommend_module, "_limit_rows", lambda _: rows)
+    (bars,) = recommend_module.limits_figure(recommend(scene))["data"]
+    assert bars["base"][1] == 1200 and bars["customdata"][0] == 1500
 
 
 def test_nothing_is_recommended_where_a_surface_lies_in_every_aperture(scene: Scene) -> None:
