@@ -41,13 +41,7 @@ NOT_YET_NAMED = frozenset(
     [
         "front-flipped",
         "transposed",
-        "linear-for-srgb",
-        "srgb-for-linear",
         "gamma-for-srgb",
-        "gamma-for-linear",
-        "encoded-twice",
-        "decoded",
-        "flat-normals",
         "inverted-normals",
         "stale-block",
         "late",
