@@ -46,6 +46,7 @@ NOT_YET_NAMED = frozenset(
         "stale-block",
         "late",
         "odd-columns",
+        "odd-rows",
         "three-quarters-nearest",
         "three-quarters-bilinear",
         "object-twice",
