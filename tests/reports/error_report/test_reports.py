@@ -210,9 +210,9 @@ def test_the_page_is_one_file_with_pictures_and_curves_of_every_row_that_asks_fo
 ) -> None:
     html, data = page_alone(files.html), page_data(files.html)
     assert files.sentence in html.replace("\u00a0", " ")
-    # It begins with the views of the scene, each once.
+    # The answer comes first, then the views of the scene, each once.
     assert html.count("Side view</text>") == html.count("Top view</text>") == 1
-    assert html.index("Side view</text>") < html.index("Top view</text>") < html.index('class="verdict"')
+    assert html.index('class="verdict"') < html.index("Side view</text>") < html.index("Top view</text>")
     assert len(data["rows"]) == len(files.content["rows"])
     assert len(data["curves"]) == len(data["truths"]) == 3
     for row in data["rows"]:
