@@ -42,6 +42,7 @@ OF_A_SCENE = (
     ("explain", "S"),
     ("figure7", "S"),
     ("plan", "S"),
+    ("recommend", "S"),
     ("plate", "S", "--near", "0.1", "--out", "x.zarr"),
     ("check", "S"),
     ("verify", "S", "{i}x{j}.png"),

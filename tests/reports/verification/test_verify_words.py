@@ -96,7 +96,7 @@ def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None
     }
     assert all(f'd="{path}"' in render_page(found) for path in paths.values())
     right = verification({(0, 0): 0, (1, 0): 0})
-    assert plate_map(right) is None and "Which hogels are wrong" not in render_page(right)
+    assert plate_map(right) is None and "Which hogels fail" not in render_page(right)
 
 
 def test_whole_numbers_are_written_in_full_and_shares_as_percent() -> None:
