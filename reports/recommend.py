@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -314,25 +314,42 @@ def table(found: Recommendation) -> str:
     """Return the answer as text: the paragraph, what each judge allows, and the commands."""
     units, filled = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
     lines = [textwrap.fill(filled, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " "), ""]
-    lines += aligned([("", f"near from, {units}", f"up to, {units}", ""), *_limit_rows(found)]).splitlines()
+    lines += aligned(
+        [("", f"near from, {units}", f"up to, {units}", ""), *(one.cells for one in _allowed(found))]
+    ).splitlines()
     return "\n".join([*lines, "", *found.commands])
 
 
-def _limit_rows(found: Recommendation) -> list[tuple[str, str, str, str]]:
-    """Return what each judge allows: its name, the smallest and the largest near, and whether it binds."""
+class Allowed(NamedTuple):
+    """The nears that one judge allows by itself, scene units; `low` is infinite where it allows none."""
+
+    name: str
+    low: float = 0.0
+    high: float = math.inf
+    binds: bool = False
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """It as people read it: an end that bounds nothing is left out."""
+        low = "none" if math.isinf(self.low) else digits(self.low) if self.low else ""
+        high = "" if math.isinf(self.high) else digits(self.high)
+        return self.name, low, high, "binds" if self.binds else ""
+
+
+def _allowed(found: Recommendation) -> list[Allowed]:
+    """Return what each judge allows, for the table and the figure."""
     rows = []
     if found.pixel_limit is not None:
         name = f"pixels, {found.requirement.tolerance_px:g} px at the worst hogel"
-        rows.append((name, "", digits(found.pixel_limit), "binds" if found.binds == PIXELS else ""))
+        rows.append(Allowed(name, high=found.pixel_limit, binds=found.binds == PIXELS))
     if found.eyes is not None:
         for one in found.eyes.requirement.limits:
-            name = f"eyes, {LIMIT_WORDS[one.name]}"
-            largest = "any" if one.largest_near is None else digits(one.largest_near)
-            bound = found.binds == EYES and one == found.eyes.limit
-            rows.append((name, "", largest, "binds" if bound else ""))
+            high = math.inf if one.largest_near is None else one.largest_near
+            binds = found.binds == EYES and one == found.eyes.limit
+            rows.append(Allowed(f"eyes, {LIMIT_WORDS[one.name]}", high=high, binds=binds))
     for buffer in found.buffers:
-        smallest = "none" if buffer.smallest_near is None else digits(buffer.smallest_near)
-        rows.append((f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}", smallest, "", ""))
+        low = math.inf if buffer.smallest_near is None else buffer.smallest_near
+        rows.append(Allowed(f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}", low))
     return rows
 
 
@@ -349,21 +366,25 @@ def render_page(found: Recommendation) -> str:
     figures = {"limits": limits_figure(found)}
     if np.isfinite(found.hogel_limits).any():
         figures["map"] = map_figure(found)
-    values = {"found": found, "figures": figures, "rows": _limit_rows(found), "versions": versions()}
+    values = {
+        "found": found,
+        "figures": figures,
+        "rows": [one.cells for one in _allowed(found)],
+        "versions": versions(),
+    }
     return html_page("recommend.html.j2", {"percent": percent, "digits": digits}, values)
 
 
 def limits_figure(found: Recommendation) -> Figure:
     """Draw the nears that each judge allows as bars on a logarithmic axis, and the chosen one as a line."""
-    reach, bars = found.scene.frustum.longest_reach, []
-    # Thousands have commas, which numbers have not.
-    rows = [[name, *(cell.replace(",", "") for cell in cells)] for name, *cells in _limit_rows(found)]
-    lengths = [float(cell) for row in rows for cell in row[1:3] if cell not in ("", "any", "none")]
-    near = found.chosen.near
-    low = min([*lengths, near or reach]) / 30
-    for name, smallest, largest, _ in rows:
-        start = low if smallest == "" else math.nan if smallest == "none" else float(smallest)
-        bars.append((name.replace(", ", ",<br>"), start, reach if largest in ("", "any") else float(largest)))
+    reach, near, rows = found.scene.frustum.longest_reach, found.chosen.near, _allowed(found)
+    ends = [end for row in rows for end in (row.low, row.high) if 0 < end < math.inf]
+    low = min([*ends, near or reach]) / 30
+    bars = [
+        (row.name.replace(", ", ",<br>"), row.low or low, reach if math.isinf(row.high) else row.high)
+        for row in rows
+        if math.isfinite(row.low)
+    ]
     bar = {
         "type": "bar",
         "orientation": "h",

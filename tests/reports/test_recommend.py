@@ -139,9 +139,11 @@ def test_the_command_writes_a_page_and_what_it_prints(
 
 def test_nears_of_thousands_are_drawn(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers are written with commas, as `1,500`, which no number has."""
-    rows = [("pixels, 0.5 px", "", "1,500", "binds"), ("depth buffer, D24", "1,200", "", "")]
-    monkeypatch.setattr(recommend_module, "_limit_rows", lambda _: rows)
-    (bars,) = recommend_module.limits_figure(recommend(scene))["data"]
+    allowed = recommend_module.Allowed
+    rows = [allowed("pixels, 0.5 px", high=1500.0, binds=True), allowed("depth buffer, D24", 1200.0)]
+    assert [one.cells[1:3] for one in rows] == [("", "1,500"), ("1,200", "")]
+    monkeypatch.setattr(recommend_module, "_allowed", lambda _: rows)
+    (bars,) = recommend_module.limits_figure(recommend(scene, choices=FINE, sample=SAMPLE))["data"]
     assert bars["base"][1] == 1200 and bars["customdata"][0] == 1500
 
 
