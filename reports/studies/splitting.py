@@ -71,6 +71,10 @@ class Family(StrEnum):
     IN_MIDDLE = "in the middle"  # the same scene as the middle aperture sees it
     RECENTERED = "recentered"  # the picture of the first through a sheared frustum
     THROUGH = "through the plate"  # a car that runs through the plate
+    RECENTERED_THROUGH = "recentered, through the plate"  # the same through a sheared frustum
+
+
+_CROSSING = {Family.THROUGH, Family.RECENTERED_THROUGH}
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,8 @@ class Case:
     """A scene, an image and a depth buffer: what a person has before choosing near and slabs.
 
     `side` is that with content, by the one camera that sees it, or `BOTH`. `ratio` is the depth of the scene,
-    farthest to nearest |z| of its surfaces; in the family `THROUGH` the reach over the aperture's distance
-    from where the surface crosses the plate.
+    farthest to nearest |z| of its surfaces; where a surface runs through the plate it is the reach over the
+    aperture's distance from there.
     """
 
     family: Family
@@ -184,6 +188,7 @@ _OTHERS = (
     Grid(Family.OFF_MIDDLE, (Camera.C,), _DEPTHS, _BUFFERS),
     Grid(Family.RECENTERED, (Camera.C,), _DEPTHS, _BUFFERS, drawings=_SHEARED),
     Grid(Family.THROUGH, (Camera.BOTH,), _CROSSINGS, _BUFFERS, drawings=_OFFSETS),
+    Grid(Family.RECENTERED_THROUGH, (Camera.BOTH,), _CROSSINGS, _BUFFERS, drawings=_SHEARED + _OFFSETS[1:]),
 )
 _NEARS = tuple(float(near) for near in np.geomspace(1e-1, 1e-8, 15))
 
@@ -208,8 +213,9 @@ def seen_scene(cell: Cell) -> depth_family.SeenScene:
             return depth_family.cars_on_both_sides(ratio, resolution)
         case Family.RECENTERED:
             return depth_family.recentered_cars(ratio, resolution)
-        case Family.THROUGH:
-            return depth_family.car_through_plate(1 / ratio, resolution)
+        case Family.THROUGH | Family.RECENTERED_THROUGH:
+            recentered = cell.family is Family.RECENTERED_THROUGH
+            return depth_family.car_through_plate(1 / ratio, resolution, recentered=recentered)
     in_middle = cell.family is Family.IN_MIDDLE
     return depth_family.cars_off_the_middle(ratio, resolution, in_middle=in_middle)
 
@@ -365,7 +371,7 @@ def _cut(row: Row, rows: Rows, count: int) -> Cell:
     a surface runs through the plate that slab never is: then the near is the largest that does not bend in
     one pair, whatever depth buffer drew it, and it, the cuts and the reach form one sequence.
     """
-    if row.family is Family.THROUGH:
+    if row.family in _CROSSING:
         alike = [r for r in rows if (r.picture, r.drawing, r.slabs) == (row.picture, row.drawing, ())]
         near = max(straight_nears(alike), default=min(r.near for r in alike))
         cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
@@ -469,8 +475,10 @@ def document(rows: Rows, origin: Origin) -> str:
 
 
 def sentence(rows: Rows) -> str:
-    """Say the result of scenes on one side of the plate in one sentence."""
-    first = of_family(rows, Family.ONE_SIDE)
+    """Say the result of the first family, which is usually that on one side of the plate, in one sentence."""
+    family = rows[0].family
+    first = of_family(rows, family)
+    scenes = f"content on {family} of the plate" if family is Family.ONE_SIDE else f"scenes {family}"
     found, measured = outcomes(first), {row.near for row in first if not row.slabs}
     ranked = []
     for place, buffer in enumerate(dict.fromkeys(row.buffer for row in first)):
@@ -485,7 +493,7 @@ def sentence(rows: Rows) -> str:
     if always:
         nears = f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
     return (
-        f"With content on one side of the plate, one pair of frusta is enough in "
+        f"With {scenes}, one pair of frusta is enough in "
         f"{sum(bool(one.nears) for one in found.values())} of {len(found)} cases; "
         f"with {buffer_name(buffer)} depth in {enough} of {cases}{nears}."
     )
@@ -632,11 +640,14 @@ COLORS = {
 
 
 def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
-    """Return the title and the rows of each map by its name: one for each side, one for the rest."""
+    """Return the title and the rows of each map by its name: one for each side, two for the rest."""
     found: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
-        first = row.family is Family.ONE_SIDE
-        name, title = (row.side, row.side) if first else ("families", "Other scenes")
+        own = {
+            Family.ONE_SIDE: (row.side, row.side),
+            Family.RECENTERED_THROUGH: ("recentered-through", "Recentered, through the plate"),
+        }
+        name, title = own.get(row.family, ("families", "Other scenes"))
         named = found.setdefault(
             f"when-to-split-{name}", (f"{title}: where one pair of frusta is enough", [])
         )

@@ -31,8 +31,8 @@ _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 #: another at any depth; and those before the plate where there are cars on both sides.
 _QUARTERS, _BETWEEN_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1)), ((-1, 0), (1, 0))
 #: Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the
-#: plate in which its body crosses the plate.
-_CAR_REACH, _CAR_FOV, _CAR_ROW = 150.0, math.radians(60), -10.0
+#: plate in which its body crosses the plate; and the depth of the screen of `car-recentered`, in millimeters.
+_CAR_REACH, _CAR_FOV, _CAR_ROW, _CAR_SCREEN = 150.0, math.radians(60), -10.0, 60.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,10 +106,12 @@ def balanced_height(ratio: float) -> float:
     return 2 * FARTHEST / (ratio + 1)
 
 
-def car_through_plate(distance: float, resolution: tuple[int, int]) -> SeenScene:
+def car_through_plate(distance: float, resolution: tuple[int, int], *, recentered: bool = False) -> SeenScene:
     """Return the built-in car, seen from an aperture beside where its body crosses the plate.
 
-    `distance` is that along x, as a share of the reach.
+    `distance` is that along x, as a share of the reach. Recentered, the car is sheared so that a recentered
+    frustum, with the aperture over a corner of the screen, shows the picture of the centered one; the shear
+    keeps where the car crosses the plate.
     """
     size = REACH / _CAR_REACH
     parts, y = _moved(car(), lambda points: size * points), _CAR_ROW * size
@@ -125,8 +127,16 @@ def car_through_plate(distance: float, resolution: tuple[int, int]) -> SeenScene
     low, step = low[across], (high - low)[across]
     x = float((low[:, 0] + step[:, 0] * ((y - low[:, 1]) / step[:, 1])).max())
     aperture = Aperture(column=0, row=0, x=x + distance * REACH, y=y)
+    name = "car through the plate"
     frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_CAR_FOV, _CAR_FOV))
-    scene = Scene(name="car through the plate", plate=_PLATE, frustum=frustum, objects=tuple(parts))
+    if recentered:
+        slope, height = math.tan(_CAR_FOV / 2), _CAR_SCREEN * size
+        shear = SHEAR_PER_SLOPE * slope
+        parts = _moved(parts, lambda points: points + shear * points[:, 2:] * np.array([1.0, 1.0, 0.0]))
+        center = aperture.x - shear * height, aperture.y - shear * height
+        screen = Screen(height=-height, center=center, size=(2 * slope * height, 2 * slope * height))
+        name, frustum = f"{name}, recentered", replace(frustum, fov=None, screen=screen)
+    scene = Scene(name=name, plate=_PLATE, frustum=frustum, objects=tuple(parts))
     return SeenScene(scene=scene, aperture=aperture)
 
 
