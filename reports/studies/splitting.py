@@ -685,10 +685,16 @@ def panels(rows: Rows) -> list[list[dict[str, Any]]]:
             tuple(COLORS[suitability(row)][0] for row in own if row.buffer == buffer)
             for buffer in dict.fromkeys(row.buffer for row in rows)
         ]
-        words = [str(one) for one in (family, *drawing) if one not in (*AS_IN_THE_PAPER, Family.ONE_SIDE)]
-        title = ", ".join((*words, f"depth {ratio:g}, {resolution} px"))
+        words = [] if family is Family.ONE_SIDE else [family]
+        words += [
+            f"{name} {one}"
+            for name, one, plain in zip(("pivot", "fit", "offset"), drawing, AS_IN_THE_PAPER, strict=True)
+            if one != plain
+        ]
+        distance = f"distance {1 / ratio:g}" if family in _CROSSING else f"depth {ratio:g}"
         line = (family, drawing, ratio if family is Family.ONE_SIDE else None)
-        found.setdefault(line, []).append({"title": title, "lines": lines})
+        own_title = {"row": ", ".join(words), "title": f"{distance}, {resolution} px"}
+        found.setdefault(line, []).append({**own_title, "lines": lines})
     return list(found.values())
 
 

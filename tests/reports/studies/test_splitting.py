@@ -94,7 +94,8 @@ def single(rows: tuple[Row, ...]) -> list[Row]:
 
 
 def cell(family: Family, ratio: float, near: float, **drawn: Any) -> Cell:
-    side = Camera.BOTH if family in {Family.BOTH_SIDES, Family.THROUGH} else Camera.C
+    both = {Family.BOTH_SIDES, Family.THROUGH, Family.RECENTERED_THROUGH}
+    side = Camera.BOTH if family in both else Camera.C
     depth, mapping = EXACT
     pivot, fit, offset = AS_IN_THE_PAPER
     own = {"family": family, "side": side, "ratio": ratio, "resolution": 48, "near": near}
@@ -199,6 +200,16 @@ def test_without_an_offset_nothing_moves_and_with_it_a_near_in_proportion_to_the
     assert large.displacement_p99 is not None and large.displacement_p99 > TOLERANCE_PX and large.outside > 0
     assert small.displacement_p99 is not None and small.displacement_p99 <= TOLERANCE_PX
     assert gap.displacement_p99 is not None and gap.displacement_p99 < 0.05 and gap.outside == 0
+
+
+def test_a_shear_does_not_move_what_crosses_the_plate_but_about_the_cameras() -> None:
+    """Pivot `camera` adds k n / ((|z| + n) t) film units wherever the car comes near the plate."""
+    (centered,) = measure([cell(Family.THROUGH, 1e2, 1e-5)])
+    sheared = list(measure([cell(Family.RECENTERED_THROUGH, 1e2, 1e-5, pivot=pivot) for pivot in Pivot]))
+    moved = {row.pivot: row.displacement_p99 for row in sheared if row.displacement_p99 is not None}
+    assert moved[Pivot.APERTURE] == pytest.approx(centered.displacement_p99, rel=1e-3)
+    assert moved[Pivot.CAMERA] > 1.2 * moved[Pivot.APERTURE]
+    assert all(row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.02) for row in sheared)
 
 
 # Verdicts.
@@ -391,6 +402,15 @@ def test_a_shear_in_the_aperture_plane_moves_nothing(published: tuple[Row, ...])
             assert row.displacement_p99 == pytest.approx(centered.displacement_p99, rel=0.01, abs=1e-3)
             compared += 1
     assert compared > 50
+
+
+def test_a_crossing_needs_the_nears_and_cuts_of_the_centered_frustum(published: tuple[Row, ...]) -> None:
+    sheared, centered = (
+        {(case.ratio, case.buffer, case.drawing): found for case, found in outcomes(rows).items()}
+        for rows in (of_family(published, one) for one in (Family.RECENTERED_THROUGH, Family.THROUGH))
+    )
+    assert len(centered) == 60
+    assert centered.items() <= sheared.items()
 
 
 def test_the_nears_that_do_not_bend_beside_a_crossing_are_in_proportion_to_the_distance(

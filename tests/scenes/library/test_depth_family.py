@@ -41,6 +41,16 @@ def test_cars_before_the_plate_reach_as_far() -> None:
     assert (heights.max(), heights.min()) == pytest.approx((FARTHEST, FARTHEST / 1000), rel=1e-12)
 
 
+@pytest.mark.parametrize("distance", [1e-1, 1e-4])
+def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -> None:
+    seen = [depth_family.car_through_plate(distance, SIZE, recentered=sheared) for sheared in (False, True)]
+    centered, recentered = (Reference(one.scene).trace(one.aperture) for one in seen)
+    assert seen[1].scene.frustum.screen is not None and centered.covered.any()
+    assert np.mean(recentered.triangle != centered.triangle) < 1e-2
+    same = recentered.triangle == centered.triangle
+    np.testing.assert_allclose(recentered.height[same], centered.height[same], rtol=1e-9)
+
+
 def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance() -> None:
     distance = 1e-3
     seen = depth_family.car_through_plate(distance, SIZE)
