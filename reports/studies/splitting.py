@@ -245,9 +245,8 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
             own = _sheets_of(cell)
             # Of the sheets of several cameras the worst count.
             misordered = [max(shares) for shares in zip(*(sheets[one] for one in own), strict=True)]
-            ordered = takewhile(
-                lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, zip(SEPARATIONS, misordered, strict=True)
-            )
+            graded = zip(SEPARATIONS, misordered, strict=True)
+            ordered = takewhile(lambda pair: pair[1] <= MAX_MISORDERED_FRACTION, graded)
             yield Row(
                 **vars(cell),
                 nearest=float(np.percentile(heights, NEAREST_PERCENTILE)),
@@ -319,9 +318,8 @@ def predicted_separation(sheets: Cell) -> float:
     """Return the smallest separation ordered at the farthest surface, by the closed form."""
     near = (sheets.slabs[-1] if sheets.slabs else sheets.near) * REACH
     offset = _camera(sheets)[1] * REACH
-    return (
-        float(smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, *sheets.buffer)) / REACH
-    )
+    apart = smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, *sheets.buffer)
+    return float(apart) / REACH
 
 
 def make_study(
@@ -350,9 +348,8 @@ def _split(rows: Rows, sweep: Sweep, workers: Workers, *, progress: bool) -> lis
     found: list[Row] = []
     # Slabs have no gap at the plate: they are drawn with the offset.
     failed = {c for c, one in outcomes(rows).items() if not one.nears and c.offset is Offset.PLATE}
-    cases = list({case: row for row in reversed(rows) if (case := part_of(row, Case)) in failed}.values())[
-        ::-1
-    ]
+    first = {case: row for row in reversed(rows) if (case := part_of(row, Case)) in failed}
+    cases = [*first.values()][::-1]
     for count in range(1, MAX_SLABS + 1):
         cells = [_cut(row, rows, count) for row in cases]
         blocks = [tuple(group) for _, group in groupby(cells, key=lambda cell: cell.picture)]
@@ -489,14 +486,11 @@ def sentence(rows: Rows) -> str:
         rank = (enough, len(always), buffer[1] not in BY_FRAGMENT, -place)
         ranked.append((rank, buffer, always, len(own)))
     (enough, *_), buffer, always, cases = max(ranked)
-    nears = ""
+    said = f"With {scenes}, one pair of frusta is enough in {sum(bool(one.nears) for one in found.values())} "
+    said += f"of {len(found)} cases; with {buffer_name(buffer)} depth in {enough} of {cases}"
     if always:
-        nears = f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
-    return (
-        f"With {scenes}, one pair of frusta is enough in "
-        f"{sum(bool(one.nears) for one in found.values())} of {len(found)} cases; "
-        f"with {buffer_name(buffer)} depth in {enough} of {cases}{nears}."
-    )
+        said += f", at any near from {near_words(always[0])} to {near_words(always[-1])} of the reach"
+    return f"{said}."
 
 
 def of_family(rows: Iterable[Row], family: Family) -> list[Row]:
@@ -554,10 +548,9 @@ def agreement(rows: Rows) -> dict[str, float]:
     ratios = [
         row.displacement_p99 / row.predicted_p99
         for row in single
-        if row.displacement_p99 is not None
-        and row.predicted_p99 is not None
-        and TOLERANCE_PX / 10 <= row.predicted_p99 <= 10 * TOLERANCE_PX
-        and row.depth_wrong / row.judged <= MAX_DEPTH_WRONG
+        if row.displacement_p99 is not None and row.predicted_p99 is not None
+        if TOLERANCE_PX / 10 <= row.predicted_p99 <= 10 * TOLERANCE_PX
+        if row.depth_wrong / row.judged <= MAX_DEPTH_WRONG
     ]
     others = [row for row in single if suitability(row) is not suitability(row, predicted=True)]
     return {
@@ -643,15 +636,13 @@ def figures(rows: Rows) -> dict[str, tuple[str, list[Row]]]:
     """Return the title and the rows of each map by its name: one for each side, two for the rest."""
     found: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
-        own = {
-            Family.ONE_SIDE: (row.side, row.side),
-            Family.RECENTERED_THROUGH: ("recentered-through", "Recentered, through the plate"),
-        }
-        name, title = own.get(row.family, ("families", "Other scenes"))
-        named = found.setdefault(
-            f"when-to-split-{name}", (f"{title}: where one pair of frusta is enough", [])
-        )
-        named[1].extend([] if row.slabs else [row])
+        name, title = "families", "Other scenes"
+        if row.family is Family.ONE_SIDE:
+            name = title = row.side
+        elif row.family is Family.RECENTERED_THROUGH:
+            name, title = "recentered-through", "Recentered, through the plate"
+        named = f"when-to-split-{name}", f"{title}: where one pair of frusta is enough"
+        found.setdefault(named[0], (named[1], []))[1].extend([] if row.slabs else [row])
     return found
 
 
@@ -685,12 +676,9 @@ def panels(rows: Rows) -> list[list[dict[str, Any]]]:
             tuple(COLORS[suitability(row)][0] for row in own if row.buffer == buffer)
             for buffer in dict.fromkeys(row.buffer for row in rows)
         ]
+        options = zip(("pivot", "fit", "offset"), drawing, AS_IN_THE_PAPER, strict=True)
         words = [] if family is Family.ONE_SIDE else [family]
-        words += [
-            f"{name} {one}"
-            for name, one, plain in zip(("pivot", "fit", "offset"), drawing, AS_IN_THE_PAPER, strict=True)
-            if one != plain
-        ]
+        words += [f"{name} {one}" for name, one, plain in options if one != plain]
         distance = f"distance {1 / ratio:g}" if family in _CROSSING else f"depth {ratio:g}"
         line = (family, drawing, ratio if family is Family.ONE_SIDE else None)
         own_title = {"row": ", ".join(words), "title": f"{distance}, {resolution} px"}
