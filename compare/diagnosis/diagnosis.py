@@ -6,6 +6,7 @@ does not explain what is wrong is no finding. `Evidence` says how much a guess e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -14,24 +15,33 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
     FLAT,
     HYPOTHESES,
-    LIGHTS,
     MISTAKEN_UNITS,
     NEAREST,
     NOT_OVERLAID,
+    SHADINGS,
     VIEW_SHEAR,
     Fault,
     Hypothesis,
     faults_of,
+    found_in,
     with_joint_numbers,
 )
 from xfrustum.compare.diagnosis.film_faults import films_of
-from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
+from xfrustum.compare.diagnosis.geometry_fit import (
+    START_NEARS,
+    Claims,
+    GeometryFit,
+    claims_of,
+    fit_geometry,
+    outside_px,
+)
 from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.diagnosis.scene_faults import scene_guesses
@@ -111,6 +121,9 @@ TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 # Largest relative difference between the pitches of columns and rows at which they count as equal: each may
 # be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
 MAX_PITCH_DIFFERENCE = 1e-3
+
+# Relative precision of a near offset that pictures without triangles tell.
+NEAR_PRECISION = 1e-3
 
 # Factors of the shear of views that are tried, and relative changes of the best one that are tried next.
 # Neighbors differ by one percent, by which a picture moves less than by a pixel where views have a hundred
@@ -354,6 +367,8 @@ def diagnose(evidence: Evidence, *, of_views: bool = False) -> Findings:
         # Where numbers were asked for and colors are found, shading was not asked for: only geometry counts.
         if encoding.as_colors:
             judging = replace(judging, compared=Compared.GEOMETRY)
+        if encoding.reading is not None:
+            judging = replace(judging, transfer=encoding.reading.transfer)
         read = evidence.of([encoding.read(reference, image) for image in images], judging)
         diagnosis = diagnosis_of(read)
         wrong, left = evidence.wrong(nominal), read.wrong(diagnosis.model, explained=True)
@@ -382,13 +397,13 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
         found = Diagnosis(model=evidence.nominal, means=means)
     found = _with_film(evidence, found)
     pictures = [one for one in evidence.images if one.color is not None]
-    if not pictures or not found.model.plain or not found.model.conjugated or found.model.flat:
+    if not pictures or not found.model.plain or {*SHADINGS} & {*found_in(found.model)}:
         return found
     # Numbers of surfaces say nothing of light: where images have colors too, these are tested by themselves.
     nothing, nowhere = np.full_like(pictures[0].triangle, NOTHING), np.full_like(pictures[0].position, np.nan)
     silent: dict[str, Any] = {"triangle": nothing, "object": nothing, "position": nowhere}
     colors = evidence.of([replace(image, **silent) for image in pictures])
-    for one in (LIGHTS, FLAT):
+    for one in SHADINGS:
         lit = one.of(found.model)
         share = colors.share(lit) or 0.0
         if share >= MIN_EXPLAINED_FRACTION and colors.pays(lit, found.model):
@@ -551,6 +566,9 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
                 whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
                 for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
                     tried += [size, *_alike(evidence, size)]
+            if fit.by_color:
+                # Registration makes pictures larger, as a near offset does at one depth only.
+                tried.append(_with_near(evidence, model))
             if fit.by_color and nominal not in (model, plain):
                 # Where one half alone is mirrored, registration may have turned the picture to suit it.
                 tried.append(_composed(evidence, nominal)[0])
@@ -566,6 +584,25 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
     known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)
     low, high = np.where(values == nominal.parameters, values, known)
     return replace(fit, model=best, low=low, high=high, alternatives=tuple(others))
+
+
+def _with_near(evidence: Evidence, model: DrawnModel) -> DrawnModel:
+    """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
+    # A few hogels choose the offset, which all of them test.
+    few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
+    plain, reach = replace(model, fov=evidence.nominal.fov), evidence.reference.scene.frustum.longest_reach
+
+    def stepped_back(power: float) -> DrawnModel:
+        return replace(plain, near=reach * math.exp(power))
+
+    def wrong(power: float) -> int:
+        return few.wrong(stepped_back(power))
+
+    powers = np.log(START_NEARS[1:])
+    first = int(np.argmin([wrong(power) for power in powers.tolist()]))
+    around = tuple(powers[np.clip((first - 1, first + 1), 0, len(powers) - 1)].tolist())
+    found = minimize_scalar(wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION})
+    return _composed(evidence, stepped_back(float(found.x)))[0]
 
 
 def _composed(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:

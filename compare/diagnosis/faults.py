@@ -23,6 +23,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     Film,
     Front,
     Kind,
+    Normals,
     OneCamera,
     Recentering,
     places,
@@ -123,7 +124,13 @@ FLAT = Hypothesis(
     "flat-normals",
     "flat",
     "triangles are shaded with their own normals: the scene's are interpolated between vertices",
-    {"flat": True},
+    {"normals": Normals.FLAT},
+)
+INVERTED = Hypothesis(
+    "inverted-normals",
+    "inverted",
+    "surfaces are lit from the wrong side: normals point away from the viewer, or all lights are reversed",
+    {"normals": Normals.INVERTED},
 )
 FRONT_MISSING = Hypothesis(
     "front-missing",
@@ -138,11 +145,14 @@ BACK_MISSING = Hypothesis(
     {"back_missing": True},
 )
 
+SHADINGS = (LIGHTS, FLAT, INVERTED)
+"""Mistakes of shading, which only colors show."""
+
 HYPOTHESES = (
     *(FRONT_MISSING, BACK_MISSING, NEAREST, NOT_OVERLAID),
     *map(_culled, (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)),
     *map(_flipped, FLIPPED),
-    *(LIGHTS, FLAT),
+    *SHADINGS,
 )
 """All of them; of those that images cannot tell apart, the one that comes first here is named first."""
 

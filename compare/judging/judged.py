@@ -46,7 +46,8 @@ from xfrustum.compare.renderer_model.pictures import (
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
+from xfrustum.scenes.files.foreign_images import Transfer, stored_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -283,6 +284,16 @@ class Judging:
 
     compared: Compared = Compared.COLOR
     color_tolerance: float = COLOR_TOLERANCE
+    # The curve through which pictures are read, if not the stated one. A level of what they store is a larger
+    # difference than the tolerance where the curve is steep: half of it is lost by each rounding.
+    transfer: Transfer | None = None
+
+    def tolerance(self, question: DrawnModel, image: HogelImage) -> Singles | float:
+        """Return the difference of colors, upright, that rounding to levels does not exceed."""
+        if self.transfer is None:
+            return self.color_tolerance
+        stored = question.upright(stored_rgb(image) / np.float32(255))
+        return np.maximum(self.transfer.step(stored), self.color_tolerance)
 
 
 WRONG_WORDS = {
@@ -478,7 +489,7 @@ class _Compared:
         covered: Mask = shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = judged_pixels(answer) & (answer.covered | covered)
         if by == "color":
-            differs = colors_differ(answer, turned, judging.color_tolerance)
+            differs = colors_differ(answer, turned, judging.tolerance(question, image))
         elif by in ("coverage", "outlines"):
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":

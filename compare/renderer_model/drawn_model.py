@@ -151,6 +151,14 @@ class Culled(StrEnum):
     CLOCKWISE = "clockwise"
 
 
+class Normals(StrEnum):
+    """What triangles are shaded with."""
+
+    RIGHT = "right"
+    FLAT = "flat"  # their own normals, not those of their vertices
+    INVERTED = "inverted"  # normals on the side that is not seen
+
+
 class Recentering(StrEnum):
     """How the cameras of a recentered frustum are sheared; a centered frustum has no shear."""
 
@@ -282,8 +290,7 @@ class DrawnModel:
     offsets: tuple[tuple[Index, tuple[float, float]], ...] = ()
     # Odd rows (0) or columns (1) of pixels in files, and by how many px they are shifted right or down.
     odd_lines: tuple[int, int] | None = None
-    # Whether triangles are shaded with their own normals, not with those of their vertices.
-    flat: bool = False
+    normals: Normals = Normals.RIGHT
     film: Film = EVEN
 
     @property

@@ -1,12 +1,21 @@
 """Images that a guess about a renderer makes of a scene: traced and decided like the truth, and colored."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
-from xfrustum.compare.renderer_model.drawn_model import EVEN, Culled, DrawnModel, Film, Front, unflipped
+from xfrustum.compare.renderer_model.drawn_model import (
+    EVEN,
+    Culled,
+    DrawnModel,
+    Film,
+    Front,
+    Normals,
+    unflipped,
+)
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
 from xfrustum.reference.certify.certify import first_surfaces
@@ -135,8 +144,7 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
         model.film.directions(model.pencil(scene, answer.camera.aperture, side)) for side in (1, -1)
     )
     directions[front] = of_c_star[front]
-    if model.flat:
-        scene = replace(scene, objects=tuple(replace(one, vertex_normals=None) for one in scene.objects))
+    scene = _with_normals(scene, model.normals)
 
     def radiance(lit: Scene) -> Singles:
         shader, position = Shader(lit), answer.position.astype(np.float64)
@@ -152,6 +160,31 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     return replace(answer, color=color)
 
 
+@lru_cache(maxsize=2)
+def _with_normals(scene: Scene, normals: Normals) -> Scene:
+    """Return a scene whose triangles, numbered as they are, have the normals by which a guess shades them."""
+    if normals is Normals.RIGHT:
+        return scene
+    parts = []
+    for number, one in enumerate(scene.objects):
+        part = replace(one, vertex_normals=None)
+        if normals is Normals.INVERTED:
+            # The side that is seen is that of the winding, which stays; each corner has a normal of its own.
+            corners, smooth = one.faces.reshape(-1), one.vertex_normals
+            flat = np.repeat(scene.normals[scene.object_of_triangle == number], 3, axis=0)
+            own = flat if smooth is None else np.where(np.isnan(smooth[corners]), flat, smooth[corners])
+            part = replace(
+                one,
+                vertices=one.vertices[corners],
+                faces=np.arange(len(corners)).reshape(-1, 3),
+                uv=None if one.uv is None else one.uv[corners],
+                vertex_colors=None if one.vertex_colors is None else one.vertex_colors[corners],
+                vertex_normals=-own,
+            )
+        parts.append(part)
+    return replace(scene, objects=tuple(parts))
+
+
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:
     """Return the answer to a question with the reference's color.
 
@@ -164,7 +197,7 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     shared = replace(question, near=0.0).one_pencil
     if question.film.smooth:
         return replace(answer, color=_enlarged(reference, question, aperture))
-    shared &= question.film == EVEN and not question.flat
+    shared &= question.film == EVEN and question.normals is Normals.RIGHT
     if not (averages(reference.scene.sampling) and question.conjugated and shared):
         return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
@@ -219,7 +252,9 @@ def shows_something(image: HogelImage) -> Mask:
     return np.asarray((image.color > 0).any(axis=-1))
 
 
-def colors_differ(answer: HogelImage, image: HogelImage, tolerance: float = COLOR_TOLERANCE) -> Mask:
+def colors_differ(
+    answer: HogelImage, image: HogelImage, tolerance: Singles | float = COLOR_TOLERANCE
+) -> Mask:
     """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
     assert answer.color is not None and image.color is not None
     # What is not a number is within no tolerance.

@@ -6,7 +6,8 @@ to the format), and the depth buffer starts at a clear value that a surface must
 (docs/method.md):
 
 * edge: the pixel's center lies within those roundings of an edge of one of the two triangles, or of an edge
-  that clipping makes: a cut by the near plane or the reach, the film's border, a seam;
+  that clipping makes: a cut by the near plane or the reach, the film's border, a seam. Where one picture
+  alone shows something, in all neighbors too, what is missing is no edge that was snapped;
 * order: both triangles cover the pixel, and their stored depths differ by less than the roundings of depth;
 * lost: the stored depth of the expected surface differs by less than that from the clear value, and what is
   shown covers the pixel.
@@ -101,7 +102,8 @@ def find_causes(
     images = (expected, shown)
     drawn = _drawn_by(triangles, cameras, images, pixels)
     before, after = _marks(drawn, cameras, images, pixels)
-    edge = before.near_edge | after.near_edge | _near_border(cameras, (columns, rows))
+    edge = (before.near_edge | after.near_edge) & _beside_likeness(expected, shown, (columns, rows))
+    edge |= before.near_moved | after.near_moved | _near_border(cameras, (columns, rows))
     # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
     # a triangle are near its edge, and have their cause already.
     chosen = before.possible & after.possible & ~edge
@@ -152,15 +154,17 @@ def _marks(
 ) -> list[Placement]:
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
     shape = len(cameras), len(images), len(pixels)
-    near_edge, possible = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    names = ("possible", "near_edge", "near_moved")
+    marks = {name: np.zeros(shape, dtype=np.bool_) for name in names}
     if len(drawn.slots):
         placed = placement(drawn)
-        near_edge.reshape(-1)[drawn.slots] = placed.near_edge
-        possible.reshape(-1)[drawn.slots] = placed.possible
-    each = zip(images, _by_any(near_edge), _by_any(possible), strict=True)
+        for name, mask in marks.items():
+            mask.reshape(-1)[drawn.slots] = getattr(placed, name)
+    marks["possible"] |= np.array([image.triangle.reshape(-1).take(pixels) == NOTHING for image in images])
+    by_image = [_by_any(marks[name]) for name in names]
     return [
-        Placement(near_edge=near, possible=(image.triangle.reshape(-1).take(pixels) == NOTHING) | inside)
-        for image, near, inside in each
+        Placement(possible=possible, near_edge=near, near_moved=moved)
+        for possible, near, moved in zip(*by_image, strict=True)
     ]
 
 
@@ -171,6 +175,14 @@ def _stored(
     shape = len(cameras), len(images), len(chosen)
     kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
     return depths(kept).at(kept.slots, shape)
+
+
+def _beside_likeness(expected: HogelImage, shown: HogelImage, pixels: PixelIndex) -> Mask:
+    """Return which pixels, or which one beside them, show something in both images, or nothing in both."""
+    (columns, rows), around = pixels, np.arange(3)
+    alike = np.pad((expected.triangle == NOTHING) == (shown.triangle == NOTHING), 1)
+    near = alike[rows[:, None, None] + around[:, None], columns[:, None, None] + around]
+    return np.asarray(near.any(axis=(1, 2)))
 
 
 def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:

@@ -55,6 +55,9 @@ class Placement:
     #: (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of a cut by
     #: the near plane or the reach
     near_edge: Mask
+    #: (N,) the center is near an edge that may move farther than by snapping: near a cut, or where
+    #: coordinates are rounded as coarsely as in the camera's own plane
+    near_moved: Mask
 
 
 def placement(shown: PixelTriangles) -> Placement:
@@ -74,15 +77,17 @@ def placement(shown: PixelTriangles) -> Placement:
     # The center lies inside where all three edge functions have one sign; each is known within a margin.
     sides, margins = values[:3], snapped[:3] + shifts
     possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
-    near = (np.abs(sides) <= margins).any(axis=0)
+    near = np.abs(sides) <= margins
+    moves = (near & (shifts > snapped[:3])).any(axis=0)
 
     # Cuts by near and far plane are edges too. On the triangle, 1/s = plane . (u, v, 1) / volume.
     distances = np.abs(film.ends)
     is_far = distances == film.planes[1]
     far = np.where(is_far, np.abs(film.volume) * far_cut_rounding(film), 0.0)
     margins = snapped[3] + shifts.sum(axis=0) + shown.each(volume_bound / distances) + shown.each(far)
-    near |= (np.abs(values[3] - shown.each(film.volume / film.ends)) <= margins).any(axis=0)
-    return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
+    moves |= (np.abs(values[3] - shown.each(film.volume / film.ends)) <= margins).any(axis=0)
+    edge: Mask = possible & (near.any(axis=0) | moves)
+    return Placement(possible=np.asarray(possible), near_edge=edge, near_moved=possible & moves)
 
 
 def _per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:

@@ -48,6 +48,12 @@ class Transfer(StrEnum):
             case Transfer.DECODED:
                 return encoding_curve(stored)
 
+    def step(self, stored: Singles) -> Singles:
+        """Return by how much linear radiance changes, at most, where stored values change by a level."""
+        here, level = self.linear(stored), np.float32(1 / 255)
+        up, down = self.linear(np.minimum(stored + level, 1)), self.linear(np.maximum(stored - level, 0))
+        return np.asarray(np.maximum(up - here, here - down))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StoredPixels(Brief):

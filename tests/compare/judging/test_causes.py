@@ -100,3 +100,20 @@ def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
     along = exact.covered & (side < 0.9 * OFFSET_PRECISION.snap_px)
     assert along.sum() > 5
     assert causes(scene, model, exact, lost, along)["edge"] == along.sum()
+
+
+def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
+    """Cracks between triangles are edges; a surface that is not there at all has its outline alone."""
+    count = 2 * SIZE  # Four triangles along each pixel
+    cells = np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 1, 2)
+    halves = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]])
+    x, y = np.moveaxis((cells + halves).reshape(-1, 3, 2) * 20 / count - 10, -1, 0)
+    scene = soup(np.stack((x, y, np.full_like(x, -20.0)), axis=2), FRUSTUM)
+    exact = trace_drawn(Reference(scene), DrawnModel(), CENTER)
+    here = exact.covered
+    missing = replace(exact, triangle=np.full_like(exact.triangle, NOTHING))
+    assert causes(scene, DrawnModel(), exact, missing, here)["unexplained"] > 0.9 * here.sum()
+    some = np.zeros_like(here)
+    some[::3, ::3] = here[::3, ::3]
+    cracked = replace(exact, triangle=np.where(some, NOTHING, exact.triangle))
+    assert causes(scene, DrawnModel(), exact, cracked, some)["edge"] > 0.3 * some.sum()
