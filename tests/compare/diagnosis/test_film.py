@@ -75,7 +75,7 @@ def test_colors_through_another_curve_are_read_through_it(
 def test_a_level_of_the_file_bounds_what_rounding_loses(
     transfer: Transfer, written: Callable[[Floats], Floats]
 ) -> None:
-    radiance = np.linspace(0, 1, 10_001).astype(np.float32)
+    radiance = np.linspace(0, 1, 10_001)
     levels = (np.rint(255 * written(radiance)) / 255).astype(np.float32)
     lost, step = np.abs(transfer.linear(levels) - radiance), transfer.step(levels)
     assert (lost <= step).all()
