@@ -6,7 +6,6 @@ does not explain what is wrong is no finding. `Evidence` says how much a guess e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -15,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
@@ -34,16 +32,9 @@ from xfrustum.compare.diagnosis.faults import (
     with_joint_numbers,
 )
 from xfrustum.compare.diagnosis.film_faults import films_of
-from xfrustum.compare.diagnosis.geometry_fit import (
-    START_NEARS,
-    Claims,
-    GeometryFit,
-    claims_of,
-    fit_geometry,
-    outside_px,
-)
+from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
 from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
-from xfrustum.compare.diagnosis.registration import register
+from xfrustum.compare.diagnosis.registration import register, with_near
 from xfrustum.compare.diagnosis.scene_faults import scene_guesses
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
 from xfrustum.compare.metrics.error_maps import covered_by
@@ -121,9 +112,6 @@ TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 # Largest relative difference between the pitches of columns and rows at which they count as equal: each may
 # be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
 MAX_PITCH_DIFFERENCE = 1e-3
-
-# Relative precision of a near offset that pictures without triangles tell.
-NEAR_PRECISION = 1e-3
 
 # Factors of the shear of views that are tried, and relative changes of the best one that are tried next.
 # Neighbors differ by one percent, by which a picture moves less than by a pixel where views have a hundred
@@ -568,7 +556,7 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
                     tried += [size, *_alike(evidence, size)]
             if fit.by_color:
                 # Registration makes pictures larger, as a near offset does at one depth only.
-                tried.append(_with_near(evidence, model))
+                tried.append(_composed(evidence, with_near(evidence, model))[0])
             if fit.by_color and nominal not in (model, plain):
                 # Where one half alone is mirrored, registration may have turned the picture to suit it.
                 tried.append(_composed(evidence, nominal)[0])
@@ -584,25 +572,6 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
     known = np.where(same & (values == fit.model.parameters), (fit.low, fit.high), np.nan)
     low, high = np.where(values == nominal.parameters, values, known)
     return replace(fit, model=best, low=low, high=high, alternatives=tuple(others))
-
-
-def _with_near(evidence: Evidence, model: DrawnModel) -> DrawnModel:
-    """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
-    # A few hogels choose the offset, which all of them test.
-    few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
-    plain, reach = replace(model, fov=evidence.nominal.fov), evidence.reference.scene.frustum.longest_reach
-
-    def stepped_back(power: float) -> DrawnModel:
-        return replace(plain, near=reach * math.exp(power))
-
-    def wrong(power: float) -> int:
-        return few.wrong(stepped_back(power))
-
-    powers = np.log(START_NEARS[1:])
-    first = int(np.argmin([wrong(power) for power in powers.tolist()]))
-    around = tuple(powers[np.clip((first - 1, first + 1), 0, len(powers) - 1)].tolist())
-    found = minimize_scalar(wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION})
-    return _composed(evidence, stepped_back(float(found.x)))[0]
 
 
 def _composed(evidence: Evidence, model: DrawnModel) -> list[DrawnModel]:

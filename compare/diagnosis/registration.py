@@ -10,15 +10,16 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares, minimize, minimize_scalar
 from scipy.stats import t as student
 from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
-from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS, GeometryFit
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, places, screen_lengths
 from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
@@ -26,6 +27,9 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
+
+if TYPE_CHECKING:  # it tests what is found here
+    from xfrustum.compare.diagnosis.diagnosis import Evidence
 
 # Reference pixels for each pixel of an image, along each side; values between them are interpolated. Its
 # picture is wider than the film: a wider field of view finds surfaces there.
@@ -43,6 +47,9 @@ DERIVATIVE_STEP_PX = 0.25
 # Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
 # smallest shift that has a name (`drawn_model.SMALLEST_SHIFT_PX`).
 SHIFT_TOLERANCE_PX = 1e-3
+
+# Relative precision of a near offset.
+NEAR_PRECISION = 1e-3
 
 # Standard deviation of the filter under which outlines that lie pixels apart still attract each other.
 BLUR_PX = 1.5
@@ -120,6 +127,22 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
     fit = replace(fit, model=model.with_parameters(values))
     return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
+
+
+def with_near(evidence: Evidence, model: DrawnModel) -> DrawnModel:
+    """Return a guess with the near offset in place of another film that makes fewest pixels wrong."""
+    # A few hogels choose the offset, which all of them test.
+    few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
+    plain, reach = replace(model, fov=evidence.nominal.fov), evidence.reference.scene.frustum.longest_reach
+
+    def wrong(power: float) -> int:
+        return few.wrong(replace(plain, near=reach * float(np.exp(power))))
+
+    powers = np.log(START_NEARS[1:])
+    first = int(np.argmin([wrong(power) for power in powers.tolist()]))
+    around = tuple(powers[np.clip((first - 1, first + 1), 0, len(powers) - 1)].tolist())
+    found = minimize_scalar(wrong, bounds=around, method="bounded", options={"xatol": NEAR_PRECISION})
+    return replace(plain, near=reach * float(np.exp(found.x)))
 
 
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
