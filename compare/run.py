@@ -14,11 +14,11 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import chain, islice, pairwise
+from itertools import chain, groupby, islice, pairwise
 from types import MappingProxyType
-from typing import Any, Generic, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
@@ -226,21 +226,10 @@ class Judge:
 
         Apertures are taken in the caller's thread, some ahead of what has been yielded. Memory does not grow
         with their number. An exception of any thread comes to the caller, and closing the iterator early ends
-        the work.
+        the work. InputError where there are no settings, or they make no sense for the scene's frustum.
 
-        Parameters
-        ----------
-        images
-            Whether truths, drawings in color and error maps are kept.
-        radiance
-            Whether colors are compared; None for scenes that say how they look.
-        causes
-            Whether errors are predicted and wrong pixels charged to causes.
-
-        Raises
-        ------
-        InputError
-            There are no settings, or they make no sense for the scene's frustum.
+        `images` keeps truths, drawings in color and error maps. `radiance` compares colors; None does so for
+        scenes that say how they look. `causes` predicts errors, and charges wrong pixels to causes.
         """
         colors = is_shaded(self.scene) if radiance is None else radiance
         wanted = Wanted(color=images or colors, radiance=colors, causes=causes)
@@ -296,23 +285,21 @@ class _Cameras:
     first: Future[tuple[Drawn, float]]  #: the frame with the first of the settings, and the seconds
     #: With causes the chain up to R0, with all that budgets of these frames share; else errors of the first
     #: frame, beside which the others are judged.
-    shared: Future[ChainStart] | Future[PixelErrors] | None = None
+    shared: Future[ChainStart] | Future[PixelErrors] | None
 
 
 class _Loop(Generic[Result]):
-    """One run of `Judge.frames`: a thread that draws, one that traces, and those that judge.
+    """One run of `Judge.frames`: a thread that draws, one that traces, and those that judge."""
 
-    A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it: so
-    they never all wait.
-    """
+    # A task of the judging threads waits for drawing, for tracing, or for judging tasks submitted before it:
+    # so they never all wait.
 
     def __init__(self, judge: Judge, wanted: Wanted, finish: Callable[[JudgedFrame], Result]) -> None:
         self._judge, self._wanted, self._finish = judge, wanted, finish
         self._reference = judge.reference
         self._subpixel_bits = int(judge.device["subpixel_bits"])
-        self._drawn: deque[Future[Any]] = deque()
-        self._models: dict[DoubleFrustum, HogelImage] = {}
-        self._models_of: tuple[Aperture, float] | None = None
+        self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
+        self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
 
     def run(
         self,
@@ -321,26 +308,16 @@ class _Loop(Generic[Result]):
         truths: Mapping[Aperture, HogelImage],
     ) -> Generator[Result, None, None]:
         """Yield what is made of each frame; see `Judge.frames`."""
-        pixels = math.prod(self._judge.scene.frustum.resolution)
-        self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
-        self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
-        with self._tracing, self._judging:
-            try:
-                # Some cameras are begun ahead: threads that would wait for the one work on the other.
-                begun = pairwise(chain(self._begun(apertures, groups, truths), [None]))
-                judged = (
-                    self._submitted(cameras, setting)
-                    for cameras, _ in begun
-                    if cameras
-                    for setting in cameras.settings
-                )
-                yield from in_order(judged, images_under_way(pixels))
-            finally:
-                # Nobody wants what has not begun, and what waits for that ends.
-                for one in self._drawn:
-                    one.cancel()
-                for pool in (self._tracing, self._judging):
-                    pool.shutdown(wait=False, cancel_futures=True)
+        most = images_under_way(math.prod(self._judge.scene.frustum.resolution))
+        # Some cameras are begun ahead: threads that would wait for the one work on the other.
+        begun = pairwise(chain(self._begun(apertures, groups, truths), [None]))
+        try:
+            tasks = (self._submitted(some, one) for some, _ in begun if some for one in some.settings)
+            yield from in_order(tasks, most)
+        finally:
+            # Nobody wants what has not begun, and what waits for that ends.
+            for pool in (self._tracing, self._judging):
+                pool.shutdown(cancel_futures=True)
 
     def _begun(
         self,
@@ -349,88 +326,80 @@ class _Loop(Generic[Result]):
         truths: Mapping[Aperture, HogelImage],
     ) -> Iterator[_Cameras]:
         """Begin with hogel after hogel: with first frames, and with what the frames of some cameras share."""
-        asked: deque[Aperture] = deque()
-        colored = self._wanted.color and self._wanted.colored_truths
-        # One stream of truths, for which a scene's triangles are sorted once.
-        images = self._reference.stream(iter(asked.popleft, None), colored=colored)
+        color, colored = self._wanted.color, self._wanted.color and self._wanted.colored_truths
 
         def trace(aperture: Aperture) -> tuple[HogelImage, float]:
             if aperture in truths:
                 return truths[aperture], 0.0
-            begun = time.perf_counter()
-            asked.append(aperture)
-            return next(images), time.perf_counter() - begun
+            return _timed(partial(self._reference.trace, aperture, colored=colored))
 
         def predicting(truth: Future[tuple[HogelImage, float]]) -> Predictor:
-            image, _ = truth.result()
-            return Predictor(image, self._reference, self._subpixel_bits)
-
-        def beside(cameras: _Cameras) -> PixelErrors:
-            truth, first = cameras.truth.result()[0], cameras.first.result()[0].image
-            errors = pixel_errors(truth, first, self._reference)
-            errors.find_maps()
-            return errors
+            return Predictor(truth.result()[0], self._reference, self._subpixel_bits)
 
         for aperture in apertures:
             one_of(aperture, Aperture, "aperture")
             truth = self._tracing.submit(trace, aperture)
             predictor = self._judging.submit(predicting, truth) if self._wanted.causes else None
-            for settings in groups:
-                first = self._draw(aperture, settings[0])
-                cameras = _Cameras(
-                    aperture=aperture, truth=truth, predictor=predictor, settings=settings, first=first
-                )
-                if predictor:
-                    exact = self._judge.submit(partial(_exact_frame, cameras))
-                    self._drawn.append(exact)
-                    models = self._tracing.submit(self._traced_models, aperture, settings[0])
-                    start = self._judging.submit(self._start, cameras, predictor, models, exact)
-                    yield replace(cameras, shared=start)
-                elif len(settings) > 1:
-                    yield replace(cameras, shared=self._judging.submit(beside, cameras))
-                else:
-                    yield cameras
+            # Geometries of one near share some traced models.
+            for _, of_near in groupby(groups, key=lambda group: group[0].near):
+                traced: dict[DoubleFrustum, HogelImage] = {}
+                for settings in of_near:
+                    first = self._draw(aperture, settings[0], color=color)
+                    shared: Future[ChainStart] | Future[PixelErrors] | None = None
+                    if predictor:
+                        exact = with_exact_depth(settings[0])
+                        last = first if exact == settings[0] else self._draw(aperture, exact, color=False)
+                        chain_of = partial(
+                            traced_models, self._reference, aperture, exact, traced, shaded=False
+                        )
+                        models = self._tracing.submit(chain_of)
+                        shared = self._judging.submit(self._start, exact, predictor, truth, models, last)
+                    elif len(settings) > 1:
+                        shared = self._judging.submit(self._beside, truth, first)
+                    yield _Cameras(
+                        aperture=aperture,
+                        truth=truth,
+                        predictor=predictor,
+                        settings=settings,
+                        first=first,
+                        shared=shared,
+                    )
 
-    def _draw(self, aperture: Aperture, setting: DoubleFrustum) -> Future[tuple[Drawn, float]]:
+    def _draw(
+        self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
+    ) -> Future[tuple[Drawn, float]]:
         """Have a frame drawn; the result has the seconds that this took, too."""
+        return self._judge.submit(
+            lambda rasterizer: _timed(partial(rasterizer.draw, aperture, setting, normals=False, color=color))
+        )
 
-        def draw(rasterizer: Rasterizer) -> tuple[Drawn, float]:
-            begun = time.perf_counter()
-            drawn = rasterizer.draw(aperture, setting, normals=False, color=self._wanted.color)
-            return drawn, time.perf_counter() - begun
-
-        frame = self._judge.submit(draw)
-        self._drawn.append(frame)
-        return frame
-
-    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
-        first = setting == cameras.settings[0]
-        drawn = cameras.first if first else self._draw(cameras.aperture, setting)
-        while self._drawn and self._drawn[0].done():
-            self._drawn.popleft()
-        return self._judging.submit(self._judged, cameras, setting, drawn)
-
-    def _traced_models(self, aperture: Aperture, setting: DoubleFrustum) -> tuple[HogelImage, ...]:
-        """Return T1 to T4 of some cameras; geometries of one near share some of them."""
-        if self._models_of != (aperture, setting.near):
-            self._models_of = aperture, setting.near
-            self._models.clear()
-        exact = with_exact_depth(setting)
-        return traced_models(self._reference, aperture, exact, self._models, shaded=False)
+    def _beside(
+        self, truth: Future[tuple[HogelImage, float]], first: Future[tuple[Drawn, float]]
+    ) -> PixelErrors:
+        errors = pixel_errors(truth.result()[0], first.result()[0].image, self._reference)
+        errors.find_maps()
+        return errors
 
     def _start(
         self,
-        cameras: _Cameras,
+        exact: DoubleFrustum,
         predictor: Future[Predictor],
+        truth: Future[tuple[HogelImage, float]],
         models: Future[tuple[HogelImage, ...]],
-        exact: Future[HogelImage],
+        last: Future[tuple[Drawn, float]],
     ) -> ChainStart:
         """Return the chain up to R0, and find in this thread all that budgets and predictions share."""
-        predictor.result().without_depth(cameras.settings[0])
-        images = (cameras.truth.result()[0], *models.result(), exact.result())
+        predictor.result().without_depth(exact)
+        images = (truth.result()[0], *models.result(), last.result()[0].image)
         start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
         start.find_shared()
         return start
+
+    def _submitted(self, cameras: _Cameras, setting: DoubleFrustum) -> Future[Result]:
+        drawn = cameras.first
+        if setting != cameras.settings[0]:
+            drawn = self._draw(cameras.aperture, setting, color=self._wanted.color)
+        return self._judging.submit(self._judged, cameras, setting, drawn)
 
     def _judged(
         self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[tuple[Drawn, float]]
@@ -476,9 +445,7 @@ class _Loop(Generic[Result]):
         return self._finish(frame)
 
 
-def _exact_frame(cameras: _Cameras, rasterizer: Rasterizer) -> HogelImage:
-    """Return the frame of some cameras with exact depth, R0."""
-    exact = with_exact_depth(cameras.settings[0])
-    if exact == cameras.settings[0]:
-        return cameras.first.result()[0].image
-    return rasterizer.render(cameras.aperture, exact, normals=False, color=False)
+def _timed(make: Callable[[], Result]) -> tuple[Result, float]:
+    """Return what a function makes, and the wall seconds that it takes."""
+    begun = time.perf_counter()
+    return make(), time.perf_counter() - begun

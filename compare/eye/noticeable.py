@@ -374,7 +374,7 @@ def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, fl
 
 
 def resolved_crack(viewer: Viewer, display: Display, settings: DoubleFrustum) -> tuple[str, float, float]:
-    """Return what hides a crack, how wide it may be, and how wide it is, arc minutes.
+    """Return what masks a crack, how wide it may be, and how wide it is, arc minutes.
 
     Its edges are seen as far from the plate as halves are moved: there pixels and diffraction blur.
     """

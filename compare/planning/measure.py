@@ -18,7 +18,7 @@ from xfrustum.compare.beyond import displacement_p99
 from xfrustum.compare.planning.views import Done, Errors, Quality, Requirement, View, Views
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.compare.run import NO_TRUTHS, Judge, JudgedFrame, Wanted
+from xfrustum.compare.run import NO_TRUTHS, Judge, Wanted
 from xfrustum.raster import Rasterizer
 from xfrustum.reference.lines.lines import ModelCamera, model_cameras
 from xfrustum.scenes.arrays import Floats, Indices, Mask
@@ -57,24 +57,18 @@ def hogel_results(
     Wrong surfaces that are right with exact depth are wrong by depth: each hogel is drawn with exact depth
     besides. `truths` are true images that are there already.
     """
-
-    def judged(frame: JudgedFrame) -> tuple[DoubleFrustum, tuple[Aperture, float, int, Mask]]:
-        found = frame.comparison
-        wrong = found.errors.surface
-        assert wrong is not None, "the reference has the scene at hand"
-        return frame.settings, (frame.aperture, displacement_p99(found), found.judged, wrong)
-
     exact = with_exact_depth(settings)
     both = tuple(dict.fromkeys((settings, exact)))
-    with closing(judge.frames(apertures, both, Wanted(), judged, truths)) as frames:
-        while some := dict(islice(frames, len(both))):
-            aperture, moved, count, wrong = some[settings]
-            by_depth = wrong & ~some[exact][-1]
+    with closing(judge.frames(apertures, both, Wanted(), lambda frame: frame, truths)) as frames:
+        while some := {one.settings: one for one in islice(frames, len(both))}:
+            found, with_exact = some[settings].comparison, some[exact].comparison.errors.surface
+            wrong, judged = found.errors.surface, max(found.judged, 1)
+            assert wrong is not None and with_exact is not None, "the reference has the scene at hand"
             yield HogelResult(
-                aperture=aperture,
-                displacement_p99_px=moved,
-                surface_fraction=float(wrong.sum() / max(count, 1)),
-                depth_wrong=float(by_depth.sum() / max(count, 1)),
+                aperture=some[settings].aperture,
+                displacement_p99_px=displacement_p99(found),
+                surface_fraction=float(wrong.sum() / judged),
+                depth_wrong=float((wrong & ~with_exact).sum() / judged),
             )
 
 
@@ -131,15 +125,23 @@ class SheetPair:
     separation: float
     loser_first: bool  #: whether the sheet that must not show is drawn first
 
-    def objects(self, rows: Indices, columns: Indices, cells: int) -> list[SceneObject]:
-        """Return both sheets in drawing order, over the cells in some rows and columns of the film."""
-        farther, nearer = (
-            _sheet(self.camera, rows, columns, height, cells)
-            for height in (self.heights, self.heights - self.separation)
-        )
-        # C keeps the nearer, C* the farther.
-        loser, winner = (farther, nearer) if self.camera.orthoscopic else (nearer, farther)
-        return [loser, winner] if self.loser_first else [winner, loser]
+    def objects(self, owned: Mask) -> list[SceneObject]:
+        """Return both sheets in drawing order: squares parallel to the plate, over the cells (n, n) owned."""
+        (rows, columns), pencil, cells = np.nonzero(owned), self.camera.pencil, len(owned)
+        at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
+        u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
+        v = 1 - 2 * (rows[:, None] + at[:, 0]) / cells
+        vertices = np.arange(4 * len(rows)).reshape(-1, 4)
+        faces, sheets = np.concatenate((vertices[:, [0, 1, 2]], vertices[:, [0, 2, 3]])), []
+        for heights in (self.heights, self.heights - self.separation):
+            z = np.broadcast_to((-heights if self.camera.orthoscopic else heights)[:, None], u.shape)
+            s = pencil.center[2] - z
+            x = pencil.center[0] + s * (pencil.shear[0] + u * pencil.half_extent[0])
+            y = pencil.center[1] + s * (pencil.shear[1] + v * pencil.half_extent[1])
+            corners = np.stack((x, y, z), axis=-1).reshape(-1, 3)
+            sheets.append(SceneObject(name="sheet", vertices=corners, faces=faces))
+        # The farther one comes first. C keeps the nearer, C* the farther.
+        return sheets if self.camera.orthoscopic is self.loser_first else sheets[::-1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,11 +158,9 @@ class SheetFilm:
         cls, scene: Scene, aperture: Aperture, pairs: Sequence[SheetPair], owner: Indices, cell_pixels: int
     ) -> SheetFilm:
         """Tile a film with cells of so many pixels a side; `owner` (cells, cells) has each cell's pair."""
-        cells, objects = len(owner), []
-        for number, pair in enumerate(pairs):
-            rows, columns = np.nonzero(owner == number)
-            objects += pair.objects(rows, columns, cells)
-        frustum = replace(scene.frustum, resolution=(cells * cell_pixels, cells * cell_pixels))
+        objects = (one for number, pair in enumerate(pairs) for one in pair.objects(owner == number))
+        side = len(owner) * cell_pixels
+        frustum = replace(scene.frustum, resolution=(side, side))
         of_pixel = np.kron(owner, np.ones((cell_pixels, cell_pixels), dtype=np.int64))
         winners = np.array([2 * number + pair.loser_first for number, pair in enumerate(pairs)])
         return cls(
@@ -206,18 +206,3 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
         with Rasterizer(film.scene) as rasterizer:
             worst = max(worst, *film.wrong_shares(rasterizer, replace(settings, camera=side)))
     return worst
-
-
-def _sheet(camera: ModelCamera, rows: Indices, columns: Indices, heights: Floats, cells: int) -> SceneObject:
-    """Return cells of a camera's film as squares parallel to the plate, each at a height |z| of its own."""
-    pencil = camera.pencil
-    at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
-    u = 2 * (columns[:, None] + at[:, 1]) / cells - 1
-    v = 1 - 2 * (rows[:, None] + at[:, 0]) / cells
-    z = np.broadcast_to((-heights if camera.orthoscopic else heights)[:, None], u.shape)
-    s = pencil.center[2] - z
-    slopes = [pencil.shear[0] + u * pencil.half_extent[0], pencil.shear[1] + v * pencil.half_extent[1]]
-    corners = np.stack((pencil.center[0] + s * slopes[0], pencil.center[1] + s * slopes[1], z), axis=-1)
-    vertices = np.arange(4 * len(rows)).reshape(-1, 4)
-    faces = np.concatenate((vertices[:, [0, 1, 2]], vertices[:, [0, 2, 3]]))
-    return SceneObject(name="sheet", vertices=corners.reshape(-1, 3), faces=faces)

@@ -279,8 +279,11 @@ class Search:
         def with_near(near: float) -> DoubleFrustum:
             return self._settings(buffer, near, heights)
 
+        def tolerable(settings: DoubleFrustum) -> bool:
+            return self._tolerable(settings.near, settings.slabs[:1])
+
         highest = index_below(first) if first else self.highest
-        largest = self._largest(with_near, self._is_tolerable, self.lowest, highest)
+        largest = self._largest(with_near, tolerable, self.lowest, highest)
         if not largest.holds or largest.settings.near != first:
             return largest
 
@@ -289,7 +292,7 @@ class Search:
 
         def may_hold(settings: DoubleFrustum) -> bool:
             ordered = self._views.separation(settings) * SEPARATION_MARGIN <= self.separation
-            return ordered and self._is_tolerable(settings)
+            return ordered and tolerable(settings)
 
         highest = index_below(others[0], strictly=True) if others else self.highest
         raised = self._largest(with_first_cut, may_hold, index_below(first), highest)
@@ -323,12 +326,9 @@ class Search:
         attempt = largest if found is None else judged(round_number(found))
         return attempt if attempt.holds else largest
 
-    def _is_tolerable(self, settings: DoubleFrustum) -> bool:
-        # What near displaces depends on it and the first cut alone, whatever the depth buffer.
-        return self._tolerable(settings.near, settings.slabs[:1])
-
     def _displaces_little(self, near: float, first_cut: tuple[float, ...]) -> bool:
         """Return whether near displaces no more than is allowed, by closed form, and eyes notice nothing."""
+        # The depth buffer and the other cuts do not matter.
         settings, tolerance = DoubleFrustum(near=near, slabs=first_cut), self.requirement.tolerance_px
         unnoticed = self.requirement.by_eyes(settings) <= 1
         return unnoticed and self._views.displaced(settings, tolerance) <= tolerance

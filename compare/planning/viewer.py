@@ -37,7 +37,7 @@ _HIDING = {
     "pixel": "the angle of a hogel's pixels",
     "diffraction": "diffraction at a hogel",
 }
-"""What hides something from eyes, in words."""
+"""What limits the eyes, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class EyeRequirement(Requirement):
     eye_pixel: float | None = None
 
     def noticed(self, settings: DoubleFrustum) -> dict[str, tuple[float, float, str]]:
-        """Return what may be noticed by name: how much there is, how much is not noticed, and what hides it.
+        """Return what may be noticed by name: how much there is, how much is not noticed, and what masks it.
 
         Depth is left out where the scene's unit has no known length, the crack where no surface meets the
         plate.
@@ -90,19 +90,16 @@ class EyeRequirement(Requirement):
 
     def by_eyes(self, settings: DoubleFrustum) -> float:
         """Return the ratio of what settings do to depth and at the plate to what is not noticed."""
-        found = self.noticed(settings).items()
-        margin = self._margin(settings)
-        return max(
-            ((there + margin.get(name, 0.0)) / allowed for name, (there, allowed, _) in found), default=0.0
-        )
+        found, margin = self.noticed(settings).items(), self._margin(settings)
+        parts = ((there + margin.get(name, 0.0)) / allowed for name, (there, allowed, _) in found)
+        return max(parts, default=0.0)
 
     def _margin(self, settings: DoubleFrustum) -> dict[str, float]:
         """Return by how much a replay of settings may be off, by the name of what may be noticed."""
         if self.eye_pixel is None or self.display.millimeters is None:
             return {}
-        return {
-            STEREO: replay_noise_arcsec(self.content, self.viewer, self.display, settings, self.eye_pixel)
-        }
+        noise = replay_noise_arcsec(self.content, self.viewer, self.display, settings, self.eye_pixel)
+        return {STEREO: noise}
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
@@ -139,11 +136,8 @@ class EyeRequirement(Requirement):
         # Near makes sense up to the first cut, or to less than the reach.
         end = settings.slabs[0] if settings.slabs else round_number(index_below(reach, strictly=True))
 
-        def with_near(name: str, near: float) -> tuple[float, float, str]:
-            return self.noticed(replace(settings, near=near))[name]
-
         def unnoticed(name: str, near: float) -> bool:
-            there, allowed, _ = with_near(name, near)
+            there, allowed, _ = self.noticed(replace(settings, near=near))[name]
             return there / allowed <= 1
 
         found = []
@@ -153,7 +147,7 @@ class EyeRequirement(Requirement):
                 index = largest_index(low, index_below(end), partial(unnoticed, name))
                 near = 0.0 if index is None else round_number(index)
                 at = near or round_number(low)
-            _, allowed, hidden_by = with_near(name, at)
+            _, allowed, hidden_by = self.noticed(replace(settings, near=at))[name]
             found.append(NearLimit(name=name, largest_near=near, allowed=allowed, hidden_by=hidden_by))
         return tuple(found)
 
