@@ -38,6 +38,7 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 Result = TypeVar("Result")
+Timed = tuple[Result, float]  #: something that was made, and the wall seconds that it took
 
 NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 
@@ -279,10 +280,10 @@ class _Cameras:
     """Settings of one hogel that differ in their depth buffers alone, under way."""
 
     aperture: Aperture
-    truth: Future[tuple[HogelImage, float]]  #: with the seconds of tracing
+    truth: Future[Timed[HogelImage]]  #: with the seconds of tracing
     predictor: Future[Predictor] | None  #: None without causes
     settings: list[DoubleFrustum]
-    first: Future[tuple[Drawn, float]]  #: the frame with the first of the settings, and the seconds
+    first: Future[Timed[Drawn]]  #: the frame with the first of the settings, and the seconds
     #: With causes the chain up to R0, with all that budgets of these frames share; else errors of the first
     #: frame, beside which the others are judged.
     shared: Future[ChainStart] | Future[PixelErrors] | None
@@ -328,12 +329,12 @@ class _Loop(Generic[Result]):
         """Begin with hogel after hogel: with first frames, and with what the frames of some cameras share."""
         color, colored = self._wanted.color, self._wanted.color and self._wanted.colored_truths
 
-        def trace(aperture: Aperture) -> tuple[HogelImage, float]:
+        def trace(aperture: Aperture) -> Timed[HogelImage]:
             if aperture in truths:
                 return truths[aperture], 0.0
             return _timed(partial(self._reference.trace, aperture, colored=colored))
 
-        def predicting(truth: Future[tuple[HogelImage, float]]) -> Predictor:
+        def predicting(truth: Future[Timed[HogelImage]]) -> Predictor:
             return Predictor(truth.result()[0], self._reference, self._subpixel_bits)
 
         for aperture in apertures:
@@ -365,17 +366,13 @@ class _Loop(Generic[Result]):
                         shared=shared,
                     )
 
-    def _draw(
-        self, aperture: Aperture, setting: DoubleFrustum, *, color: bool
-    ) -> Future[tuple[Drawn, float]]:
+    def _draw(self, aperture: Aperture, setting: DoubleFrustum, *, color: bool) -> Future[Timed[Drawn]]:
         """Have a frame drawn; the result has the seconds that this took, too."""
         return self._judge.submit(
             lambda rasterizer: _timed(partial(rasterizer.draw, aperture, setting, normals=False, color=color))
         )
 
-    def _beside(
-        self, truth: Future[tuple[HogelImage, float]], first: Future[tuple[Drawn, float]]
-    ) -> PixelErrors:
+    def _beside(self, truth: Future[Timed[HogelImage]], first: Future[Timed[Drawn]]) -> PixelErrors:
         errors = pixel_errors(truth.result()[0], first.result()[0].image, self._reference)
         errors.find_maps()
         return errors
@@ -384,9 +381,9 @@ class _Loop(Generic[Result]):
         self,
         exact: DoubleFrustum,
         predictor: Future[Predictor],
-        truth: Future[tuple[HogelImage, float]],
+        truth: Future[Timed[HogelImage]],
         models: Future[tuple[HogelImage, ...]],
-        last: Future[tuple[Drawn, float]],
+        last: Future[Timed[Drawn]],
     ) -> ChainStart:
         """Return the chain up to R0, and find in this thread all that budgets and predictions share."""
         predictor.result().without_depth(exact)
@@ -401,9 +398,7 @@ class _Loop(Generic[Result]):
             drawn = self._draw(cameras.aperture, setting, color=self._wanted.color)
         return self._judging.submit(self._judged, cameras, setting, drawn)
 
-    def _judged(
-        self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[tuple[Drawn, float]]
-    ) -> Result:
+    def _judged(self, cameras: _Cameras, setting: DoubleFrustum, drawing: Future[Timed[Drawn]]) -> Result:
         """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
         (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), drawing.result()
         shared = cameras.shared.result() if cameras.shared else None
@@ -445,7 +440,7 @@ class _Loop(Generic[Result]):
         return self._finish(frame)
 
 
-def _timed(make: Callable[[], Result]) -> tuple[Result, float]:
+def _timed(make: Callable[[], Result]) -> Timed[Result]:
     """Return what a function makes, and the wall seconds that it takes."""
     begun = time.perf_counter()
     return make(), time.perf_counter() - begun

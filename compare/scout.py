@@ -158,9 +158,8 @@ def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> S
         # As square as the plate's hogels allow.
         across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
         counts = across, min(rows, max(2, LATTICE_APERTURES // across))
-    places = [
-        sorted({round(place) for place in np.linspace(0, hogels[axis] - 1, counts[axis])}) for axis in (0, 1)
-    ]
+    ends = zip(hogels, counts, strict=True)
+    places = [sorted({round(place) for place in np.linspace(0, size - 1, count)}) for size, count in ends]
     look_through([scene.plate.middle.index, *((column, row) for row in places[1] for column in places[0])])
     step = [max((b - a for a, b in itertools.pairwise(one)), default=1) for one in places]
     while len(found) < MAX_APERTURES:

@@ -10,21 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.error_maps import (
-    PixelErrors,
-    displacement,
-    film_shifts,
-    judged_pixels,
-    lengths,
-    pixel_centers,
-    pixel_errors,
-    root_mean_square,
-    shifts_at,
-    wrong_surface,
-)
+from xfrustum.compare.metrics import error_maps
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Prediction, Predictor, Reasons
-from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
+from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
@@ -122,7 +111,7 @@ def _size(steps: Floats | None, known: Mask) -> Size:
     if steps is None:
         return 0.0, 0.0
     with np.errstate(invalid="ignore"):
-        return root_mean_square(steps[known]), float(np.percentile(steps[known], 99))
+        return error_maps.root_mean_square(steps[known]), float(np.percentile(steps[known], 99))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -146,7 +135,7 @@ class ChainStart(Brief):
     @cached_property
     def judged(self) -> Mask:
         """(H, W) pixels whose truth is no tie."""
-        return judged_pixels(self.truth)
+        return error_maps.judged_pixels(self.truth)
 
     @cached_property
     def changing(self) -> tuple[int, ...]:
@@ -163,9 +152,9 @@ class ChainStart(Brief):
         return charge
 
     @cached_property
-    def exact(self) -> PixelErrors:
+    def exact(self) -> error_maps.PixelErrors:
         """Errors of the frame with exact depth, R0."""
-        return pixel_errors(self.truth, self.images[-1], self.reference)
+        return error_maps.pixel_errors(self.truth, self.images[-1], self.reference)
 
     @cached_property
     def exact_wrong(self) -> Mask:
@@ -183,7 +172,7 @@ class ChainStart(Brief):
         first, *later = self.changing
         found = np.full(pixels.size, first, dtype=np.int8)
         for link in later:
-            found[~wrong_surface(truth, self.images[link].at(pixels), self.reference)[0]] = link
+            found[~error_maps.wrong_surface(truth, self.images[link].at(pixels), self.reference)[0]] = link
         charge = np.full(self.exact_wrong.shape, RIGHT, dtype=np.int8)
         charge.reshape(-1)[pixels] = found
         return charge
@@ -191,7 +180,10 @@ class ChainStart(Brief):
     @cached_property
     def shifts(self) -> tuple[Floats, ...]:
         """Displacement of each image in pixels, (2, H W); that of the same image is the same array."""
-        found = {id(image): film_shifts(image, self.truth.camera) for image in dict.fromkeys(self.images)}
+        found = {
+            id(image): error_maps.film_shifts(image, self.truth.camera)
+            for image in dict.fromkeys(self.images)
+        }
         return tuple(found[id(image)] for image in self.images)
 
     @cached_property
@@ -258,12 +250,12 @@ class Budget(Shown):
     @property
     def moved(self) -> Floats:
         """Lengths (H, W) of the displacement of the last image, NaN where it is undefined."""
-        return lengths(displacement(self.drawn, self.start.truth.camera))
+        return error_maps.lengths(error_maps.displacement(self.drawn, self.start.truth.camera))
 
     @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        shifts = np.stack((*self.start.shifts, film_shifts(self.drawn, self.start.truth.camera)))
+        shifts = np.stack((*self.start.shifts, error_maps.film_shifts(self.drawn, self.start.truth.camera)))
         return VectorBudget.of(np.moveaxis(shifts, 1, -1).reshape(len(shifts), *self.charge.shape, 2))
 
     @cached_property
@@ -287,7 +279,7 @@ class Budget(Shown):
         # What depth does not change it does not move.
         off_plate = self.drawn.off_plate.reshape(-1)[changed]
         step = np.full(changed.size, np.nan)
-        after = shifts_at(self.drawn, start.truth.camera, changed[off_plate])
+        after = error_maps.shifts_at(self.drawn, start.truth.camera, changed[off_plate])
         step[off_plate] = np.hypot(*(after - start.shifts[-1][:, changed[off_plate]]))
         known, last = start.known.copy(), np.zeros(start.known.size)
         known[changed] &= np.isfinite(step)
@@ -343,12 +335,14 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
     start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
     predictor = Predictor(start.truth, reference, chain.subpixel_bits)
-    errors = pixel_errors(start.truth, chain.images[-1], reference, start.exact)
+    errors = error_maps.pixel_errors(start.truth, chain.images[-1], reference, start.exact)
     return charged(start, errors, predictor.predict_links(chain.settings))
 
 
 def charged(
-    start: ChainStart, errors: PixelErrors, predicted: tuple[Prediction, tuple[LinkPrediction, ...]]
+    start: ChainStart,
+    errors: error_maps.PixelErrors,
+    predicted: tuple[Prediction, tuple[LinkPrediction, ...]],
 ) -> Budget:
     """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
     exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
@@ -381,20 +375,11 @@ def explain(
     """Find the causes of a change by rounding, at pixels (N,) or wherever the images differ."""
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
-    cameras = _drawing_cameras(scene, raster, subpixel_bits) if len(pixels) else []
+    cameras = drawing_cameras(scene, raster, subpixel_bits) if len(pixels) else []
     return find_causes(scene.triangles, cameras, model, raster, pixels)
 
 
-def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
-    """Return the pixels whose centers the triangles drawn there do not reach, (H, W).
-
-    Surface points of the raster are computed on the drawn triangle, for the pixel's center (docs/adr/0005):
-    this is the other half of the measurement, that the triangle was drawn where its camera puts it.
-    """
-    return misplaced_pixels(scene.triangles, _drawing_cameras(scene, raster, subpixel_bits), raster)
-
-
-def _drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> list[RoundingCamera]:
+def drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> list[RoundingCamera]:
     """Return the cameras that drew an image of our rasterizer; each draws the heights of its own slab."""
     settings = raster.camera.settings
     assert settings is not None
@@ -437,18 +422,22 @@ def shear_numbers(model: HogelImage, frustum: Frustum) -> ShearNumbers | None:
     for camera in model_cameras(frustum, model.camera.aperture, replace(settings, pivot=Pivot.APERTURE)):
         side: Mask = (points[:, 2] < 0) == camera.orthoscopic
         about_aperture[side] = pixel_places(points[side], camera.pencil)
-    moved = pixel_centers(model.camera)[shown] - about_aperture
+    moved = error_maps.pixel_centers(model.camera)[shown] - about_aperture
     shear, half_extent = (np.asarray(pair) for pair in film_window(frustum, model.camera.aperture))
     width, height = model.camera.resolution
     share = settings.near / (np.abs(points[:, 2]) + settings.near)
     expected = -share[:, None] * (shear / half_extent * np.array([width / 2, -height / 2]))
-    rms = [float(np.sqrt(np.mean(np.square(lengths(shifts))))) for shifts in (moved, expected)]
-    means = [(float(columns), float(rows)) for columns, rows in (moved.mean(axis=0), expected.mean(axis=0))]
+
+    def sizes(shifts: Floats) -> tuple[float, tuple[float, float]]:
+        columns, rows = shifts.mean(axis=0).tolist()
+        return float(np.sqrt(np.mean(np.square(error_maps.lengths(shifts))))), (columns, rows)
+
+    (rms, mean), (closed_form_rms, closed_form_mean) = sizes(moved), sizes(expected)
     return ShearNumbers(
         pixels=len(points),
-        rms_px=rms[0],
-        closed_form_rms_px=rms[1],
-        mean_px=means[0],
-        closed_form_mean_px=means[1],
-        largest_difference_px=float(lengths(moved - expected).max()),
+        rms_px=rms,
+        closed_form_rms_px=closed_form_rms,
+        mean_px=mean,
+        closed_form_mean_px=closed_form_mean,
+        largest_difference_px=float(error_maps.lengths(moved - expected).max()),
     )

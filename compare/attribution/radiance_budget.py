@@ -47,6 +47,8 @@ model."""
 MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each of a chain's images: it bounds the memory, some 500 bytes a pixel."""
 
+Done = Callable[[], Any]  #: function that is called when a part of the work is done
+
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
@@ -146,9 +148,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     return np.stack([*truly, bent, averaged(drawn.color.astype(np.float64))])
 
 
-def make_radiance_budget(
-    scene: Scene, chain: Chain, done: Callable[[], Any] = lambda: None
-) -> RadianceBudget:
+def make_radiance_budget(scene: Scene, chain: Chain, done: Done = lambda: None) -> RadianceBudget:
     """Take the radiance error of a chain's last image apart; `done` is called as often as `steps` says."""
     truth, settings = chain.images[0], chain.settings
     aperture = truth.camera.aperture
@@ -191,9 +191,7 @@ def steps(scene: Scene) -> int:
     return points * averages + (points > 1) + 2 * points * transport.simulated
 
 
-def averaged_colors(
-    scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Callable[[], Any]
-) -> Floats:
+def averaged_colors(scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Done) -> Floats:
     """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
 
     The device's own samples (multisample) are in the link from here to its image. Raises InputError where a
@@ -206,9 +204,8 @@ def averaged_colors(
             f"{width} x {height} pixels with {side} x {side} points each are too many to take apart; "
             f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
-    fine = replace(
-        scene, frustum=replace(scene.frustum, resolution=(side * width, side * height)), sampling=Sampling()
-    )
+    frustum = replace(scene.frustum, resolution=(side * width, side * height))
+    fine = replace(scene, frustum=frustum, sampling=Sampling())
     reference, total = Reference(fine), np.zeros(())
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     with Rasterizer(fine) as rasterizer:

@@ -32,6 +32,7 @@ from xfrustum.scenes.notebook import Brief, digits
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 T = TypeVar("T")
+Block = tuple[Indices, Indices]  #: rows (R, 1) and columns (1, C) of pixels of a picture
 
 LEVELS = 255  #: value that stands for radiance one where color is stored in 8 bits
 
@@ -155,9 +156,7 @@ class Collector:
         )
 
 
-def _blocks(
-    pixels: HogelPixels, index: tuple[int, int]
-) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
+def _blocks(pixels: HogelPixels, index: tuple[int, int]) -> tuple[Block, Block]:
     """Return the places of a hogel's pixels in the eye's picture, and in the hogel's."""
     rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
     columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
@@ -180,18 +179,20 @@ def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
 
 def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
     """Return the part of each hogel's film that holds all pixels that some eyes are shown."""
-    ranges: tuple[dict[int, tuple[int, int]], dict[int, tuple[int, int]]] = ({}, {})
+    columns, rows = dict[int, list[int]](), dict[int, list[int]]()
     every = list(takes)
     for one in (pixels for taken in every for pixels in (taken.shown, *taken.colors)):
-        across = one.hogel_column[one.columns], one.film_column[one.columns]
-        down = one.hogel_row[one.rows], one.film_row[one.rows]
-        for known, (hogel, pixel) in zip(ranges, (across, down), strict=True):
+        for known, hogel, pixel in (
+            (columns, one.hogel_column[one.columns], one.film_column[one.columns]),
+            (rows, one.hogel_row[one.rows], one.film_row[one.rows]),
+        ):
             for number in np.unique(hogel).tolist():
-                here = pixel[hogel == number].tolist()
-                ends = known.get(number, (here[0], here[0]))
-                known[number] = min(*here, *ends), max(*here, *ends)
-    columns, rows = ranges
-    return {(i, j): FilmPart(columns=columns[i], rows=rows[j]) for i, j in hogels_of(every)}
+                known.setdefault(number, []).extend(pixel[hogel == number].tolist())
+
+    def ends(pixels: list[int]) -> tuple[int, int]:
+        return min(pixels), max(pixels)
+
+    return {(i, j): FilmPart(columns=ends(columns[i]), rows=ends(rows[j])) for i, j in hogels_of(every)}
 
 
 def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
@@ -263,10 +264,9 @@ class LossMaps(Brief):
 
     def numbers(self) -> Loss:
         """Return the maps in numbers."""
-        differ, shaded = (
-            (int((one & self.judged).sum()) for one in self.recolored) if self.recolored else (0, 0)
-        )
-        judged = int(self.judged.sum())
+        judged, differ, shaded = int(self.judged.sum()), 0, 0
+        if self.recolored:
+            differ, shaded = (int((one & self.judged).sum()) for one in self.recolored)
         wrong = None if self.wrong is None else int(self.wrong.sum())
         return Loss(
             judged=judged,
@@ -293,6 +293,9 @@ class Views(Brief):
     def eye(self) -> Eye:
         """The eye."""
         return self.true.eye
+
+
+Pair = tuple[EyeImage, EyeImage]  #: an expected and a shown view
 
 
 def display_loss(reference: EyeReference, views: Views) -> LossMaps:
@@ -330,15 +333,9 @@ def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> L
     return _maps(reference.scene, (true, shown), met, wrong, moved)
 
 
-def _maps(
-    scene: Scene, pair: tuple[EyeImage, EyeImage], asked: Mask, wrong: Mask | None, moved: Floats
-) -> LossMaps:
-    """Return all maps of an expected and a shown view, given those in which the losses differ.
-
-    Pixels that are asked for are judged unless they are ties.
-    """
-    expected, shown = pair
-    judged = asked
+def _maps(scene: Scene, pair: Pair, asked: Mask, wrong: Mask | None, moved: Floats) -> LossMaps:
+    """Return all maps of two views; pixels that are asked for are judged unless they are ties."""
+    (expected, shown), judged = pair, asked
     for one in pair:
         judged = judged if one.certainty is None else judged & (one.certainty != Certainty.TIE)
     same = (expected.object == shown.object) & (expected.object != NOTHING)
@@ -417,6 +414,9 @@ def _angle(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b)))
 
 
+Sloped = list[tuple[EyeImage, Floats]]  #: the shown view of each eye, with its errors of slope (H, W)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Disparity:
     """How far off two eyes see surface points that both are shown."""
@@ -437,16 +437,15 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
     """
     (x, y, height), other = left.eye.position, right.eye.position
     if not (x < other[0] and y == other[1] and height == other[2]):
-        raise InputError(
-            "two eyes need positions side by side: the left one first, the same Y and the same Z"
-        )
+        told = "two eyes need positions side by side: the left one first, the same Y and the same Z"
+        raise InputError(told)
 
     def slope(views: Views, place: Floats, z: Floats) -> Floats:
         """Return the slope along x under which an eye sees places, taken at other points' heights."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((place[..., 0] - views.eye.position[0]) / (height - z[..., 2]))
 
-    by_display, by_renderer = [], []
+    by_display, by_renderer = Sloped(), Sloped()
     for views in (left, right):
         replayed, drawn = views.replayed, views.drawn
         own = slope(views, replayed.position, replayed.position)
@@ -459,9 +458,7 @@ def disparity(reference: EyeReference, left: Views, right: Views) -> tuple[Dispa
     return lost, _disparity(reference, eyes, by_renderer) if len(by_renderer) == len(eyes) else None
 
 
-def _disparity(
-    reference: EyeReference, eyes: tuple[Eye, Eye], shown: list[tuple[EyeImage, Floats]]
-) -> Disparity:
+def _disparity(reference: EyeReference, eyes: tuple[Eye, Eye], shown: Sloped) -> Disparity:
     """Return the disparity that the errors of slope of two shown views make."""
     (left, left_error), (right, right_error) = shown
     base, pencil = eyes[1].position[0] - eyes[0].position[0], reference.pencil(eyes[1])

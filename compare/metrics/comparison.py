@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xfrustum.compare.metrics.error_maps import (
-    ErrorMaps,
-    HeightError,
-    PixelErrors,
-    Spread,
-    culled_pixels,
-    lengths,
-    names_triangles,
-    pixel_errors,
-)
+from xfrustum.compare.metrics import error_maps
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
@@ -75,8 +66,8 @@ class ComparisonNumbers:
     at_plate: int  #: raster pixels that show a surface in the plate, where displacement is undefined
     surface: SurfaceShare | None  #: None where the scene was not at hand
     triangle: Share | None  #: None where the raster image names no triangles
-    displacement_px: Spread | None  #: None where the raster shows no surface off the plate
-    height: HeightError | None  #: None where no pixel shows the same triangle in both images
+    displacement_px: error_maps.Spread | None  #: None where the raster shows no surface off the plate
+    height: error_maps.HeightError | None  #: None where no pixel shows the same triangle in both images
     radiance: RadianceNumbers | None  #: None where colors were not compared, or an image has none
     certainty: dict[str, int]  #: the truth's pixels by class
 
@@ -113,11 +104,11 @@ class ComparisonNumbers:
 class Comparison(Shown, ComparisonNumbers):
     """How a raster image differs from the truth: in numbers, and pixel by pixel."""
 
-    errors: PixelErrors
+    errors: error_maps.PixelErrors
     colors: RadianceError | None  #: None where they were not compared
 
     @cached_property
-    def maps(self) -> ErrorMaps:
+    def maps(self) -> error_maps.ErrorMaps:
         """Each error as an image, made when it is first asked for."""
         return replace(self.errors.maps, radiance=self.colors.error if self.colors else None)
 
@@ -175,7 +166,7 @@ class Comparison(Shown, ComparisonNumbers):
             as_shown(image.color, image.covered, image.height)
             for image in (self.errors.truth, self.errors.raster)
         )
-        errors = marked(picture, self.maps.surface, lengths(self.maps.displacement) / MOVED_PX)
+        errors = marked(picture, self.maps.surface, error_maps.lengths(self.maps.displacement) / MOVED_PX)
         caption = f"wrong surfaces red, displacement blue (full at {digits(MOVED_PX)} px)"
         pictures = (caption, errors), ("truth", truth), ("image", picture)
         return [Figure(caption=name, content=png(content)) for name, content in pictures]
@@ -188,7 +179,7 @@ def compare_images(
     *,
     radiance: bool = True,
     perceptual: bool = False,
-    beside: PixelErrors | None = None,
+    beside: error_maps.PixelErrors | None = None,
 ) -> Comparison:
     """Judge a raster image of an aperture by the truth.
 
@@ -212,7 +203,7 @@ def compare_images(
     """
     _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    errors = pixel_errors(truth, raster, reference, beside)
+    errors = error_maps.pixel_errors(truth, raster, reference, beside)
     judged = int(np.count_nonzero(errors.judged))
 
     def share(wrong: Mask) -> dict[str, Any]:
@@ -221,7 +212,7 @@ def compare_images(
 
     surface = None
     if errors.surface is not None and errors.outside is not None:
-        culled = culled_pixels(truth, raster)
+        culled = error_maps.culled_pixels(truth, raster)
         surface = SurfaceShare(
             **share(errors.surface),
             outside=int(np.count_nonzero(errors.outside)),
@@ -237,7 +228,7 @@ def compare_images(
         covered=int(np.count_nonzero(truth.covered)),
         at_plate=errors.at_plate,
         surface=surface,
-        triangle=Share(**share(errors.triangle)) if names_triangles(raster) else None,
+        triangle=Share(**share(errors.triangle)) if error_maps.names_triangles(raster) else None,
         displacement_px=errors.spread,
         height=errors.height_error,
         radiance=colors.numbers if colors else None,

@@ -27,6 +27,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull
 
+Occluded = Callable[[SurfacePoints], Mask]  #: function that returns which points (N,) are occluded
 Places = tuple[Floats, Floats]
 """Columns and rows (N,) of points on a film, where a pixel's center has whole numbers and rows count down."""
 
@@ -279,9 +280,7 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     return found
 
 
-def hidden_pixels(
-    asked: Mask, shown: HogelImage, scene: Scene, hides: Callable[[SurfacePoints], Mask]
-) -> Mask:
+def hidden_pixels(asked: Mask, shown: HogelImage, scene: Scene, hides: Occluded) -> Mask:
     """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point."""
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)
@@ -378,7 +377,7 @@ def pixel_errors(
     judged = judged_pixels(truth)
     points = DrawnPoints.of(raster, np.flatnonzero(raster.off_plate))
     places = points.places(true_lines(truth.camera))
-    # Without the scene at hand nobody knows what hides a point.
+    # Without the scene at hand nobody knows what occludes a point.
     errors = surface_errors(truth, raster, reference, (points, places)) if reference else None
     return PixelErrors(
         truth=truth,

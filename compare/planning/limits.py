@@ -8,22 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.planning.search import (
-    SEPARATION_MARGIN,
-    SMALLEST_PER_REACH,
-    DepthBuffer,
-    index_below,
-    largest_index,
-    round_number,
-    smallest_index,
-)
+from xfrustum.compare.planning import search
 from xfrustum.compare.planning.views import Requirement, Views
-from xfrustum.compare.scout import Scout
+from xfrustum.compare.scout import Look, Scout
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
-COMPARED_BUFFERS: tuple[DepthBuffer, ...] = (
+COMPARED_BUFFERS: tuple[search.DepthBuffer, ...] = (
     (DepthFormat.D16, DepthMapping.STANDARD),
     (DepthFormat.D24, DepthMapping.STANDARD),
     (DepthFormat.D32F, DepthMapping.REVERSED),
@@ -52,7 +44,10 @@ class BufferLimit:
 
 
 def buffer_limits(
-    views: Views, scouted: Scout, requirement: Requirement, buffers: Sequence[DepthBuffer] = COMPARED_BUFFERS
+    views: Views,
+    scouted: Scout,
+    requirement: Requirement,
+    buffers: Sequence[search.DepthBuffer] = COMPARED_BUFFERS,
 ) -> tuple[BufferLimit, ...]:
     """Return the smallest near with which each depth buffer keeps what a requirement asks of depth.
 
@@ -60,31 +55,26 @@ def buffer_limits(
     views; both improve as near grows.
     """
     frustum = scouted.scene.frustum
-    low = index_below(SMALLEST_PER_REACH * frustum.longest_reach)
-    high = index_below(frustum.longest_reach, strictly=True)
-    found = []
+    (low, high), found = search.indices_of(frustum), []
     for depth, mapping in buffers:
 
         def enough(near: float, depth: DepthFormat = depth, mapping: DepthMapping = mapping) -> bool:
             settings = DoubleFrustum(near=near, depth=depth, mapping=mapping)
-            apart = views.separation(settings) * SEPARATION_MARGIN
-            return (
-                apart <= requirement.separation_in(frustum)
-                and views.depth_wrong(settings) <= requirement.max_wrong
-            )
+            apart, allowed = views.separation(settings), requirement.separation_in(frustum)
+            ordered = apart * search.SEPARATION_MARGIN <= allowed
+            return ordered and views.depth_wrong(settings) <= requirement.max_wrong
 
-        near, moved = round_number(smallest_index(low, high, enough)), None
+        near, moved = search.round_number(search.smallest_index(low, high, enough)), None
         if enough(near):
             moved = float(scouted.displacements(DoubleFrustum(near=near)).max(initial=0.0))
-        found.append(
-            BufferLimit(
-                depth=depth,
-                mapping=mapping,
-                smallest_near=None if moved is None else near,
-                displacement_p99_px=moved,
-                any_near=moved is not None and near == round_number(low),
-            )
+        limit = BufferLimit(
+            depth=depth,
+            mapping=mapping,
+            smallest_near=None if moved is None else near,
+            displacement_p99_px=moved,
+            any_near=moved is not None and near == search.round_number(low),
         )
+        found.append(limit)
     return tuple(found)
 
 
@@ -95,18 +85,16 @@ def hogel_limits(scouted: Scout, tolerance_px: float) -> Floats:
     close to it that no near does, and NaN where nothing is seen.
     """
     scene = scouted.scene
-    low = index_below(SMALLEST_PER_REACH * scene.frustum.longest_reach)
-    high = index_below(scene.frustum.longest_reach, strictly=True)
+    low, high = search.indices_of(scene.frustum)
 
-    def largest(number: int) -> float:
-        look = scouted.looks[number]
+    def largest(look: Look) -> float:
         if not math.isfinite(look.nearest):
             return math.nan
 
         def kept(near: float) -> bool:
             return look.displacement_p99_px(DoubleFrustum(near=near), scene) <= tolerance_px
 
-        index = largest_index(low, high, kept)
-        return 0.0 if index is None else round_number(index)
+        index = search.largest_index(low, high, kept)
+        return 0.0 if index is None else search.round_number(index)
 
-    return np.array([largest(number) for number in range(len(scouted.looks))])
+    return np.array([largest(look) for look in scouted.looks])

@@ -10,7 +10,7 @@ for which share of the plate it holds.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, TypeVar
@@ -145,7 +145,7 @@ class Plan(Shown):
         """Return the plan as `plan --json` prints it."""
         told, unknown = (
             asdict(replace(self, plate=None, auto=None)),
-            dict.fromkeys(Quality.__dataclass_fields__),
+            dict.fromkeys(one.name for one in fields(Quality)),
         )
         del told["auto"]
         chosen = self.auto and [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
@@ -388,11 +388,8 @@ class PlatePlanner:
         worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
         farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
         wanted = [*(one for one in scouted.apertures if one == middle), *worst, *farthest]
-        return Views.traced(
-            self.reference,
-            [one for one in dict.fromkeys(wanted) if one.index not in self._hopeless],
-            self.done,
-        )
+        drawable = [one for one in dict.fromkeys(wanted) if one.index not in self._hopeless]
+        return Views.traced(self.reference, drawable, self.done)
 
     def _settled(self, views: Views) -> tuple[Views, Plan]:
         """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""
@@ -537,10 +534,8 @@ def _why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
     if requirement.SEEN_BY_EYES:
         return "No plan: eyes see what the smallest near does to depth."
     reason = f"No plan: displacement exceeds {requirement.tolerance_px:g} px at any near."
-    in_aperture = []
-    for view in views.views:
-        seen = view.truth.height[view.truth.covered]
-        in_aperture.append((np.count_nonzero(seen == 0) / max(seen.size, 1), view.aperture))
+    seen = [(view.truth.height[view.truth.covered], view.aperture) for view in views.views]
+    in_aperture = ((np.count_nonzero(height == 0) / max(height.size, 1), at) for height, at in seen)
     share, aperture = max(in_aperture, key=lambda one: one[0])
     if share > MAX_UNDEFINED:
         return (
@@ -608,10 +603,8 @@ def exceptions(plate: PlateResult) -> str:
         )
     if plate.set_aside:
         counted = f"{plate.set_aside:,} {'others' if plate.hopeless else looked}"
-        named, verb = (
-            _named(plate.set_aside_apertures, plate.set_aside),
-            "is" if plate.set_aside == 1 else "are",
-        )
+        named = _named(plate.set_aside_apertures, plate.set_aside)
+        verb = "is" if plate.set_aside == 1 else "are"
         parts.append(f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest")
     # Rounded down, for it is a lower bound.
     share = f"{math.floor(100 * plate.share_within_at_least)} %"

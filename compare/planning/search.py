@@ -23,6 +23,7 @@ from functools import lru_cache
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, Slab
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 
@@ -63,6 +64,12 @@ def index_below(length: float, *, strictly: bool = False) -> int:
     while round_number(index) > length or (strictly and round_number(index) == length):
         index -= 1
     return index
+
+
+def indices_of(frustum: Frustum) -> tuple[int, int]:
+    """Return the indices of the smallest and of the largest length of near and of cuts."""
+    reach = frustum.longest_reach
+    return index_below(SMALLEST_PER_REACH * reach), index_below(reach, strictly=True)
 
 
 def largest_index(low: int, high: int, holds: Callable[[float], bool]) -> int | None:
@@ -125,9 +132,7 @@ class Search:
         frustum = views.scene.frustum
         self._views, self.requirement = views, requirement
         self.separation = requirement.separation_in(frustum)
-        # Indices of the smallest and of the largest length of near and of cuts.
-        self.lowest = index_below(SMALLEST_PER_REACH * frustum.longest_reach)
-        self.highest = index_below(frustum.longest_reach, strictly=True)
+        self.lowest, self.highest = indices_of(frustum)
         self._sides = ((Camera.C, frustum.reach[1]), (Camera.C_STAR, frustum.reach[0]))
         self._tolerable = lru_cache(maxsize=None)(self._displaces_little)
         self.judged = lru_cache(maxsize=None)(self._judged)

@@ -6,19 +6,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-from xfrustum.compare.eye.noticeable import (
-    Content,
-    Display,
-    Viewer,
-    eyes_apart,
-    finest_separation,
-    replay_noise_arcsec,
-    require_before_viewer,
-    resolved_crack,
-    runs_through_plate,
-    stereo_change_arcsec,
-)
-from xfrustum.compare.planning.search import SMALLEST_PER_REACH, index_below, largest_index, round_number
+from xfrustum.compare.eye import noticeable
+from xfrustum.compare.planning.search import index_below, indices_of, largest_index, round_number
 from xfrustum.compare.planning.views import Errors, Requirement
 from xfrustum.compare.scout import Scout
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -61,9 +50,9 @@ class EyeRequirement(Requirement):
     SEEN_BY_EYES: ClassVar[bool] = True
 
     tolerance_px: float = math.inf
-    viewer: Viewer
-    display: Display
-    content: Content
+    viewer: noticeable.Viewer
+    display: noticeable.Display
+    content: noticeable.Content
     separation_limit: tuple[str, float] | None = None
     #: Width on the plate of a pixel of the eyes that replay the plan, scene units: a plan keeps the noise of
     #: that replay as a margin; None for no margin
@@ -77,10 +66,10 @@ class EyeRequirement(Requirement):
         """
         found = {}
         if self.display.millimeters is not None:
-            change = stereo_change_arcsec(self.content, self.viewer, self.display, settings)
+            change = noticeable.stereo_change_arcsec(self.content, self.viewer, self.display, settings)
             found[STEREO] = change, self.viewer.stereo_acuity_arcsec, "stereo acuity"
         if self.content.through:
-            hidden_by, allowed, width = resolved_crack(self.viewer, self.display, settings)
+            hidden_by, allowed, width = noticeable.resolved_crack(self.viewer, self.display, settings)
             found[CRACK] = width, allowed, hidden_by
         return found
 
@@ -98,8 +87,8 @@ class EyeRequirement(Requirement):
         """Return by how much a replay of settings may be off, by the name of what may be noticed."""
         if self.eye_pixel is None or self.display.millimeters is None:
             return {}
-        noise = replay_noise_arcsec(self.content, self.viewer, self.display, settings, self.eye_pixel)
-        return {STEREO: noise}
+        seen = self.content, self.viewer, self.display
+        return {STEREO: noticeable.replay_noise_arcsec(*seen, settings, self.eye_pixel)}
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a viewer would notice of a larger near."""
@@ -131,10 +120,9 @@ class EyeRequirement(Requirement):
 
     def limits_with(self, settings: DoubleFrustum) -> tuple[NearLimit, ...]:
         """Return what a viewer may notice of a near with the cuts and the pivot of some settings."""
-        reach = self.display.frustum.longest_reach
-        low = index_below(SMALLEST_PER_REACH * reach)
+        low, high = indices_of(self.display.frustum)
         # Near makes sense up to the first cut, or to less than the reach.
-        end = settings.slabs[0] if settings.slabs else round_number(index_below(reach, strictly=True))
+        end = settings.slabs[0] if settings.slabs else round_number(high)
 
         def unnoticed(name: str, near: float) -> bool:
             there, allowed, _ = self.noticed(replace(settings, near=near))[name]
@@ -158,19 +146,20 @@ def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def seen_content(scouted: Scout) -> Content:
+def seen_content(scouted: Scout) -> noticeable.Content:
     """Return the depths that a plate shows, as a scout has seen them."""
     sides: list[tuple[float, float] | None] = []
     for sign in (1.0, -1.0):
         seen = [sign * look.height[sign * look.height >= 0] for look in scouted.looks]
         ends = [(float(one.min()), float(one.max())) for one in seen if one.size]
         sides.append((min(low for low, _ in ends), max(high for _, high in ends)) if ends else None)
-    return Content(before=sides[0], behind=sides[1], through=runs_through_plate(scouted.scene))
+    through = noticeable.runs_through_plate(scouted.scene)
+    return noticeable.Content(before=sides[0], behind=sides[1], through=through)
 
 
 def eye_requirement(
     scouted: Scout,
-    viewer: Viewer,
+    viewer: noticeable.Viewer,
     separation: float | None = None,
     max_wrong: float = MAX_DEPTH_WRONG,
     eye_pixel: float | None = None,
@@ -181,11 +170,11 @@ def eye_requirement(
     eyes take a pixel of each hogel, so that the share is theirs. Raises InputError where the length of the
     scene's unit is not known, or something is seen behind the viewer.
     """
-    display, content = Display.of(scouted.scene), seen_content(scouted)
-    eyes_apart(viewer, display)
-    require_before_viewer(scouted.scene, content, viewer)
-    limit = None
-    if separation is None and (found := finest_separation(content.farthest, viewer, display)) is not None:
+    display, content = noticeable.Display.of(scouted.scene), seen_content(scouted)
+    noticeable.eyes_apart(viewer, display)
+    noticeable.require_before_viewer(scouted.scene, content, viewer)
+    found, limit = noticeable.finest_separation(content.farthest, viewer, display), None
+    if separation is None and found is not None:
         limit = found[0], found[2]
         separation = min(found[1], scouted.scene.frustum.longest_reach)
     return EyeRequirement(

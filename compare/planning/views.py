@@ -21,14 +21,7 @@ from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.beyond import PERCENTILE, displacement_p99, is_beyond
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.prediction.depth import (
-    MAX_MISORDERED_FRACTION,
-    Slab,
-    Stacks,
-    depth_wrong_share,
-    slabs,
-    smallest_separation,
-)
+from xfrustum.compare.prediction import depth
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
@@ -126,7 +119,7 @@ class Requirement:
 
     def met_by(self, found: Quality) -> bool:
         """Return whether what was measured is what is required."""
-        return not self.missed_by(found) and found.misordered <= MAX_MISORDERED_FRACTION
+        return not self.missed_by(found) and found.misordered <= depth.MAX_MISORDERED_FRACTION
 
     def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
         """Say what a larger near than the largest would do."""
@@ -176,9 +169,9 @@ class View:
         return {Camera.C: -height[height <= 0][::-1], Camera.C_STAR: height[height > 0]}
 
     @cached_property
-    def stacks(self) -> Stacks:
+    def stacks(self) -> depth.Stacks:
         """What depth buffers have to tell apart."""
-        return Stacks.of(self.truth, self.gaps)
+        return depth.Stacks.of(self.truth, self.gaps)
 
     def farthest(self, camera: Camera, low: float = 0.0, high: float = math.inf) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
@@ -239,27 +232,31 @@ class Views:
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
         frustum = self.scene.frustum
-        shares = (depth_wrong_share(view.stacks, frustum, settings, unlucky=True) for view in self.views)
+        shares = (
+            depth.depth_wrong_share(view.stacks, frustum, settings, unlucky=True) for view in self.views
+        )
         return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface of the worst camera and slab."""
-        every = slabs(self.scene.frustum, settings)
+        every = depth.slabs(self.scene.frustum, settings)
         return max((self.separation_in(slab, settings) for slab in every), default=0.0)
 
-    def separation_in(self, slab: Slab, settings: DoubleFrustum) -> float:
+    def separation_in(self, slab: depth.Slab, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface seen in a slab; 0 without any."""
         ends = [view.farthest(slab.camera, slab.low, slab.high) for view in self.views]
         seen = np.array([end for end in ends if end is not None])
         if not len(seen):
             return 0.0
         w = np.clip(seen + slab.step, slab.near, slab.far)
-        return float(smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping).max())
+        return float(
+            depth.smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping).max()
+        )
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return what closed forms predict of settings, with sheets as far apart as is asked for."""
         smallest, depth_wrong = self.separation(settings), self.depth_wrong(settings)
-        certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
+        certain = NormalDist().inv_cdf(1 - depth.MAX_MISORDERED_FRACTION)
         return Quality(
             displacement_p99_px=self.displaced(settings),
             surface_fraction=depth_wrong,

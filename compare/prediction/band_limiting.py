@@ -29,24 +29,8 @@ from xfrustum.scenes.plate.plate import Aperture
 LEVEL = 1 / 255  #: one level of 8 bits, in radiance
 
 DISCREPANCY = MappingProxyType(
-    {
-        1: 0.5,
-        4: 0.393,
-        8: 0.218,
-        16: 0.184,
-        32: 0.142,
-        64: 0.0774,
-        128: 0.0608,
-        256: 0.0329,
-        512: 0.0231,
-        1024: 0.0157,
-        2048: 0.00985,
-        4096: 0.00715,
-        8192: 0.00515,
-        16384: 0.0034,
-        32768: 0.0023,
-        65536: 0.0017,
-    }
+    {1: 0.5, 4: 0.393, 8: 0.218, 16: 0.184, 32: 0.142, 64: 0.0774, 128: 0.0608, 256: 0.0329, 512: 0.0231}
+    | {1024: 0.0157, 2048: 0.00985, 4096: 0.00715, 8192: 0.00515, 16384: 0.0034, 32768: 0.0023, 65536: 0.0017}
 )
 """Half-plane discrepancy of N sub-apertures, N a power of two: the largest difference of the share of the
 points on one side of a straight line and the share of the box on that side. It was computed for 2,000 to
@@ -109,14 +93,8 @@ def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> fl
     return min(1.0, float(brightest))
 
 
-def needed_sub_apertures(
-    scene: Scene, apertures: Iterable[Aperture] | None = None, error: float = LEVEL
-) -> int:
-    """Return how many sub-apertures keep a scene's pictures within an error, radiance.
-
-    It is at most the last key of `DISCREPANCY`.
-    """
-    chosen = None if apertures is None else tuple(apertures)
-    contrast = contrast_of(scene, chosen)
-    counts = [sub_apertures_for(blurs(scene, one)[0], contrast, error) for one in depth_bins(scene, chosen)]
+def needed_sub_apertures(scene: Scene, error: float = LEVEL) -> int:
+    """Return how many sub-apertures keep pictures within an error, radiance: at most `DISCREPANCY` has."""
+    contrast = contrast_of(scene)
+    counts = [sub_apertures_for(blurs(scene, one)[0], contrast, error) for one in depth_bins(scene)]
     return max((max(DISCREPANCY) if count is None else count for count in counts), default=1)

@@ -171,9 +171,8 @@ class Predictor:
             culled=turned / judged,
         )
         links = zip([*moved, None], [*wrong, snapped], strict=True)
-        return prediction, tuple(
-            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels) for rms, pixels in links
-        )
+        made = (LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels) for rms, pixels in links)
+        return prediction, tuple(made)
 
     def _crosses(self, settings: DoubleFrustum) -> bool:
         """Return whether a surface crosses the plate within the near windows of both cameras."""
@@ -216,9 +215,8 @@ class Predictor:
             (pixels < MIN_PIXELS, FEW),
             (by_depth and self._within_steps(settings), STEPS),
         )
-        return Reasons(
-            displacement=displacement, surface=next((words for holds, words in kinds if holds), None)
-        )
+        surface = next((words for holds, words in kinds if holds), None)
+        return Reasons(displacement=displacement, surface=surface)
 
     def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
         def rms(moved: Floats) -> float | None:

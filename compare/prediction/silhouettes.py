@@ -24,12 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.displacement import (
-    TruePoints,
-    displacements,
-    in_first_slab,
-    is_drawn,
-)
+from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
@@ -258,9 +253,8 @@ class Silhouettes:
             slab = in_first_slab(self._points.height, self._frustum, settings) if first else None
             steps = contours(self._truth, slab)
             places = steps.places - (np.asarray(steps.resolution) - 1) / 2
-            front, back = (
-                replace(self._points.at(one), from_middle=places) for one in (steps.front, steps.back)
-            )
+            ends = self._points.at(steps.front), self._points.at(steps.back)
+            front, back = (replace(points, from_middle=places) for points in ends)
             self._contours[first] = steps, front, back
         return self._contours[first]
 

@@ -228,11 +228,9 @@ def _check(name: str, scene: Scene, aperture: Aperture, rows: Iterator[ExactRows
     assert image.certainty is not None and image.overruled is not None
     parts = []
     for part in rows:
-        parts.append(part)
+        parts.append((part.triangle, part.s, part.ties))
         bar.update(part.triangle.size)
-    triangle, s, ties = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("triangle", "s", "ties")
-    )
+    triangle, s, ties = (np.concatenate(one) for one in zip(*parts, strict=True))
     exact = ExactRows(triangle=triangle, s=s, ties=ties)
     pencil = crossed_frustum(scene.frustum, aperture)
     wrong, listed = disagreements(image, exact, pencil, scene.triangles)

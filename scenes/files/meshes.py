@@ -28,13 +28,7 @@ from trimesh.visual.material import SimpleMaterial
 
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
-from xfrustum.scenes.disk.input_files import (
-    bounded_memory,
-    check_declared,
-    check_mesh_file,
-    check_picture_size,
-    regular_size,
-)
+from xfrustum.scenes.disk import input_files
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 #: Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits.
@@ -84,7 +78,7 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     Raises InputError where the file is missing, of another type, damaged, or without triangles.
     """
     tree, resolver = _checked_source(path), _Resolver(str(path))
-    with bounded_memory(path):
+    with input_files.bounded_memory(path):
         with _readable(path):
             named, missing = _named_textures(path)
             parts = _parts(path, resolver, tree, named)
@@ -163,9 +157,9 @@ class _Resolver(FilePathResolver):
             except (ValueError, OSError):
                 continue
             try:
-                regular_size(path, "file that a mesh refers to")
+                input_files.regular_size(path, "file that a mesh refers to")
                 with suppress(OSError, SyntaxError, ValueError), Image.open(path) as picture:
-                    check_picture_size(path, *picture.size)
+                    input_files.check_picture_size(path, *picture.size)
             except InputError as error:
                 self.refused.append(str(error))
                 raise FileNotFoundError(name) from error
@@ -178,7 +172,7 @@ class _Resolver(FilePathResolver):
 
 def _checked_source(path: Path) -> dict[str, Any]:
     """Return the JSON of a glTF file, else nothing; refuse a file that declares more than it has."""
-    check_mesh_file(path)
+    input_files.check_mesh_file(path)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     name = path.name.lower()
@@ -188,7 +182,7 @@ def _checked_source(path: Path) -> dict[str, Any]:
         if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):
             with zipfile.ZipFile(path) as archive:
                 total = sum(info.file_size for info in archive.infolist())
-            check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
+            input_files.check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
         if not name.endswith(GLTF_SUFFIXES):
             return {}
         data = path.read_bytes()
@@ -210,7 +204,7 @@ def _checked_source(path: Path) -> dict[str, Any]:
             count = max(0, int(accessor["count"])) if "count" in accessor else 0
             size = _COMPONENT_BYTES.get(accessor.get("componentType"), 4)
             total += count * size * _COMPONENTS.get(accessor.get("type"), 1)
-    check_declared(path, MEMORY_PER_UNPACKED_BYTE * total, "arrays")
+    input_files.check_declared(path, MEMORY_PER_UNPACKED_BYTE * total, "arrays")
     return tree
 
 
@@ -423,7 +417,7 @@ def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Nu
             continue
         pixels, name = None, part.texture
         if part.picture is not None:
-            check_picture_size(path, *part.picture.size)  # pictures within glTF files too
+            input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
             with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
                 if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
                     gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(np.uint8)

@@ -16,14 +16,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from xfrustum.scenes.appearance.appearance import Environment
 from xfrustum.scenes.arrays import Bytes, Singles
-from xfrustum.scenes.disk.input_files import (
-    bounded_memory,
-    check_allowed,
-    check_declared,
-    check_picture_size,
-    head_of,
-    regular_size,
-)
+from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import MAGIC, image_size, read_rgb_channels, write_planes
 from xfrustum.scenes.files.layouts import Pixels
@@ -53,7 +46,7 @@ class Picture:
 
 def picture_size(path: Path) -> tuple[int, int]:
     """Return the width and height of a picture file in pixels; InputError where it is missing or none."""
-    head = head_of(path, "file")
+    head = input_files.head_of(path, "file")
     if head.startswith(MAGIC):
         return image_size(path)
     if ppm := _P6_HEADER.match(head):
@@ -77,7 +70,7 @@ def picture_text(path: Path) -> dict[str, object]:
 
 def read_picture(path: Path) -> Picture:
     """Read PNG and the like with 8 bits, PPM with up to 16, or OpenEXR; InputError where it is none."""
-    head = head_of(path, "file")
+    head = input_files.head_of(path, "file")
     if head.startswith(MAGIC):
         pixels, _ = read_rgb_channels(path, "only pictures in R, G and B are re-arranged")
         half = pixels.dtype == np.float16
@@ -85,7 +78,7 @@ def read_picture(path: Path) -> Picture:
     if not _P6_HEADER.match(head):
         rgb, lossy = read_rgb(path)
         return Picture(pixels=rgb, lossy=lossy)
-    with bounded_memory(path):
+    with input_files.bounded_memory(path):
         content = path.read_bytes()
     found = _P6_HEADER.match(content)
     assert found is not None
@@ -133,11 +126,11 @@ def read_rgb(path: Path, resolution: tuple[int, int] | None = None) -> tuple[Byt
     Raises InputError where the file is damaged, no picture of `RGB_MODES`, or not of the scene's resolution.
     """
     try:
-        with bounded_memory(path), Image.open(path) as picture:
+        with input_files.bounded_memory(path), Image.open(path) as picture:
             if resolution is not None and picture.size != resolution:
                 found, said = (" x ".join(map(str, size)) for size in (picture.size, resolution))
                 raise InputError(f"{path}: is {found}, but the scene says {said}")
-            check_picture_size(path, *picture.size)
+            input_files.check_picture_size(path, *picture.size)
             if picture.mode not in RGB_MODES:
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
             return np.asarray(picture.convert("RGB")), picture.format in LOSSY_FORMATS
@@ -172,7 +165,7 @@ def _av() -> Any:
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a video and its first stream of pictures; FFmpeg's errors become InputErrors."""
     av = _av()
-    regular_size(path, "video")
+    input_files.regular_size(path, "video")
     try:
         with av.open(str(path)) as video:
             stream = video.streams.video[0]
@@ -180,7 +173,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
                 raise ValueError("its codec is not known")
             width, height = stream.width, stream.height
             size = DECODER_BYTES_PER_PIXEL * width * height
-            check_allowed(path, size, f"a frame of {width} x {height} pixels")
+            input_files.check_allowed(path, size, f"a frame of {width} x {height} pixels")
             # A frame may state another size than the file: FFmpeg refuses it before it allocates.
             most = (width + PADDING_PX) * (height + PADDING_PX)
             stream.codec_context.options = {"max_pixels": str(most)}
@@ -204,7 +197,9 @@ def read_video(path: Path, frames: int, size: tuple[int, int]) -> Picture:
     Raises InputError where the file is missing, damaged or of another shape, or PyAV is not installed.
     """
     width, height = size
-    check_declared(path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels")
+    input_files.check_declared(
+        path, 3 * frames * width * height, f"{frames} frames of {width} x {height} pixels"
+    )
     with _opened(path) as (video, stream):
         pixels, count = np.empty((frames, height, width, 3), np.uint8), 0
         for frame in video.decode(stream):
@@ -249,8 +244,8 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative or not
     finite.
     """
-    with bounded_memory(path):
-        if head_of(path, "environment map", len(MAGIC)) == MAGIC:
+    with input_files.bounded_memory(path):
+        if input_files.head_of(path, "environment map", len(MAGIC)) == MAGIC:
             radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")
             if str(header["dataWindow"]) != str(header["displayWindow"]):
                 raise InputError(
@@ -272,7 +267,7 @@ def _of_radiance(path: Path) -> Singles:
     if (found[1], found[3]) != (b"-Y", b"+X"):
         raise InputError(f"{path}: is not stored row by row from the top left; write it so")
     height, width = int(found[2]), int(found[4])
-    check_picture_size(path, width, height)
+    input_files.check_picture_size(path, width, height)
     stored = np.frombuffer(content, np.uint8)
     pixels, at = np.empty((height, width, 4), np.uint8), found.end()
     for row in pixels:

@@ -20,21 +20,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from xfrustum.scenes import Frustum, InputError, Plate, Screen
-from xfrustum.scenes.appearance.appearance import (
-    DEFAULT_LIGHT,
-    LARGEST_COEFFICIENT,
-    Appearance,
-    DirectionalLight,
-    Material,
-)
+from xfrustum.scenes.appearance import appearance
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
-from xfrustum.scenes.disk.input_files import (
-    SCENE_FILE_SIZE,
-    check_hogels,
-    check_mesh_file,
-    read_small,
-    regular_size,
-)
+from xfrustum.scenes.disk import input_files
 from xfrustum.scenes.geometry import SHAPE_NAMES
 
 if TYPE_CHECKING:
@@ -58,7 +46,7 @@ Angle = Annotated[Number, Field(gt=0, lt=180)]
 Pair = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
 Row = tuple[Number, Number, Number, Number]
-Coefficient = Annotated[Number, Field(ge=0, le=LARGEST_COEFFICIENT)]
+Coefficient = Annotated[Number, Field(ge=0, le=appearance.LARGEST_COEFFICIENT)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 Color = Annotated[tuple[Coefficient, Coefficient, Coefficient], BeforeValidator(_gray)]
 ColorShare = Annotated[tuple[Share, Share, Share], BeforeValidator(_gray)]
@@ -120,16 +108,16 @@ class _ObjectTable(_Table):
 
 
 class _MaterialTable(_Table):
-    ambient: Color = Material.ambient
-    diffuse: Color = Material.diffuse
-    specular: Color = Material.specular
-    exponent: Positive = Material.exponent
-    reflectivity: ColorShare = Material.reflectivity
+    ambient: Color = appearance.Material.ambient
+    diffuse: Color = appearance.Material.diffuse
+    specular: Color = appearance.Material.specular
+    exponent: Positive = appearance.Material.exponent
+    reflectivity: ColorShare = appearance.Material.reflectivity
 
 
 class _LightTable(_Table):
     direction: Triple
-    color: Color = DirectionalLight.color
+    color: Color = appearance.DirectionalLight.color
 
 
 class _EnvironmentTable(_Table):
@@ -184,7 +172,9 @@ def read_scene(path: Path) -> Scene:
 def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh."""
     try:
-        tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
+        tables = tomllib.loads(
+            input_files.read_small(path, "scene file", input_files.SCENE_FILE_SIZE).decode("utf-8")
+        )
     except ValueError as error:  # the file is no UTF-8 or no TOML
         hint = "" if path.suffix == ".toml" else "; for a mesh, write a scene file first: xfrustum new MESH"
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}{hint}") from error
@@ -193,7 +183,7 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
     try:
         file = _SceneTables.model_validate(tables)
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
-        check_hogels(*plate.hogels)
+        input_files.check_hogels(*plate.hogels)
         screen, fov_deg = file.frustum.screen, file.frustum.fov_deg
         frustum = Frustum(
             resolution=file.frustum.resolution,
@@ -215,11 +205,11 @@ def checked(path: Path) -> tuple[_SceneTables, Plate, Frustum]:
             )
         if entry.mesh is not None:
             with named(path, f"object[{index}].mesh"):
-                check_mesh_file(path.parent / entry.mesh)
+                input_files.check_mesh_file(path.parent / entry.mesh)
     if file.environment is not None:
         with named(path, "environment.map"):
             advice = "its path is relative to the scene file"
-            regular_size(path.parent / file.environment.map, "environment map", advice)
+            input_files.regular_size(path.parent / file.environment.map, "environment map", advice)
     return file, plate, frustum
 
 
@@ -313,13 +303,13 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
         return shapes.place(shapes.smoothed(part) if entry.smooth else part, matrix)
 
 
-def _appearance(path: Path, file: _SceneTables) -> Appearance:
+def _appearance(path: Path, file: _SceneTables) -> appearance.Appearance:
     """Return materials and lights; a file that names neither a light nor an environment gets one light."""
-    materials = {name: Material(**table.model_dump()) for name, table in file.material.items()}
+    materials = {name: appearance.Material(**table.model_dump()) for name, table in file.material.items()}
     lights, environment = [], None
     for index, table in enumerate(file.lights or ()):
         try:
-            lights.append(DirectionalLight(**table.model_dump()))
+            lights.append(appearance.DirectionalLight(**table.model_dump()))
         except InputError as error:
             raise InputError(f"{path}: light[{index}].{error}") from error
     if file.environment is not None:
@@ -329,8 +319,8 @@ def _appearance(path: Path, file: _SceneTables) -> Appearance:
             map_file, strength = path.parent / file.environment.map, file.environment.strength
             environment = read_environment(map_file, strength=strength)
     unlit = file.lights is None and file.environment is None
-    return Appearance(
+    return appearance.Appearance(
         materials=MappingProxyType(materials),
-        lights=(DEFAULT_LIGHT,) if unlit else tuple(lights),
+        lights=(appearance.DEFAULT_LIGHT,) if unlit else tuple(lights),
         environment=environment,
     )

@@ -13,17 +13,7 @@ import numpy as np
 from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.geometry.shapes import (
-    Mesh,
-    as_object,
-    join,
-    lathe,
-    place,
-    placement,
-    refine,
-    smoothed,
-    wrapped_grid,
-)
+from xfrustum.scenes.geometry import shapes
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.scene import read_only
 
@@ -67,13 +57,15 @@ def car() -> tuple[SceneObject, ...]:
     """
     frame, glass = _cabin()
     parts = {
-        "body": join(_lower_body(), frame),
+        "body": shapes.join(_lower_body(), frame),
         "glass": glass,
-        "wheels": join(*(_wheel(side, axle) for axle in _AXLES for side in (-1, 1))),
+        "wheels": shapes.join(*(_wheel(side, axle) for axle in _AXLES for side in (-1, 1))),
         "trim": _trim(),
     }
-    scene_from_car = placement(1.0, (0.0, 35.0, 0.0), (-14.0, -27.0, -17.0))
-    return tuple(place(as_object(f"car {name}", mesh), scene_from_car) for name, mesh in parts.items())
+    scene_from_car = shapes.placement(1.0, (0.0, 35.0, 0.0), (-14.0, -27.0, -17.0))
+    return tuple(
+        shapes.place(shapes.as_object(f"car {name}", mesh), scene_from_car) for name, mesh in parts.items()
+    )
 
 
 def rim_faces(wheels: SceneObject) -> Mask:
@@ -100,7 +92,7 @@ def _superellipse(exponent: float, points: int) -> Floats:
     return np.stack([np.interp(even, length, dense[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def _lower_body() -> Mesh:
+def _lower_body() -> shapes.Mesh:
     """Loft the body along z, below the shoulder; wheel arches are cut across its whole width."""
     z, arch = _stations()
     inside = np.clip(z, -_END, _END)
@@ -117,7 +109,7 @@ def _lower_body() -> Mesh:
     cut = y < arch[:, None]
     x, y = np.where(cut, np.clip(x, -roof, roof), x), np.where(cut, arch[:, None], y)
     # Turned so that the facets face outward for z running forward.
-    return wrapped_grid(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
+    return shapes.wrapped_grid(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
 
 
 def _stations() -> tuple[Floats, Floats]:
@@ -139,7 +131,7 @@ def _stations() -> tuple[Floats, Floats]:
     return np.concatenate(z), np.concatenate(arch)
 
 
-def _cabin() -> tuple[Mesh, Mesh]:
+def _cabin() -> tuple[shapes.Mesh, shapes.Mesh]:
     """Loft the cabin upward and return its frame and its glass, set in by a bevel."""
     outline = _superellipse(4.2, 104)
     heights = np.concatenate([[17], np.linspace(_GLASS_BASE, _GLASS_TOP, 14), [_ROOF_EDGE]])
@@ -162,10 +154,10 @@ def _cabin() -> tuple[Mesh, Mesh]:
     z = middle[:, None] + (half_length * scale)[:, None] * along
     z = z - set_in * np.sign(along) * (np.abs(along) > 0.9)
     points = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1)
-    vertices, faces = wrapped_grid(points)
+    vertices, faces = shapes.wrapped_grid(points)
     is_glass = pane.reshape(-1)[faces].all(axis=1)
 
-    def used(some: Indices) -> Mesh:
+    def used(some: Indices) -> shapes.Mesh:
         """Leave out vertices that no face uses."""
         numbers, compact = np.unique(some, return_inverse=True)
         return vertices[numbers], compact.reshape(some.shape).astype(np.int64)
@@ -173,11 +165,11 @@ def _cabin() -> tuple[Mesh, Mesh]:
     return used(faces[~is_glass]), used(faces[is_glass])
 
 
-def _wheel(side: int, axle: float) -> Mesh:
+def _wheel(side: int, axle: float) -> shapes.Mesh:
     """Return a tire with a rim of five spokes; `side` is -1 or +1 and says where it faces."""
     radii, heights = np.array(_WHEEL, dtype=np.float64).T
     sectors = _WHEEL_SECTORS
-    vertices, faces = lathe(radii, heights, sectors=sectors)
+    vertices, faces = shapes.lathe(radii, heights, sectors=sectors)
     turn = 2 * np.pi * np.arange(sectors) / sectors
     gap = 1.4 * np.clip(1.5 * np.cos(5 * turn), 0, 1)
     spoked = [row for row, (radius, height) in enumerate(_WHEEL) if 1.6 < radius < 4.6 and height > 0]
@@ -189,7 +181,7 @@ def _wheel(side: int, axle: float) -> Mesh:
     return np.round(outward + center, 6), faces
 
 
-def _trim() -> Mesh:
+def _trim() -> shapes.Mesh:
     """Return bumpers, and lamps, mirrors and door handles on both sides."""
     bumpers = (((0, 9.0, 48.0), (17.0, 1.6, 3.4), 4.0), ((0, 10.5, -48.0), (17.5, 1.6, 3.2), 4.0))
     both = (
@@ -199,10 +191,12 @@ def _trim() -> Mesh:
         ((20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
     )
     paired = [((side * x, y, z), half, exponent) for side in (-1, 1) for (x, y, z), half, exponent in both]
-    return join(*(_pebble(*one) for one in (*bumpers, *paired)))
+    return shapes.join(*(_pebble(*one) for one in (*bumpers, *paired)))
 
 
-def _pebble(center: tuple[float, float, float], half: tuple[float, float, float], exponent: float) -> Mesh:
+def _pebble(
+    center: tuple[float, float, float], half: tuple[float, float, float], exponent: float
+) -> shapes.Mesh:
     """Return a superellipsoid: half sizes along x, y, z, boxier for larger exponents."""
     section = _superellipse(exponent, 24)
     rise = np.linspace(-np.pi / 2, np.pi / 2, 11)
@@ -212,7 +206,7 @@ def _pebble(center: tuple[float, float, float], half: tuple[float, float, float]
     spread[[0, -1]] = 0
     level = np.broadcast_to(height[:, None], (11, 24))
     unit = np.stack([spread[:, None] * section[:, 1], level, spread[:, None] * section[:, 0]], axis=-1)
-    return wrapped_grid(unit * half + center)
+    return shapes.wrapped_grid(unit * half + center)
 
 
 _MATERIALS = MappingProxyType({
@@ -236,7 +230,7 @@ _LIGHTS = (
 def studio_car() -> tuple[SceneObject, ...]:
     """Return the car with smooth normals, a material on every part, and rims apart from tires."""
     parts = []
-    for part in (smoothed(part) for part in car()):
+    for part in (shapes.smoothed(part) for part in car()):
         kind = part.name.removeprefix("car ")
         if kind in _MATERIAL_OF_PART:
             parts.append(replace(part, material=_MATERIAL_OF_PART[kind]))
@@ -305,7 +299,7 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
             f"reflect; not {polygons:,} and {reflective_share}"
         )
     while 4 * len(scene.faces) <= polygons:
-        scene = refine(scene, 1)
+        scene = shapes.refine(scene, 1)
     while (splits := (polygons - len(scene.faces)) // 2) > 0:
         a, b, c = np.moveaxis(scene.triangles, 1, 0)
         size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -334,7 +328,7 @@ def mirrored(car: TessellatedCar) -> Scene:
     paint = studio_look.materials["paint"]
     dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))
     objects, first = [], 0
-    for part in map(smoothed, car.scene.objects):
+    for part in map(shapes.smoothed, car.scene.objects):
         reflective = car.reflective[first : first + len(part.faces)]
         first += len(part.faces)
         for material, chosen in (("paint", reflective), ("dull", ~reflective)):

@@ -12,18 +12,7 @@ import numpy as np
 from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import (
-    Mesh,
-    as_object,
-    ball,
-    box,
-    build_shape,
-    join,
-    open_grid,
-    place,
-    placement,
-    triangulate,
-)
+from xfrustum.scenes.geometry import shapes
 from xfrustum.scenes.library.car import surroundings
 
 Vector = tuple[float, float, float]
@@ -34,7 +23,7 @@ def asymmetric() -> tuple[SceneObject, ...]:
 
     The torus in front hides the box behind from the middle aperture; the bar crosses the plate beside it.
     """
-    corners, faces = box()
+    corners, faces = shapes.box()
     along = corners[:, 2:] + 0.5
     middle = np.array((17.0, 7.0, -75.0)) * (1 - along) + np.array((9.0, -18.0, 75.0)) * along
     bar = middle + corners * (3.0, 3.0, 0.0)  # with square ends parallel to the plate
@@ -46,12 +35,12 @@ def asymmetric() -> tuple[SceneObject, ...]:
         _letter(2.6, (8.0, -20.0, 5.0), (-3.0, 15.0, -62.0)),
         _letter(3.2, (-12.0, 30.0, -20.0), (-14.0, -17.0, 70.0)),
         _shape("cylinder", 22.0, (20.0, 0.0, 70.0), (34.0, -9.0, -85.0)),
-        as_object("bar", (bar, faces)),
+        shapes.as_object("bar", (bar, faces)),
     )
 
 
 def _shape(name: str, size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
-    return place(build_shape(name), placement(size, rotate_deg, center))
+    return shapes.place(shapes.build_shape(name), shapes.placement(size, rotate_deg, center))
 
 
 def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
@@ -61,9 +50,9 @@ def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
         ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
         ((0.0, 0.3, -0.5), (2.0, 1.0, 2.0)),
     ]  # middle and extent of each
-    corners, faces = box()
-    letter = join(*((corners * extent + middle, faces) for middle, extent in strokes))
-    return place(as_object("letter", letter), placement(size, rotate_deg, center))
+    corners, faces = shapes.box()
+    letter = shapes.join(*((corners * extent + middle, faces) for middle, extent in strokes))
+    return shapes.place(shapes.as_object("letter", letter), shapes.placement(size, rotate_deg, center))
 
 
 #: Height of each row of pairs above or below the plate, as a fraction of the reach.
@@ -89,7 +78,9 @@ def sheets(*, reach: float) -> tuple[SceneObject, ...]:
                 cell = (first_column + column, row)
                 upper.append(_sheet(max(near, far), cell, (0.0, 0.7)))
                 lower.append(_sheet(min(near, far), cell, (0.3, 1.0)))
-    return as_object("upper sheets", join(*upper)), as_object("lower sheets", join(*lower))
+    return shapes.as_object("upper sheets", shapes.join(*upper)), shapes.as_object(
+        "lower sheets", shapes.join(*lower)
+    )
 
 
 #: Slopes of the outermost lines to the sheets: just inside a full angle of 60 degrees.
@@ -98,7 +89,7 @@ _LEAN = (0.2, 0.1)
 _CELL_FILLED = 0.9
 
 
-def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
+def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> shapes.Mesh:
     """Return the sheet that fills a part of the width of a film cell from height z.
 
     It leans about the cell's middle, for a sheet of one depth would be all right or all wrong; pairs are
@@ -113,7 +104,7 @@ def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
     corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
     lean = (corners[:, 0] - middle[0]) * _LEAN[0] + (corners[:, 1] - middle[1]) * _LEAN[1]
     # Both axes change sign in front of the plate, which is half a turn: the winding stays.
-    return np.column_stack([corners, z + lean]), triangulate(np.array([(0, 1, 2, 3)]))
+    return np.column_stack([corners, z + lean]), shapes.triangulate(np.array([(0, 1, 2, 3)]))
 
 
 def crossing() -> tuple[SceneObject, ...]:
@@ -135,7 +126,7 @@ def crossing() -> tuple[SceneObject, ...]:
     wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
     points = np.stack([columns, rows, 2 * columns + wave], axis=-1)
     return (
-        as_object("wave", open_grid(points)),
+        shapes.as_object("wave", shapes.open_grid(points)),
         _shape("sphere", 12.0, (0.0, 0.0, 0.0), (-12.0, 8.0, 55.0)),
         _shape("box", 16.0, (20.0, 30.0, 0.0), (-18.0, 6.0, -70.0)),
     )
@@ -154,7 +145,7 @@ def large_triangles() -> tuple[SceneObject, ...]:
     }
     faces = np.array([[0, 1, 2]])
     return (
-        *(as_object(name, (np.array(corners), faces)) for name, corners in large.items()),
+        *(shapes.as_object(name, (np.array(corners), faces)) for name, corners in large.items()),
         _shape("sphere", 14.0, (0.0, 0.0, 0.0), (7.0, 6.0, 42.0)),
         _shape("box", 18.0, (30.0, 20.0, 10.0), (24.0, -12.0, -66.0)),
         _shape("cone", 20.0, (15.0, 0.0, 40.0), (-20.0, 14.0, 80.0)),
@@ -173,8 +164,8 @@ def mirror_spheres() -> tuple[SceneObject, ...]:
     """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
-        outward, faces = ball(radius, 96, 192)
-        sphere = as_object(f"mirror sphere {number}", (outward + center, faces), material="mirror")
+        outward, faces = shapes.ball(radius, 96, 192)
+        sphere = shapes.as_object(f"mirror sphere {number}", (outward + center, faces), material="mirror")
         spheres.append(replace(sphere, vertex_normals=outward))
     return tuple(spheres)
 
@@ -221,10 +212,10 @@ def _bars(name: str, turns: Floats, z: float, span: tuple[float, float], *, upri
     along = straight + GRATING_LEAN * across
     # Rows times columns of the grid point to the viewer.
     x, y = (along, across) if upright else (across[:, ::-1], along[:, ::-1])
-    sheet = open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
+    sheet = shapes.open_grid(np.stack([x, y, np.full(along.shape, z)], axis=-1))
     brightness = np.abs(np.arange(len(turns)) - int(np.argmin(np.abs(turns)))) % 2
     colors = np.repeat(np.repeat(brightness.astype(np.float64), len(span))[:, None], 3, axis=1)
-    return as_object(name, sheet, material="plain", vertex_colors=colors)
+    return shapes.as_object(name, sheet, material="plain", vertex_colors=colors)
 
 
 def plain() -> Appearance:
@@ -262,9 +253,9 @@ def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
             f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
             "32000 or 100000"
         )
-    unit, faces = ball(0.5, rings + 1, product // rings)
+    unit, faces = shapes.ball(0.5, rings + 1, product // rings)
     objects = tuple(
-        as_object("globe", (2.0 * np.array(semi_axes) * unit + np.array(center), faces))
+        shapes.as_object("globe", (2.0 * np.array(semi_axes) * unit + np.array(center), faces))
         for center, semi_axes in GLOBES
     )
     fov = math.radians(60)

@@ -14,8 +14,9 @@ import pytest
 
 from tests.compare.metrics.test_flips import pictured
 from tests.support.long_tail import thinned
+from tests.support.misplaced import misplaced
 from tests.support.views import SHARED_SCENES, reversed_d32f, soup, view
-from xfrustum.compare.attribution.budget import Budget, explain, misplaced
+from xfrustum.compare.attribution.budget import Budget, explain
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer

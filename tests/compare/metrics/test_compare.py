@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from tests.support.long_tail import thinned
+from tests.support.misplaced import misplaced
 from tests.support.views import at, reversed_d32f, soup, view
-from xfrustum.compare.attribution.budget import make_budget, misplaced
+from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.metrics.error_maps import (
     ErrorMaps,
