@@ -153,18 +153,14 @@ def _marks(
     drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
 ) -> list[Placement]:
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
-    shape = len(cameras), len(images), len(pixels)
-    names = ("possible", "near_edge", "near_moved")
-    marks = {name: np.zeros(shape, dtype=np.bool_) for name in names}
+    marks = np.zeros((3, len(cameras), len(images), len(pixels)), dtype=np.bool_)
     if len(drawn.slots):
         placed = placement(drawn)
-        for name, mask in marks.items():
-            mask.reshape(-1)[drawn.slots] = getattr(placed, name)
-    marks["possible"] |= np.array([image.triangle.reshape(-1).take(pixels) == NOTHING for image in images])
-    by_image = [_by_any(marks[name]) for name in names]
+        marks.reshape(3, -1)[:, drawn.slots] = placed.possible, placed.near_edge, placed.near_moved
+    marks[0] |= [image.triangle.reshape(-1).take(pixels) == NOTHING for image in images]
     return [
         Placement(possible=possible, near_edge=near, near_moved=moved)
-        for possible, near, moved in zip(*by_image, strict=True)
+        for possible, near, moved in marks.any(axis=1).swapaxes(0, 1)
     ]
 
 
