@@ -160,7 +160,7 @@ def _marks(
     marks[0] |= [image.triangle.reshape(-1).take(pixels) == NOTHING for image in images]
     return [
         Placement(possible=possible, near_edge=near, near_moved=moved)
-        for possible, near, moved in marks.any(axis=1).swapaxes(0, 1)
+        for possible, near, moved in zip(*np.logical_or.reduce(marks, axis=1), strict=True)
     ]
 
 
