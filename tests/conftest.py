@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cache
 from pathlib import Path
@@ -10,11 +11,20 @@ from types import ModuleType
 import pytest
 from hypothesis import settings
 
-# The same examples in every run, however long one takes on a loaded machine.
-settings.register_profile("xfrustum", derandomize=True, deadline=None)
-settings.load_profile("xfrustum")
+# NumPy's libraries wait busily for their threads, too, which small matrices do not need (`on_one_thread`).
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+EXAMPLES, EXAMPLES_EVERY_TIME = 100, 25  #: of hypothesis with the slow tests, and without them
 
 CHECKOUT = Path(__file__).resolve().parents[1]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Try the same examples in every run, however long one takes on a loaded machine."""
+    count = EXAMPLES_EVERY_TIME if "not slow" in config.option.markexpr else EXAMPLES
+    settings.register_profile("xfrustum", derandomize=True, deadline=None, max_examples=count)
+    settings.load_profile("xfrustum")
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,11 @@ from math import radians
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.light import patterned_environment
+from tests.support.long_tail import examples
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
@@ -144,7 +145,7 @@ def test_color_alone_is_drawn_by_the_cameras_that_a_tiny_near_calls_for() -> Non
         np.testing.assert_array_equal(rasterizer.render_color(asked.plate.middle, tiny), whole.color)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(25)
 @given(
     center=st.tuples(st.integers(-300, 300), st.integers(-300, 300), st.integers(-250, 200)),
     radius=st.integers(1, 40),

@@ -65,7 +65,7 @@ def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapp
         np.testing.assert_array_equal(shown, np.where(on_top, over, under), err_msg=array)
 
 
-@pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
+@pytest.mark.parametrize(("depth", "mapping"), thinned(DEPTHS, 3))
 def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMapping) -> None:
     """Near is so large that even 16 bits order most of the scene."""
     scene = view("asymmetric", (256, 256))

@@ -92,7 +92,9 @@ def test_every_line_shows_what_brute_force_shows(
     assert not (image.certainty == Certainty.UNEXAMINED).any()
 
 
-@pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "crossing", "beetle", "teapot-recentered"])
+@pytest.mark.parametrize(
+    "name", thinned(["car", "beetle", "crossing", "asymmetric-recentered", "teapot-recentered"], 2)
+)
 def test_s_is_right_to_a_billionth_of_itself(name: str) -> None:
     """Rational arithmetic knows the crossing of line and plane exactly."""
     scene = view(name, (96, 72))

@@ -1,9 +1,16 @@
-"""The long tail of a parametrized test: some cases run every time, all of them with the slow tests."""
+"""The long tail of a test of many cases: some of them run every time, all of them with the slow tests."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+
+def examples(count: int) -> settings:
+    """Return how often hypothesis tries: so many times with the slow tests, and else the first of them."""
+    usual = settings.get_profile("xfrustum").max_examples
+    return settings(max_examples=max(1, count * usual // settings.get_profile("default").max_examples))
 
 
 def thinned(cases: Iterable[Any], step: int, first: int = 0) -> list[Any]:

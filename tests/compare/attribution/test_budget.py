@@ -99,7 +99,7 @@ def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) ->
         assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
 
 
-@pytest.mark.parametrize("name", thinned(SCENES, 4))
+@pytest.mark.parametrize("name", thinned(SCENES, 7))
 def test_nothing_is_left_unexplained(name: str) -> None:
     """Five settings on each scene; on all scenes together every option with every near and depth buffer."""
     assert_all_is_explained(budgets(name, some_kinds(name), SMALL_FILM))
@@ -140,7 +140,7 @@ def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
     assert (budget.charge == 1).sum() > 100
 
 
-@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered", "car-recentered"])
+@pytest.mark.parametrize("name", thinned(["asymmetric", "asymmetric-recentered", "car-recentered"], 3, 1))
 def test_each_traced_link_is_as_predicted(name: str) -> None:
     """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
     reach = view(name, (8, 8)).frustum.longest_reach

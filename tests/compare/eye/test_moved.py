@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.long_tail import examples
 from tests.support.moved_scene import moved_scene, replayed_points
 from tests.support.views import at, reversed_d32f, view
 from xfrustum.compare.eye.noticeable import moves_rigidly, replayed_distance
@@ -76,7 +77,7 @@ def drawn_places(points: Floats, frustum: Frustum, aperture: Aperture, how: Doub
     ]
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(
     frustum=st.sampled_from([CENTERED, RECENTERED, IN_FRONT]),
     aperture=APERTURES,

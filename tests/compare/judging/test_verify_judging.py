@@ -10,12 +10,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
 import xfrustum
+from tests.support.long_tail import examples
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.judging.judged import outline_displacement, steps_of
@@ -201,7 +202,7 @@ def test_a_displacement_that_nobody_can_measure_keeps_no_limit(hogels: Hogels) -
     assert verified(hogels["right"], noise, encoding="rgb", max_wrong=1.0, max_displacement_px=None).passed
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(-6, 6), st.integers(-6, 6))
 def test_outlines_are_found_where_they_were_moved_to(right: int, down: int) -> None:
     rows, columns = np.mgrid[:80, :80]

@@ -138,7 +138,9 @@ def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_w
     assert beside.within, beside
 
 
-@pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "large-triangles", "teapot-recentered"])
+@pytest.mark.parametrize(
+    "name", thinned(["car", "asymmetric-recentered", "large-triangles", "teapot-recentered"], 3)
+)
 def test_no_picture_is_displaced_by_more_than_predicted(name: str) -> None:
     """By up to a pixel, with and without cuts; and the bound is not a tenth too high."""
     scene = view(name, (192, 144))
@@ -194,7 +196,7 @@ def test_with_one_slab_less_it_does_not_hold(
         assert not holds(views, other, requirement), other
 
 
-@pytest.mark.parametrize("name", ["car", "asymmetric", "teapot-recentered"])
+@pytest.mark.parametrize("name", thinned(["car", "asymmetric", "teapot-recentered"], 3))
 def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None:
     views, requirement = views_of(name), Requirement()
     settings = Search(views, requirement).among(depth_buffers()).holding[0].settings
@@ -208,7 +210,7 @@ def test_where_no_cut_is_planned_twice_the_near_does_not_hold(name: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "separation"), [("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)]
+    ("name", "separation"), thinned([("car", 0.003), ("sheets", 0.05), ("bunny-transfer", 0.001)], 3, 1)
 )
 def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     name: str, separation: float
@@ -233,7 +235,9 @@ def test_no_two_cuts_that_order_what_is_outside_come_closer_to_the_plate(
     assert not separated(round_number(index_below(second) - 1), None)
 
 
-@pytest.mark.parametrize(("name", "buffer", "separation"), [("car", D24, None), *NEEDING_CUTS[:3]])
+@pytest.mark.parametrize(
+    ("name", "buffer", "separation"), thinned([("car", D24, None), *NEEDING_CUTS[:3]], 2)
+)
 def test_no_larger_near_is_predicted_to_hold(
     name: str, buffer: tuple[DepthFormat, DepthMapping], separation: float | None
 ) -> None:
@@ -260,13 +264,16 @@ def test_no_larger_near_is_predicted_to_hold(
 
 @pytest.mark.parametrize(
     ("name", "requirement", "choices"),
-    [
-        pytest.param("car", Requirement(), depth_buffers(), marks=pytest.mark.slow),
-        pytest.param("car", Requirement(separation=0.003), [D16], marks=pytest.mark.slow),
-        ("sheets", Requirement(separation=0.003), depth_buffers(DepthFormat.D24, DepthMapping.REVERSED)),
-        ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),
-        ("large-triangles", Requirement(), [D16]),
-    ],
+    thinned(
+        [
+            ("large-triangles", Requirement(), [D16]),
+            ("car", Requirement(), depth_buffers()),
+            ("car", Requirement(separation=0.003), [D16]),
+            ("sheets", Requirement(separation=0.003), depth_buffers(DepthFormat.D24, DepthMapping.REVERSED)),
+            ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),
+        ],
+        5,
+    ),
 )
 def test_refining_a_mesh_four_and_sixteen_times_leaves_the_plan(
     name: str, requirement: Requirement, choices: list[tuple[DepthFormat, DepthMapping]]
@@ -347,12 +354,16 @@ def test_more_apertures_never_ask_for_less() -> None:
 
 @pytest.mark.parametrize(
     ("name", "index", "settings"),
-    [
-        ("car", None, DoubleFrustum(near=0.1, depth=DepthFormat.D16)),
-        ("asymmetric-recentered", (0, 0), DoubleFrustum(near=0.5, slabs=(20.0, 60.0), depth=DepthFormat.D16)),
-        ("sheets", None, DoubleFrustum(near=0.5, slabs=(40.0,), mapping=DepthMapping.GL)),
-        ("large-triangles", None, DoubleFrustum(near=0.05, depth=DepthFormat.D32F)),
-    ],
+    thinned(
+        [
+            ("car", None, DoubleFrustum(near=0.1, depth=DepthFormat.D16)),
+            ("asymmetric-recentered", (0, 0), DoubleFrustum(near=0.5, slabs=(20, 60), depth=DepthFormat.D16)),
+            ("sheets", None, DoubleFrustum(near=0.5, slabs=(40.0,), mapping=DepthMapping.GL)),
+            ("large-triangles", None, DoubleFrustum(near=0.05, depth=DepthFormat.D32F)),
+        ],
+        2,
+        1,
+    ),
 )
 def test_sheets_are_misordered_as_predicted(
     name: str, index: tuple[int, int] | None, settings: DoubleFrustum

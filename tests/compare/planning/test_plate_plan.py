@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.plate_plans import SHAPES, opened, try_plan
+from tests.support.long_tail import thinned
 from tests.support.scene_file import film, part
 from tests.support.views import SHARED_SCENES, view
 from xfrustum.cli.main import main
@@ -202,7 +203,7 @@ def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball:
     assert aside.summary()["set_aside_apertures"] == seven
 
 
-@pytest.mark.parametrize("box", [True, False])
+@pytest.mark.parametrize("box", thinned([True, False], 2))
 def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_defined(
     box: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 
+from tests.support.long_tail import examples
 from tests.support.strategies import apertures, frusta, triangles
 from tests.support.views import soup, view
 from xfrustum.compare.metrics.error_maps import displacement, lengths, pixel_centers
@@ -262,7 +263,7 @@ def test_opposite_the_middle_of_the_screen_both_pivots_are_the_same() -> None:
 
 
 @given(frustum=frusta(), aperture=apertures(), corners=triangles())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_any_sheared_frustum_shifts_any_triangle_by_the_closed_form(
     frustum: Frustum, aperture: Aperture, corners: Floats
 ) -> None:

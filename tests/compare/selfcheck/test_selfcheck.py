@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_first
+from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
 from tests.support.views import SHARED_SCENES, at, soup, view
 from xfrustum.compare.selfcheck import selfcheck as module
@@ -25,7 +26,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import hard_cases
 from xfrustum.scenes.library.builtin import names
 
-several = settings(max_examples=20, deadline=None, derandomize=True)
+several = examples(20)
 
 SQUARE = Frustum(
     resolution=(8, 8), reach=(8.0, 8.0), screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0))

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.support.brute_force import exact_first
+from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
 from tests.support.views import at, lines_by_definition, soup, view
 from xfrustum.compare.metrics.error_maps import pixel_centers, true_lines
@@ -31,7 +32,7 @@ from xfrustum.scenes.arrays import Floats, Indices
 
 Winners = list[list[frozenset[int]]]
 
-several = settings(max_examples=60, deadline=None, derandomize=True)
+several = examples(60)
 
 
 def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
@@ -79,7 +80,7 @@ def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 class TestAgainstRationalNumbers:
     """Corners lie exactly on lines and in the aperture; edges are shared, triangles coincide or are flat."""
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @examples(60)
     @given(exact_scenes())
     def test_every_pixel_shows_the_first_surface_and_names_every_tie(
         self, asked: tuple[Scene, Aperture]
@@ -91,7 +92,7 @@ class TestAgainstRationalNumbers:
             scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture
         )
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @examples(60)
     @given(rounded_scenes())
     def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
         self, asked: tuple[Scene, Aperture]
@@ -105,7 +106,7 @@ class TestAgainstRationalNumbers:
             assert image.triangle[row, column] == (first[0] if first else NOTHING)
             assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
 
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @examples(40)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
     def test_so_do_the_two_offset_cameras_overlaid(self, asked: tuple[Scene, Aperture], near: float) -> None:
         scene, aperture = asked
@@ -238,7 +239,7 @@ MOVES: dict[str, tuple[bool, tuple[int, int], Picture]] = {
 
 
 @pytest.mark.parametrize("move", MOVES)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(25)
 @given(triangles(), frusta(), apertures())
 def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
     move: str, corners: Floats, frustum: Frustum, aperture: Aperture

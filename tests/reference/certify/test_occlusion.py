@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_s
+from tests.support.long_tail import examples
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
@@ -94,7 +95,7 @@ def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[f
 
 
 @pytest.mark.parametrize("coordinates", [EIGHTHS, ANYTHING], ids=["eighths", "anything"])
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(data=st.data())
 def test_a_point_is_hidden_where_rational_arithmetic_says_so(
     coordinates: st.SearchStrategy[float], data: st.DataObject

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_first
+from tests.support.long_tail import examples
 from tests.support.scene_file import film, named
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.cli.main import main
@@ -78,7 +79,7 @@ def extreme_frusta() -> st.SearchStrategy[Frustum]:
     return st.one_of(st.just(FRUSTUM), st.just(flat), screens)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150)
 @given(
     extreme_triangles(),
     extreme_frusta(),

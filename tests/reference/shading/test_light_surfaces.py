@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.lit import CENTERED, LAMP, PLATE, ROUNDING, SUN, ball, card, lit, quad, sky
+from tests.support.long_tail import examples
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
@@ -65,7 +66,7 @@ class TestEffects:
         st.sampled_from([None, sky(), replace(sky(), strength=0.0)]),
         st.sampled_from(["flat", "smooth", "white vertices", "no normals", "colors"]),
     )
-    @settings(max_examples=60, deadline=None)
+    @examples(60)
     def test_whatever_is_in_the_scene(
         self,
         material: Material,

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, small, tree
+from tests.support.long_tail import examples
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -225,7 +226,7 @@ sizes = st.integers(1, 9)
 
 
 @given(columns=sizes, rows=sizes, width=sizes, height=sizes, data=st.data())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_every_hogel_lies_in_one_block_at_a_place_of_its_own(
     columns: int, rows: int, width: int, height: int, data: st.DataObject
 ) -> None:

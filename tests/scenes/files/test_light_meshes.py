@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from tests.support.long_tail import examples
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes import load_mesh
@@ -124,7 +125,7 @@ def test_the_size_of_a_placement_does_not_reach_the_normals(scale: float) -> Non
     np.testing.assert_allclose(normals, turned, atol=ROUNDING)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@examples(30)
 @given(
     normals=VECTORS,
     colors=VECTORS,

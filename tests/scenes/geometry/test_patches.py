@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from scipy.spatial import cKDTree
 
+from tests.support.long_tail import examples
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes import load_mesh
@@ -110,7 +111,7 @@ def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
         assert error == pytest.approx(sagitta, rel=1e-3)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@examples(15)
 @given(net=NETS, tolerance=st.sampled_from([1.0, 0.3, 0.1]))
 def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> None:
     try:
@@ -121,7 +122,7 @@ def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> N
     assert error <= tolerance + ROUNDING
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@examples(50)
 @given(net=NETS)
 def test_second_derivatives_stay_within_their_bounds(net: Floats) -> None:
     """By second differences of the surface itself, which are means of the derivatives."""
@@ -139,7 +140,7 @@ def test_second_derivatives_stay_within_their_bounds(net: Floats) -> None:
         assert np.linalg.norm(measured, axis=-1).max() <= bound + 1e-9
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@examples(40)
 @given(
     net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)), turns=st.tuples(*[st.booleans()] * 4)
 )

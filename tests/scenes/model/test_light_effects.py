@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.long_tail import examples
 from xfrustum.cli.main import main
 from xfrustum.reports.explain import _time, cost, explain, summary, table
 from xfrustum.scenes import Camera, DepthFormat, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
@@ -133,7 +134,7 @@ def test_effects_are_chosen_by_name() -> None:
         chosen(scene(), "auto,specular")
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@examples(50)
 @given(
     heights=st.lists(
         # Coordinates below 1e-75 that are not zero are refused.
