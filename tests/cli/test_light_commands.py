@@ -200,29 +200,3 @@ def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_t
     assert not np.array_equal(
         np.asarray(Image.open("seven/c-star-as-seen.png")), np.asarray(Image.open("seven/c-star-other.png"))
     )
-
-
-@pytest.mark.parametrize(
-    ("line", "word"),
-    [
-        ("trace boxes.toml --tracer embree --shadows --out x.exr", "leave out --tracer embree"),
-        ("trace boxes.toml --effects diffuse --shadows --out x.exr", "leave out --effects"),
-        ("trace boxes.toml --samples 1 --tracer mitsuba --shadows --out x.exr", "--samples"),
-        ("raster boxes.toml --near 1 --effects shiny --out x.exr", "shiny"),
-        ("trace boxes.toml --effects diffuse,shiny --out x.exr", "shiny"),
-        ("report boxes.toml --near 1 --effects shiny --out x", "shiny"),
-        ("raster boxes.toml --near 1 --aperture-samples 0 --out x.exr", "--aperture-samples"),
-        ("raster boxes.toml --near 1 --supersample 100000 --out x.exr", "--supersample"),
-        ("raster boxes.toml --near 1 --aperture-samples 100000 --out x.exr", "--aperture-samples"),
-        ("raster boxes.toml --near inf --out x.exr", "--near"),
-        ("figure7 no-such-scene", "no-such-scene"),
-        ("figure7 boxes.toml --near 60", "near"),
-    ],
-)
-def test_bad_light_is_one_line_and_nothing_is_written(
-    line: str, word: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(line.split()) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and word in said.err and len(said.err.splitlines()) == 1
-    assert [path.name for path in folder.iterdir()] == ["boxes.toml"]

@@ -113,27 +113,6 @@ def test_the_ratio_to_a_contestant_that_does_not_run_here_is_open() -> None:
     assert benchmarks.ratios_of(rates, [("b", "a"), ("b", "c")]) == {"b/a": 4.0, "b/c": None}
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["truth", "crossing", "--resolution", "512,-1"], "--resolution"),
-        (["truth", "crossing", "--resolution", "0"], "positive whole numbers"),
-        (["truth", "crossing", "--resolution", "many"], "--resolution"),
-        (["truth", "crossing", "--resolution", "8", "--repeat", "0"], "--repeat"),
-        (["truth", "empty"], "has no triangles to measure"),
-        (["plate", "empty"], "has no triangles to measure"),
-        (["judge", "empty", "--resolution", "8"], "has no triangles to measure"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_in_one_line(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", *words]) == 2
-    printed = capsys.readouterr()
-    assert said in printed.err
-    assert printed.out == "" and printed.err.count("\n") == 1
-
-
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])
 def test_all_contestants_for_the_truth_answer_for_the_same_lines(name: str) -> None:
     """Where the truth is proven and no tracer was overruled, all see the same triangles."""

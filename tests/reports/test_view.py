@@ -218,32 +218,6 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
         eyes_on_path(ends[:1], 3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--eye=0,0,-5"], "before the plate"),
-        (["--eye=0,0"], "X,Y,Z"),
-        ([EYE, "--near=1", "--plate=x.zarr"], "one of them"),
-        ([EYE, "--plate=nowhere.zarr"], "is no plate"),
-        ([EYE, "--images=none_{i}x{j}.png"], "none of its files exists"),
-        ([EYE, "--depth=d16"], "give --near too"),
-        ([EYE, "--encoding=rgb"], "give both"),
-        ([EYE, "--path=3"], "two eyes"),
-        ([EYE, "--resolution=4"], "W,H"),
-        ([EYE, "--quilt=2x2"], "needs --out"),
-        ([EYE, "--quilt=2"], "COLUMNSxROWS"),
-        (["--eye=1e200,0,1", "--near=0.5"], "bring it nearer"),
-    ],
-)
-def test_bad_input_is_one_line_that_says_what_to_do(
-    folder: Path, arguments: list[str], said: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    capfd.readouterr()
-    assert main(["view", str(folder / "two.toml"), *arguments, "--quiet"]) == 2
-    output = capfd.readouterr()
-    assert output.out == "" and said in output.err and output.err.count("\n") == 1
-
-
 def test_a_plate_of_another_scene_or_with_holes_is_refused(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

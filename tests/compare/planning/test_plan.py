@@ -479,28 +479,6 @@ def test_the_table_ends_in_a_command_that_draws_so(
     assert "holds" in text
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        "--tolerance-px -1",
-        "--separation 0",
-        "--separation nan",
-        "--max-wrong 1",
-        "--aperture 1,1 --apertures 3",
-        "--apertures 0",
-        "--depth d17",
-        "--aperture 99,1",
-    ],
-)
-def test_bad_input_is_one_line(given: str, capsys: pytest.CaptureFixture[str]) -> None:
-    option, value, *more = given.split()
-    assert main(["plan", "asymmetric", option, value, *more]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
-    if option in ("--tolerance-px", "--separation", "--max-wrong"):
-        assert f"'{option}': '{value}' is not a" in captured.err
-
-
 def test_a_requirement_checks_itself() -> None:
     for wrong in ({"tolerance_px": math.nan}, {"separation": -1.0}, {"max_wrong": 0.0}):
         with pytest.raises(InputError):

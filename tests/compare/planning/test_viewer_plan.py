@@ -222,28 +222,6 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed_and_replays_
     assert made["measured"]["displacement_p99_px"] > 0.5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--ipd=60"], "give --viewer too"),
-        (["--viewer=600mm", "--aperture=1,1"], "leave out"),
-        (["--viewer=600mm", "--tolerance-px=1"], "leave out"),
-        (["--viewer=far"], "LENGTH|length such as 600"),
-        (["--viewer=600parsec"], "not known"),
-        (["--viewer=-5"], "positive|length such as 600"),
-        (["--viewer=5mm"], "larger distance"),
-    ],
-)
-def test_what_makes_no_sense_of_a_viewer_is_said_in_one_line(
-    scene_file: str, arguments: list[str], said: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["plan", scene_file, *arguments, "--quiet"]) == 2
-    output = capfd.readouterr()
-    assert output.out == ""
-    assert any(words in output.err for words in said.split("|"))
-    assert output.err.count("\n") == 1
-
-
 def test_the_border_of_the_plate_counts_where_one_side_alone_is_seen(scene_file: str) -> None:
     scene = open_scene(scene_file)
     behind = Content(before=None, behind=(20.0, 46.0), through=False)

@@ -18,7 +18,6 @@ from plotly.colors import unlabel_rgb
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.app import cli
-from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.provenance import raster_command
 from xfrustum.reports.error_report.report import ReportFiles, make_report
@@ -154,31 +153,6 @@ def test_default_nears_that_reach_over_the_first_cut_are_left_out_without_an_off
     stays = replace(USUAL, offset=Offset.NONE, slabs=(2.0,))
     assert [admits(stays, near, frustum) for near in (1.9, 2.0, 3.0)] == [True, False, False]
     assert admits(replace(USUAL, slabs=(2.0,)), 3.0, frustum)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--pivot", "aperture,lens"], "is not one of aperture, camera"),
-        (["--fit", "angle,wide"], "is not angle, screen or a height"),
-        (["--fit", "screen"], "fit screen needs a recentered frustum"),
-        (["--offset", "plate,"], "is not one of plate, none"),
-        (["--slabs", "15,40;x"], "is not lists of heights"),
-        (["--slabs", "40,15"], "ascending order"),
-        (["--slabs", "15;1e4"], "within the reach"),
-        (
-            ["--offset", "none", "--near", "3", "--slabs", "none;2"],
-            "without an offset must be smaller than 2",
-        ),
-    ],
-)
-def test_lists_that_make_no_sense_are_refused_in_one_line(
-    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["report", "car", "--near", "1", *options, "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert words in said and len(said.splitlines()) == 1
-    assert not (tmp_path / "out").exists()
 
 
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -227,23 +227,3 @@ def test_mitsuba_has_square_pixels(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="square pixels"):
         write_cameras(wide, "mitsuba", tmp_path, SETTINGS)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--for", "json"], "need --near"),
-        (["--for", "json", "--slabs", "3"], "give --near too"),
-        (["--for", "json", "--near", "1000"], "must be smaller than the reach"),
-        (["--for", "json", "--near", "1", "--apertures", "900,0"], "outside the plate"),
-        (["--for", "blender", "--near", "1"], "leave out --near"),
-    ],
-)
-def test_bad_questions_are_told_in_one_line(
-    arguments: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["camera", "asymmetric", *arguments, "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()

@@ -16,6 +16,7 @@ import pytest
 from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
+from tests.support.long_tail import thinned
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, layout_of, write_plate
@@ -115,7 +116,7 @@ METADATA_DAMAGE: dict[str, Callable[[dict[str, Any]], object]] = {
 }
 
 
-@pytest.mark.parametrize("damage", METADATA_DAMAGE)
+@pytest.mark.parametrize("damage", thinned(METADATA_DAMAGE, 3))
 def test_descriptions_of_an_array_are_never_believed(damage: str, plate: Path, clean: Path) -> None:
     """That in the array's folder is not read; that in the group, which is, is refused where it is damaged."""
     said = json.loads((plate / "color/zarr.json").read_bytes())

@@ -227,29 +227,6 @@ def test_a_stated_tolerance_that_is_exceeded_is_a_no(
     assert surveyed(scene_path, tmp_path / "c", capsys, *coarse)["status"] == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--sample", "3"), "give --near or --nears"),
-        (("--near", "1", "--nears", "1,2"), "give one of them"),
-        (("--near", "1", "--all", "--sample", "3"), "exclude each other"),
-        (("--near", "1", "--until", "1%", "--part", "1/2"), "use --all or --sample"),
-        (("--near", "1", "--encoding", "srgb"), "give --images too"),
-        (("--near", "99"), "near 99.0 must be smaller than the reach"),
-        (("--images", "nothing/{i}x{j}.png"), "none of its files exists"),
-        (("--near", "1", "--part", "3/2"), "parts run from 1/2"),
-    ],
-)
-def test_strange_wishes_are_refused_in_one_line_and_leave_nothing(
-    words: tuple[str, ...], told: str, scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "survey"
-    status = main(["survey", str(scene_path), *words, "--workers", "1", "--quiet", "--out", str(out)])
-    line = capsys.readouterr().err
-    assert status == 2 and told in line and line.count("\n") == 1
-    assert not out.exists()
-
-
 def test_two_surveys_of_one_folder_are_one(
     whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -223,23 +223,6 @@ def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Pat
         renderer.require_state(apertures, state)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("{i}x{j}.exr", "--part", "1/2"), "give --out too"),
-        ((".", "--workers", "2", "--layout", "hogels"), "leave out --workers and the like"),
-        (("{i}x{j}.exr", "--workers", "2", "--scheduler", "tcp://h:1"), "leave out --workers"),
-        (("{i}x{j}.exr", "--workers", "2"), "none of its files exists"),
-    ],
-)
-def test_strange_wishes_are_refused_in_one_line(
-    right_path: Path, words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["verify", str(right_path), "--quiet", *words]) == 2
-    line = capsys.readouterr().err
-    assert told in line and line.count("\n") == 1
-
-
 def test_workers_elsewhere_find_the_files_and_name_them_as_they_were_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
