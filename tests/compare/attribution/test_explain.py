@@ -156,15 +156,15 @@ class TestNegativeControls:
             swapped[[one, other]] = other, one
         case.assert_unexplained(replace(case.drawn, triangle=swapped[case.drawn.triangle].astype(np.int32)))
 
-    @pytest.mark.parametrize("entry", thinned([(0, 0), (1, 1), (0, 2), (1, 3)], 3))
+    @pytest.mark.parametrize(("row", "column"), thinned([(0, 0), (1, 1), (0, 2), (1, 3)], 3))
     def test_one_matrix_entry_wrong_by_a_hundredth_of_the_film(
-        self, case: Case, entry: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+        self, case: Case, row: int, column: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def wrong(frustum: Frustum, *asked: Any) -> Floats:
             matrix = np.array(clip_from_scene(frustum, *asked))
             # Wrong shears and offsets move the film by a hundredth at half the reach.
-            size = 1.0 if entry[1] != 3 else frustum.longest_reach / 2
-            matrix[entry] += 0.01 * size * matrix[entry[0], entry[0]]
+            size = 1.0 if column != 3 else frustum.longest_reach / 2
+            matrix[row, column] += 0.01 * size * matrix[row, row]
             return matrix
 
         monkeypatch.setattr(passes, "clip_from_scene", wrong)

@@ -3,21 +3,25 @@
 import fcntl
 import json
 import os
+import random
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from tests.support.long_tail import thinned
-from xfrustum.reports.blocks import Engine
+from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, layout_of, write_plate
 from xfrustum.reports.plate.sources import source_of
@@ -94,6 +98,15 @@ def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -
         small(), SETTINGS, plate, content=EVERYTHING, block=(1, 1), check=True, engine=Engine(workers=2)
     )
     assert files.damaged == 1 and tree(plate) == tree(clean)
+
+
+def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean: Path) -> None:
+    for number in (2, 1):
+        engine = Engine(part=Part(number=number, count=2))
+        out = tmp_path / "x.zarr"
+        files = write_plate(small(), SETTINGS, out, content=EVERYTHING, block=(1, 1), engine=engine)
+        assert 0 < files.drawn < 35
+    assert tree(out) == tree(clean)
 
 
 def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
@@ -223,14 +236,15 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     assert tree(out) == tree(whole)
 
 
+def started(out: Path, *more: str) -> subprocess.Popen[str]:
+    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
+    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out), *more]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
 def at_once(out: Path, count: int) -> list[dict[str, Any]]:
     """Start as many processes on one plate and return what they say."""
-    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
-    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out)]
-    processes = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(count)
-    ]
+    processes = [started(out) for _ in range(count)]
     told = [process.communicate() for process in processes]
     assert [(process.returncode, error) for process, (_, error) in zip(processes, told, strict=True)] == [
         (0, "")
@@ -249,3 +263,19 @@ def test_four_processes_on_one_new_plate_make_the_same_as_one(tmp_path: Path) ->
         assert tree(tmp_path / "four.zarr") == one
         shutil.rmtree(tmp_path / "four.zarr")
     assert [path.name for path in tmp_path.iterdir()] == ["one.zarr"]
+
+
+@pytest.mark.slow
+def test_killed_workers_change_no_byte_of_a_plate(tmp_path: Path) -> None:
+    at_once(tmp_path / "one.zarr", 1)
+    out, chance, kills = tmp_path / "killed.zarr", random.Random(5), 0
+    run = started(out, "--workers", "2")
+    while run.poll() is None:
+        with suppress(psutil.NoSuchProcess):
+            workers = psutil.Process(run.pid).children()
+            if out.exists() and workers and kills < 20:
+                chance.choice(workers).kill()
+                kills += 1
+        time.sleep(chance.uniform(0.5, 4.0))
+    assert run.returncode == 0 and kills
+    assert tree(out) == tree(tmp_path / "one.zarr")
