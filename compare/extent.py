@@ -20,6 +20,7 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 Point = tuple[float, float, float]
+Ends = tuple[float, float]
 
 PLATE_ROUNDING = 2.0**-24
 """Distance from the plate, as a share of an object's largest coordinate, that rounding makes of 0: half a
@@ -91,27 +92,26 @@ def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
     found, (column, row) = [], scene.plate.middle.index
     for number, part in enumerate(scene.objects):
         flags = apertures_in_view(part, scene.frustum, scene.plate)
-        rows, columns = np.nonzero(flags)
+        rows, columns = (one.tolist() for one in np.nonzero(flags))
         visibility = Visibility(
             apertures=len(rows),
             of=flags.size,
-            columns=(int(columns.min()), int(columns.max())) if len(rows) else None,
-            rows=(int(rows.min()), int(rows.max())) if len(rows) else None,
+            columns=(min(columns), max(columns)) if columns else None,
+            rows=(min(rows), max(rows)) if rows else None,
             middle=bool(flags[row, column]),
             corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
         )
         (low, high), share = box(part), share_in_reach(part, scene.frustum)
-        found.append(
-            ObjectExtent(
-                number=number,
-                name=part.name,
-                triangles=len(part.faces),
-                low=low,
-                high=high,
-                share_in_reach=share,
-                sight=visibility,
-            )
+        extent = ObjectExtent(
+            number=number,
+            name=part.name,
+            triangles=len(part.faces),
+            low=low,
+            high=high,
+            share_in_reach=share,
+            sight=visibility,
         )
+        found.append(extent)
     return tuple(found)
 
 
@@ -181,10 +181,9 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
 
 Layer = tuple[Floats, Mask, bool]
 """The parts of F triangles between two heights on one side of the plate: (F, 9, 3) corners of each part in no
-order, (F, 9) whether each exists, and whether the layer lies behind the plate, z <= 0.
-
-Within it the film coordinate of a point, and the range of apertures that see it, are functions of the point's
-height without a pole: over a convex part they are extreme at its corners."""
+order, (F, 9) whether each exists, and whether the layer lies behind the plate, z <= 0. Within it the film
+coordinate of a point, and the range of apertures that see it, are functions of the point's height without a
+pole: over a convex part they are extreme at its corners."""
 
 
 def _layers(triangles: Floats, frustum: Frustum) -> Iterator[Layer]:
@@ -313,9 +312,7 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
     return _centers_between(low, high, valid, plate.hogels[axis])
 
 
-def aside_of_frusta(
-    frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: tuple[float, float]
-) -> tuple[float, float]:
+def aside_of_frusta(frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: Ends) -> Ends:
     """Return the least and the largest x (axis 0) or y (1) of the lines of apertures between two heights."""
     # Lines are straight: the extremes lie at the two heights, or in the apertures between these.
     between = [z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)]
@@ -356,33 +353,27 @@ def depth_bins(scene: Scene, apertures: Iterable[Aperture] | None = None) -> tup
                     ends, one = _held(triangles, region, behind, heights)
                     low, high = min(low, ends.min(initial=np.inf)), max(high, ends.max(initial=0.0))
                     count, area = count + len(ends), area + one
-            if count:
-                found.append(
-                    DepthBin(
-                        behind=behind,
-                        heights=heights,
-                        nearest=float(low),
-                        farthest=float(high),
-                        triangles=count,
-                        share=area,
-                    )
-                )
+            content = DepthBin(
+                behind=behind,
+                heights=heights,
+                nearest=float(low),
+                farthest=float(high),
+                triangles=count,
+                share=area,
+            )
+            found += [content] if count else []
     whole = sum(one.share for one in found) or 1.0
     found.sort(key=lambda one: one.heights[1] * (-1 if one.behind else 1))
     return tuple(replace(one, share=one.share / whole) for one in found)
 
 
-def _held(
-    triangles: Floats, region: Region, behind: bool, heights: tuple[float, float]
-) -> tuple[Floats, float]:
-    """Return (N, 2) distances of those triangles (F, 3, 3) that reach into a bin and a region, and the area.
-
-    One that lies between two bins belongs to the inner one; one in the plate, to both sides.
-    """
+def _held(triangles: Floats, region: Region, behind: bool, heights: Ends) -> tuple[Floats, float]:
+    """Return (N, 2) distances of triangles (F, 3, 3) that reach into a bin and a region, and their area."""
     near, far = heights
     low_z, high_z = (-far, -near) if behind else (near, far)
     distances = triangles[..., 2] * (-1 if behind else 1)
     least, most = distances.min(axis=1), distances.max(axis=1)
+    # One that lies between two bins belongs to the inner one; one in the plate, to both sides.
     outer_end = np.where(least == most, least <= far, least < far)
     inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
     inside = triangles[outer_end & inner_end]
@@ -420,10 +411,8 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
             return None
     if not scene.objects:
         return None
-    named = [
-        f"object {number} ({Path(part.name).name}) {_why_unseen(scene, part, apertures)}"
-        for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
-    ]
+    first = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
+    named = [f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in first]
     if more := len(scene.objects) - len(named):
         named.append(f"and {more} more objects are not in view")
     who = f"none of the {len(apertures)} apertures asked for sees anything"
@@ -440,7 +429,7 @@ def warnings(scene: Scene) -> tuple[str, ...]:
     reach = f"and the reach is {length(back)} {units} behind the plate and {length(toward)} before it"
     cut, tiny = [], []
     for number, part in enumerate(scene.objects):
-        name, (low, high) = f"object {number} ({Path(part.name).name})", box(part)
+        name, (low, high) = _called(number, part), box(part)
         if low[2] < -back or high[2] > toward:
             share = share_in_reach(part, scene.frustum)
             told = f"{name} {_spans(low[2], high[2], units)}, {reach}"
@@ -458,13 +447,11 @@ def plate_warnings(scene: Scene) -> tuple[str, ...]:
         "lie in the plate, within rounding: displacement is undefined there, and no plan holds for apertures "
         "that show it; move it before or behind the plate"
     )
-    return _first(
-        [
-            f"object {number} ({Path(part.name).name}): {count:,} of its {len(part.faces):,} triangles {told}"
-            for number, part in enumerate(scene.objects)
-            if (count := in_plate(part))
-        ]
-    )
+    found = []
+    for number, part in enumerate(scene.objects):
+        if count := in_plate(part):
+            found.append(f"{_called(number, part)}: {count:,} of its {len(part.faces):,} triangles {told}")
+    return _first(found)
 
 
 def facing_warnings(scene: Scene) -> tuple[str, ...]:
@@ -484,12 +471,16 @@ def facing_warnings(scene: Scene) -> tuple[str, ...]:
         seen += [np.bincount(image.object[pixels], minlength=len(scene.objects)) for pixels in chosen]
     for number, (part, whole, away) in enumerate(zip(scene.objects, *seen.tolist(), strict=True)):
         if 2 * away > whole:
-            told = (
-                f"{_percent(away / whole)} of what is seen of object {number} ({Path(part.name).name}) faces "
+            told = f"{_percent(away / whole)} of what is seen of {_called(number, part)} faces away from the "
+            told += (
+                "viewer, and `--cull back` leaves it out; flip_winding = true in its table turns the winding "
             )
-            told += "away from the viewer, and `--cull back` leaves it out; flip_winding = true in its table "
-            found.append(f"{told}turns the winding of its faces")
+            found.append(f"{told}of its faces")
     return _first(found)
+
+
+def _called(number: int, part: SceneObject) -> str:
+    return f"object {number} ({Path(part.name).name})"
 
 
 def _first(found: list[str]) -> tuple[str, ...]:
@@ -542,11 +533,9 @@ def heights(low: float, high: float, units: str) -> str:
         return "in the plate"
     if low < 0 < high:
         return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
-    return (
-        f"{_range(-high, -low)} {units} behind the plate"
-        if high <= 0
-        else f"{_range(low, high)} {units} before the plate"
-    )
+    if high <= 0:
+        return f"{_range(-high, -low)} {units} behind the plate"
+    return f"{_range(low, high)} {units} before the plate"
 
 
 def _spans(low: float, high: float, units: str) -> str:

@@ -144,19 +144,19 @@ def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1
     return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
 
-def confidence_of_each(claims: int, confidence: float = CONFIDENCE) -> float:
+def confidence_of_each(claims: int) -> float:
     """Return the confidence of each of several independent claims that hold together (Sidak 1967)."""
-    return float(confidence ** (1 / claims))
+    return float(CONFIDENCE ** (1 / claims))
 
 
-def risk_of_claim(settings: int = 1, look: int | None = None, confidence: float = CONFIDENCE) -> float:
+def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
     """Return the probability with which one bound of a survey may be wrong, for all to hold together.
 
     Settings share the risk equally (Bonferroni). Looks share it in the parts 1/2, 1/6, 1/12, .. 1/(k (k +
     1)), which add up to one: all bounds hold together, wherever the survey stops (the union bound, which asks
     for no independence). `look` is 0 for the first, None for the only one.
     """
-    risk = (1 - confidence) / settings
+    risk = (1 - CONFIDENCE) / settings
     return risk if look is None else risk / ((look + 1) * (look + 2))
 
 

@@ -8,7 +8,6 @@ bend, which belongs to a point and not to a pixel, is counted once:
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from xfrustum.compare.attribution.budget import Named, VectorBudget
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.radiance import measure_left_out
+from xfrustum.compare.metrics.radiance import Done, measure_left_out
 from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
 from xfrustum.compare.prediction.eye_vector import drawn_lines, radiance_along, true_lines
 from xfrustum.raster import Rasterizer
@@ -46,8 +45,6 @@ model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each of a chain's images: it bounds the memory, some 500 bytes a pixel."""
-
-Done = Callable[[], Any]  #: function that is called when a part of the work is done
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -260,11 +260,9 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     values = np.sort(np.concatenate([one.ravel() for one in stored]))
     # Transfer functions rise: the order of the values is that of the radiance.
     distances = {one: float(np.abs(one.linear(values) - expected).mean()) for one in Transfer}
-    first = images[chosen[0]]
-    pixels = stored_rgb(first)
-    stated = next(
-        one for one, way in STATED_TRANSFERS.items() if np.array_equal(first.color, radiance(pixels, way))
-    )
+    first, pixels = images[chosen[0]].color, stored_rgb(images[chosen[0]])
+    ways = STATED_TRANSFERS.items()
+    stated = next(one for one, way in ways if np.array_equal(first, radiance(pixels, way)))
     best = min(distances, key=distances.__getitem__)
     if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
         return FoundEncoding()
@@ -419,9 +417,8 @@ class _Search:
             """Return the share of rows (axis 0) or columns, not uniform, that repeat the ones before."""
             lines = [np.moveaxis(image, axis, 0) for image in images]
             several = [(one[:-1] != one[:-1, :1]).any(axis=1) for one in lines]
-            same = [
-                some & (one[1:] == one[:-1]).all(axis=1) for one, some in zip(lines, several, strict=True)
-            ]
+            pairs = zip(lines, several, strict=True)
+            same = [some & (one[1:] == one[:-1]).all(axis=1) for one, some in pairs]
             return float(np.sum(same) / max(np.sum(several), 1))
 
         shares, usual = [[repeated(some, axis) for axis in (0, 1)] for some in (images, expected)]
@@ -468,12 +465,11 @@ class _Search:
     def _as_found(self, best: Reading, readings: Sequence[Reading]) -> FoundEncoding:
         """Return a reading with its faults, and with those that give the same numbers from other channels."""
         stored = [stored_rgb(image) for image in self.images]
+        others = (replace(best, channels=one) for one in CHANNEL_ORDERS if one != best.channels)
         same = [
-            reading
-            for reading in readings
-            if reading.channels != best.channels
-            and (reading.offset, reading.background) == (best.offset, best.background)
-            and all(np.array_equal(reading.packed(rgb), best.packed(rgb)) for rgb in stored)
+            one
+            for one in others
+            if one in readings and all(np.array_equal(one.packed(rgb), best.packed(rgb)) for rgb in stored)
         ]
         return FoundEncoding(faults=_faults(self.stated, best, same), reading=best)
 

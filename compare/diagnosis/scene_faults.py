@@ -16,21 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from xfrustum.compare.diagnosis import geometry_fit
 from xfrustum.compare.diagnosis.faults import Fault, moved_words
-from xfrustum.compare.diagnosis.geometry_fit import (
-    ATTRACTION_PX,
-    MAX_FITTED_CLAIMS,
-    MAX_MISPLACED_FRACTION,
-    MAX_NOISE_PX,
-    MAX_SEARCHED_CLAIMS,
-    MIN_SPOILED_FRACTION,
-    SNAP_PX,
-    Claims,
-    GeometryFit,
-    claims_of,
-    fit_geometry,
-    outside_px,
-)
 from xfrustum.compare.renderer_model.changed_scene import Matrix, SceneChange, changed, middle_of
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import SMALLEST_SHIFT_PX, DrawnModel, places, smallest_named
@@ -75,11 +62,13 @@ SMALLEST_TURN_DEG = 0.05
 MOVE, TURN, SIZE = slice(0, 3), slice(3, 6), slice(6, 7)
 KINDS_OF_CHANGE = ((MOVE,), (TURN,), (SIZE,), (SIZE, MOVE), (TURN, MOVE))
 
-Guess = tuple[GeometryFit, tuple[Fault, ...]]
+Guess = tuple[geometry_fit.GeometryFit, tuple[Fault, ...]]
 """A guess about cameras and scene, and the faults beside those of the cameras."""
 
 
-def scene_guesses(evidence: Evidence, claims: Claims | None, fits: Sequence[GeometryFit]) -> Iterator[Guess]:
+def scene_guesses(
+    evidence: Evidence, claims: geometry_fit.Claims | None, fits: Sequence[geometry_fit.GeometryFit]
+) -> Iterator[Guess]:
     """Yield guesses that have changes of the scene, from fits of the cameras without; likely ones first."""
     others = _without_one_object(claims, evidence.nominal) if claims is not None else iter(())
     for fit in itertools.chain(fits, others):
@@ -99,7 +88,9 @@ def _named_objects(evidence: Evidence) -> set[int] | None:
     return found or None
 
 
-def _with_objects(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -> Guess | None:
+def _with_objects(
+    evidence: Evidence, claims: geometry_fit.Claims | None, fit: geometry_fit.GeometryFit
+) -> Guess | None:
     """Return a guess with the objects that are missing, and those that are off by themselves."""
     scene, named = evidence.reference.scene, _named_objects(evidence)
     model, faults = fit.model, []
@@ -122,25 +113,27 @@ def _with_objects(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
     return (replace(fit, model=model), tuple(faults)) if faults else None
 
 
-def _off_by_themselves(claims: Claims, model: DrawnModel) -> list[int]:
+def _off_by_themselves(claims: geometry_fit.Claims, model: DrawnModel) -> list[int]:
     """Return the objects many of whose claims fail, where those of some other object hold."""
-    off: Mask = outside_px(claims, model, np.inf) > MAX_PART_NOISE_PX
+    off: Mask = geometry_fit.outside_px(claims, model, np.inf) > MAX_PART_NOISE_PX
     numbers, which, counts = np.unique(claims.part, return_inverse=True, return_counts=True)
-    odd = np.bincount(which, off) / counts >= MIN_SPOILED_FRACTION
+    odd = np.bincount(which, off) / counts >= geometry_fit.MIN_SPOILED_FRACTION
     wanted = odd & (counts >= MIN_PART_CLAIMS)
     return numbers[wanted].tolist()[:MAX_TRIED_OBJECTS] if not odd.all() else []
 
 
-def _without_one_object(claims: Claims, nominal: DrawnModel) -> Iterator[GeometryFit]:
+def _without_one_object(
+    claims: geometry_fit.Claims, nominal: DrawnModel
+) -> Iterator[geometry_fit.GeometryFit]:
     """Yield fits of the cameras to the claims of all objects but one, where these hold."""
     numbers, counts = np.unique(claims.part, return_counts=True)
     for number in numbers[np.argsort(-counts)].tolist()[:MAX_TRIED_OBJECTS] if len(numbers) > 1 else ():
-        fit = fit_geometry(claims.chosen(claims.part != number), nominal, simple=True)
+        fit = geometry_fit.fit_geometry(claims.chosen(claims.part != number), nominal, simple=True)
         if fit.noise_px <= MAX_PART_NOISE_PX and fit.model != nominal:
             yield fit
 
 
-def _changed_claims(claims: Claims, change: SceneChange) -> Claims:
+def _changed_claims(claims: geometry_fit.Claims, change: SceneChange) -> geometry_fit.Claims:
     middle = np.zeros(3) if change.part is None else middle_of(claims.scene, change.part)
     return replace(claims, corners=change.applied(claims.corners, middle))
 
@@ -152,16 +145,19 @@ def _change(number: int, values: Floats) -> SceneChange:
     return SceneChange(part=number, matrix=_rows(matrix), offset=(x, y, z))
 
 
-def _fitted(claims: Claims, model: DrawnModel, number: int) -> SceneChange | None:
+def _fitted(claims: geometry_fit.Claims, model: DrawnModel, number: int) -> SceneChange | None:
     """Return the simplest change of an object under which its claims hold; None where there is none."""
     scene, cap = claims.scene, max(claims.scene.frustum.resolution) / 2
-    few, some = claims.thinned(MAX_SEARCHED_CLAIMS // 4), claims.thinned(MAX_FITTED_CLAIMS)
+    few, some = (
+        claims.thinned(geometry_fit.MAX_SEARCHED_CLAIMS // 4),
+        claims.thinned(geometry_fit.MAX_FITTED_CLAIMS),
+    )
     # A step of each number: as far as the object is moved by a hundredth of its own size.
     size = float(np.ptp(scene.objects[number].vertices, axis=0).max())
     scales = np.array([0.01 * size] * 3 + [0.01] * 4)
 
-    def failing(of: Claims, values: Floats) -> Floats:
-        return outside_px(_changed_claims(of, _change(number, values)), model, cap)
+    def failing(of: geometry_fit.Claims, values: Floats) -> Floats:
+        return geometry_fit.outside_px(_changed_claims(of, _change(number, values)), model, cap)
 
     turns = [np.eye(3)[axis] * np.radians(angle) for axis in range(3) for angle in START_TURNS]
     for kind in KINDS_OF_CHANGE:
@@ -172,10 +168,16 @@ def _fitted(claims: Claims, model: DrawnModel, number: int) -> SceneChange | Non
             starts = sorted(starts, key=lambda start: float(failing(few, start).mean()))[:4]
         for start in starts:
             values = start.copy()
-            for of, attraction, trials in ((few, ATTRACTION_PX, 20), (some, SNAP_PX, 25)):
+            for of, attraction, trials in (
+                (few, geometry_fit.ATTRACTION_PX, 20),
+                (some, geometry_fit.SNAP_PX, 25),
+            ):
 
                 def misfit(
-                    scaled: Floats, of: Claims = of, values: Floats = values, free: Indices = free
+                    scaled: Floats,
+                    of: geometry_fit.Claims = of,
+                    values: Floats = values,
+                    free: Indices = free,
                 ) -> Floats:
                     values[free] = scaled * scales[free]
                     return failing(of, values)
@@ -183,7 +185,10 @@ def _fitted(claims: Claims, model: DrawnModel, number: int) -> SceneChange | Non
                 options = {"loss": "soft_l1", "f_scale": attraction, "x_scale": "jac", "max_nfev": trials}
                 found = least_squares(misfit, values[free] / scales[free], **options)
                 values[free] = found.x * scales[free]
-            if np.quantile(failing(some, values), 1 - MAX_MISPLACED_FRACTION) <= MAX_PART_NOISE_PX:
+            if (
+                np.quantile(failing(some, values), 1 - geometry_fit.MAX_MISPLACED_FRACTION)
+                <= MAX_PART_NOISE_PX
+            ):
                 return _change(number, values)
     return None
 
@@ -216,7 +221,7 @@ def _fault(scene: Scene, change: SceneChange) -> Fault:
     return Fault(fault=OBJECT_MOVED, value=length, unit=scene.units, words=f"{called} is {moved}")
 
 
-def _with_axes(evidence: Evidence, plain: GeometryFit) -> Iterator[Guess]:
+def _with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[Guess]:
     """Yield guesses with other axes, those with fewest other mistakes first, then those that hold best."""
     nominal, reference = evidence.nominal, evidence.reference
     claiming = [one for one in evidence.images if (one.triangle != NOTHING).any()]
@@ -234,13 +239,13 @@ def _with_axes(evidence: Evidence, plain: GeometryFit) -> Iterator[Guess]:
             model = replace(nominal, changes=(change,))
             found.append((0, float(evidence.wrong(model)), (replace(plain, model=model), (fault,))))
             continue
-        claims = claims_of(changed(reference, (change,)).scene, claiming)
-        few, cap = claims.thinned(MAX_SEARCHED_CLAIMS), resolution[0] / 2
+        claims = geometry_fit.claims_of(changed(reference, (change,)).scene, claiming)
+        few, cap = claims.thinned(geometry_fit.MAX_SEARCHED_CLAIMS), resolution[0] / 2
         if len(few) < MIN_PART_CLAIMS:
             return
-        left = [float(outside_px(few, way, cap).mean()) for way in ways]
-        if min(left) <= MAX_NOISE_PX:
-            fit = fit_geometry(claims, nominal, simple=True)
+        left = [float(geometry_fit.outside_px(few, way, cap).mean()) for way in ways]
+        if min(left) <= geometry_fit.MAX_NOISE_PX:
+            fit = geometry_fit.fit_geometry(claims, nominal, simple=True)
             # A turned scene in turned pictures shows the same as other axes alone: fewer mistakes come first.
             also = (fit.model.orientation != nominal.orientation) + (fit.model.order != nominal.order)
             fit = replace(fit, model=replace(fit.model, changes=(change,)))

@@ -46,6 +46,7 @@ STEP = 1 / 255
 """One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
 
 Rgb = tuple[float, float, float]  #: one number for each of red, green and blue
+Done = Callable[[], object]  #: function that is called when a part of the work is done
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,10 +78,7 @@ class NoiseTest:
 
 
 def compare_with_noise(
-    picture: NDArray[np.floating],
-    estimate: RadianceEstimate,
-    judged: Mask,
-    rounding: Floats | float = 0.0,
+    picture: NDArray[np.floating], estimate: RadianceEstimate, judged: Mask, rounding: Floats | float = 0.0
 ) -> NoiseTest:
     """Test whether a picture (H, W, 3) of linear RGB without noise is what a noisy reference converges to.
 
@@ -151,12 +149,7 @@ class LeftOut:
 
 
 def transported(
-    scene: Scene,
-    aperture: Aperture,
-    transport: Transport,
-    *,
-    seed: int = 0,
-    done: Callable[[], object] | None = None,
+    scene: Scene, aperture: Aperture, transport: Transport, *, seed: int = 0, done: Done = lambda: None
 ) -> RadianceEstimate:
     """Return the color of an aperture by light paths; `done` is called after each sub-aperture."""
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
@@ -166,13 +159,12 @@ def transported(
         part = tracer.render(point, transport, seed=seed + number)
         mean = mean + part.mean / len(points)
         variance = variance + part.variance_of_mean / len(points) ** 2
-        if done is not None:
-            done()
+        done()
     # The mean of several estimates is nearer to normal than each of them.
     return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=transport.samples)
 
 
-def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object] | None = None) -> LeftOut:
+def measure_left_out(scene: Scene, aperture: Aperture, done: Done = lambda: None) -> LeftOut:
     """Measure what the light transport that a scene asks for does to an image."""
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
@@ -216,9 +208,7 @@ class PerceptualDifference:
 
 
 def perceptual_difference(
-    truth: NDArray[np.floating],
-    raster: NDArray[np.floating],
-    pixels_per_degree: float = PIXELS_PER_DEGREE,
+    truth: NDArray[np.floating], raster: NDArray[np.floating], pixels_per_degree: float = PIXELS_PER_DEGREE
 ) -> PerceptualDifference:
     """Return how different two pictures (H, W, 3) of linear RGB look."""
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
@@ -229,16 +219,8 @@ def perceptual_difference(
     flip_map = np.asarray(flip_map, dtype=np.float32)[..., 0]
     ssim = None
     if min(flip_map.shape) >= SSIM_WINDOW_PX:
-        ssim = float(
-            structural_similarity(
-                *shown,
-                data_range=1.0,
-                channel_axis=-1,
-                gaussian_weights=True,
-                sigma=SSIM_SIGMA_PX,
-                use_sample_covariance=False,
-            )
-        )
+        window = {"gaussian_weights": True, "sigma": SSIM_SIGMA_PX, "use_sample_covariance": False}
+        ssim = float(structural_similarity(*shown, data_range=1.0, channel_axis=-1, **window))
     return PerceptualDifference(flip=float(flip_map.mean(dtype=np.float64)), ssim=ssim, flip_map=flip_map)
 
 

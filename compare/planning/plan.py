@@ -237,15 +237,8 @@ def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[Dep
     if not found.holding:
         return _no_plan(choices, _why_not(found, views, requirement))
     best = search.most_robust(found.holding)
-    settings, reason = best.settings, _why(found, best, views, requirement)
-    return Plan(
-        near=settings.near,
-        slabs=settings.slabs,
-        depth=settings.depth,
-        mapping=settings.mapping,
-        predicted=best.predicted,
-        reason=reason,
-    )
+    chosen = {name: getattr(best.settings, name) for name in ("near", "slabs", "depth", "mapping")}
+    return Plan(**chosen, predicted=best.predicted, reason=_why(found, best, views, requirement))
 
 
 def _no_plan(choices: Sequence[DepthBuffer], reason: str, plate: PlateResult | None = None) -> Plan:
@@ -322,11 +315,7 @@ class PlatePlanner:
         )
 
     def _measured(
-        self,
-        made: Plan,
-        views: Views,
-        sample: Sequence[HogelResult],
-        aside: frozenset[Index] = frozenset(),
+        self, made: Plan, views: Views, sample: Sequence[HogelResult], aside: frozenset[Index] = frozenset()
     ) -> Plan:
         assert made.settings is not None
         chosen, sheets = measured(views, made.settings, self.requirement, self.done)

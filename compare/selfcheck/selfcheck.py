@@ -24,6 +24,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
+Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13
 """Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
 
@@ -169,7 +170,7 @@ def selfcheck(
     pixels = sum(int(np.prod(scene.frustum.resolution)) for _, scene, _ in views)
     # Processes are spawned, not forked: they inherit no thread, no lock and no OpenGL context.
     pool = ProcessPoolExecutor(processes or worker_count(), mp_context=multiprocessing.get_context("spawn"))
-    compute: Callable[..., Iterator[ExactRows]] = map if processes == 1 else pool.map
+    compute: Compute = map if processes == 1 else pool.map
     try:
         with tqdm(total=pixels, unit="px", unit_scale=True, disable=not progress) as bar:
             # All tasks are submitted at once: the other processes stay busy while this one traces.
@@ -212,9 +213,7 @@ def _views(name: str, quick: bool) -> Iterator[tuple[str, Scene, Aperture]]:
     yield from ((name, scene, scene.plate.aperture(*place)) for place in dict.fromkeys(places))
 
 
-def _exact_rows(
-    compute: Callable[..., Iterator[ExactRows]], scene: Scene, aperture: Aperture
-) -> Iterator[ExactRows]:
+def _exact_rows(compute: Compute, scene: Scene, aperture: Aperture) -> Iterator[ExactRows]:
     pencil = crossed_frustum(scene.frustum, aperture)
     width, height = pencil.resolution
     step = max(1, MAX_TASK_PIXELS // width)
