@@ -137,7 +137,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
         shown = image.triangle != NOTHING
         color, position = np.zeros(image.position.shape), image.position[shown].astype(np.float64)
-        color[shown] = radiance_along(scene, shader, image.triangle[shown], position, lines[shown])
+        color[shown] = radiance_along(shader, image.triangle[shown], position, lines[shown])
         return averaged(color)
 
     truly = [shaded(image, true_lines(image.position, aperture)) for image in chain.images]

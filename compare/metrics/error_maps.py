@@ -255,20 +255,19 @@ def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Sce
     the center of the lines: |z| for the true frustum.
     """
     sides = np.asarray(pencil.resolution, dtype=np.float64)
-    outside = np.zeros(len(points.pixels), dtype=np.bool_)
-    for place, side in zip(places, sides, strict=True):
-        outside |= (place < -0.5) | (place > side - 0.5)
+
+    def beyond(places: Places, known_to: tuple[Floats | float, Floats | float]) -> Mask:
+        ends = zip(places, sides, known_to, strict=True)
+        off_film = [(at < -0.5 - off) | (at > side - 0.5 + off) for at, side, off in ends]
+        return np.asarray(np.logical_or.reduce(off_film))
+
+    outside = beyond(places, (0.0, 0.0))
     # Few points lie there: only these are asked how exactly they are known.
     some = np.flatnonzero(outside)
     asked = points.at(some)
-    tolerance = asked.surface_points(scene).tolerance
-    per_length = sides / (2 * np.asarray(pencil.half_extent))
-    depth = np.abs(asked.coordinates[2] - pencil.center[2])
-    beyond = np.zeros(len(some), dtype=np.bool_)
-    for place, side, share in zip(places, sides, per_length, strict=True):
-        known_to = tolerance * share / depth
-        beyond |= (place[some] < -0.5 - known_to) | (place[some] > side - 0.5 + known_to)
-    outside[some] = beyond
+    tolerance, depth = asked.surface_points(scene).tolerance, np.abs(asked.coordinates[2] - pencil.center[2])
+    across, down = (tolerance * share / depth for share in sides / (2 * np.asarray(pencil.half_extent)))
+    outside[some] = beyond((places[0][some], places[1][some]), (across, down))
     return outside
 
 

@@ -62,9 +62,7 @@ def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Fl
     return bent
 
 
-def radiance_along(
-    scene: Scene, shader: Shader, triangle: Numbers, position: Floats, lines: Floats
-) -> Floats:
+def radiance_along(shader: Shader, triangle: Numbers, position: Floats, lines: Floats) -> Floats:
     """Return linear RGB (N, 3), by the reference's shading, of points (N, 3) seen along lines d (N, 3)."""
     return np.broadcast_to(shader.radiance(triangle, position, lines), position.shape)
 
@@ -137,11 +135,11 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
     return specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
 
 
-def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Floats:
+def measured_eye_error(shader: Shader, drawn: HogelImage) -> Floats:
     """Return how much brighter a device drew its points than they truly are, (N, 3), rounding included."""
     assert drawn.color is not None
     where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)
     lines = true_lines(position, drawn.camera.aperture)
-    truly = radiance_along(scene, shader, drawn.triangle[where], position, lines)
+    truly = radiance_along(shader, drawn.triangle[where], position, lines)
     return np.asarray(drawn.color[where] - truly)

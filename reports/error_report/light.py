@@ -124,7 +124,7 @@ def measure_light(
                     shown = rasterizer.render(first, exact, normals=False)
                     errors = (
                         predicted_eye_error(scene, surfaces, near),
-                        measured_eye_error(scene, shader, shown),
+                        measured_eye_error(shader, shown),
                     )
                     predicted, measured = (
                         float(np.sqrt(np.mean(one**2))) if one.size else 0.0 for one in errors
