@@ -34,15 +34,9 @@ from xfrustum.compare.metrics.error_maps import (
     pixel_centers,
 )
 from xfrustum.compare.prediction.silhouettes import Kind, contours
+from xfrustum.compare.renderer_model import pictures
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel, unflipped
-from xfrustum.compare.renderer_model.pictures import (
-    COLOR_TOLERANCE,
-    colors_differ,
-    reference_colors,
-    shows_something,
-    trace_drawn,
-)
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
@@ -283,7 +277,7 @@ class Judging:
     """Property that images are compared by, and the difference of colors beyond which they are wrong."""
 
     compared: Compared = Compared.COLOR
-    color_tolerance: float = COLOR_TOLERANCE
+    color_tolerance: float = pictures.COLOR_TOLERANCE
     # The curve through which pictures are read, if not the stated one. A level of what they store is a larger
     # difference than the tolerance where the curve is steep: half of it is lost by each rounding.
     transfer: Transfer | None = None
@@ -395,8 +389,8 @@ def judge(
         wrong, outside = int(error.sum()), int((errors.outside & shown).sum())
         surface = SurfaceFigures(wrong=wrong, fraction=wrong / count if count else 0.0, outside=outside)
         if image.color is not None and judging.compared is Compared.COLOR:
-            right = reference_colors(reference, question, answer)
-            differ = colors_differ(right, upright, judging.color_tolerance) & shown & ~error
+            right = pictures.reference_colors(reference, question, answer)
+            differ = pictures.colors_differ(right, upright, judging.color_tolerance) & shown & ~error
             differ &= answer.triangle == upright.triangle
             radiance, error = ColorFigures(wrong=int(differ.sum())), error | differ
     if by == "triangle" or np.isfinite(upright.position[..., :2]).any():
@@ -464,7 +458,7 @@ class _Compared:
         """Turn an image as a question does, and compare it as that of the aperture which it answers for."""
         scene, upright = reference.scene, question.upright
         aperture = question.answers(scene, image.camera.aperture)
-        answer = trace_drawn(reference, question, aperture)
+        answer = pictures.trace_drawn(reference, question, aperture)
         # A number below every number is as strange as one above them, and safer to look up.
         triangle = upright(np.where(image.triangle < NOTHING, len(scene.faces), image.triangle))
         objects = np.append(scene.object_of_triangle, np.int32(NOTHING))[existing_triangles(triangle, scene)]
@@ -485,11 +479,11 @@ class _Compared:
             elif image.color is not None:
                 by = "color" if judging.compared is Compared.COLOR else "outlines"
         if by in COLOR_ONLY:
-            answer = reference_colors(reference, question, answer)
-        covered: Mask = shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
+            answer = pictures.reference_colors(reference, question, answer)
+        covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = judged_pixels(answer) & (answer.covered | covered)
         if by == "color":
-            differs = colors_differ(answer, turned, judging.tolerance(question, image))
+            differs = pictures.colors_differ(answer, turned, judging.tolerance(question, image))
         elif by in ("coverage", "outlines"):
             differs = np.not_equal(answer.covered, covered)
             if by == "outlines":
