@@ -14,7 +14,7 @@ import numpy as np
 
 from xfrustum.compare.eye.noticeable import Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.limits import COMPARED_BUFFERS, BufferLimit, buffer_limits, hogel_limits
-from xfrustum.compare.planning.plan import Plan
+from xfrustum.compare.planning.plan import Plan, exceptions
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.viewer import (
     CRACK,
@@ -116,56 +116,45 @@ class Recommendation:
         possible = self.hogel_limits[self.hogel_limits > 0]
         return float(possible.min()) if possible.size else None
 
-    def disparity_arcsec(self, near: float) -> float | None:
-        """Return by how much a near without cuts changes a viewer's disparity; None without a viewer."""
-        if self.eyes is None:
-            return None
-        asked = self.eyes.requirement
-        return stereo_change_arcsec(asked.content, asked.viewer, asked.display, DoubleFrustum(near=near))
-
     @property
     def paragraph(self) -> str:
         """The answer: what to draw with, whether to split, what binds, and what a coarser choice costs."""
-        return " ".join(one for one in (*self._to_draw_with(), *self._what_binds(), *self._coarser()) if one)
+        if self.chosen.settings is None:
+            return " ".join((self.chosen.reason, *self._what_binds()))
+        return " ".join((*self._to_draw_with(self.chosen.settings), *self._what_binds(), *self._coarser()))
 
-    def _to_draw_with(self) -> list[str]:
-        chosen, units = self.chosen, self.scene.units
-        settings = chosen.settings
-        if settings is None:
-            return [chosen.reason]
-        cuts = "in one pair of frusta; splitting is not needed"
-        if chosen.slabs:
-            heights = " and ".join(f"{height:g}" for height in chosen.slabs)
-            cuts = f"split at {heights} {units} from the plate, for one pair of frusta is not enough"
-        judged = "what hogels' pixels show"
-        if chosen is not self.pixels and self.eyes is not None:
-            judged = f"what two eyes {self.eyes.requirement.viewer.distance:g} {units} before it see"
-        elif self.eyes is not None:
-            judged += " and two eyes see"
-        first = (
-            f"Draw the plate of {self.scene.name} with near {chosen.near:g} {units} and "
-            f"{settings.depth_label} depth, {cuts}. It is chosen by {judged}"
-        )
-        known = chosen.plate
+    def _to_draw_with(self, settings: DoubleFrustum) -> list[str]:
+        chosen, units, known = self.chosen, self.scene.units, self.chosen.plate
         assert known is not None
+        cuts = "in one pair of frusta: splitting is not needed"
+        if chosen.slabs:
+            heights = " and ".join(map(digits, chosen.slabs))
+            cuts = f"split at {heights} {units} from the plate: one pair of frusta is not enough"
+        first = f"Draw {self.scene.name} with near {digits(settings.near)} {units} and "
+        first += f"{settings.depth_label} depth, {cuts}."
+        if not known.covers_the_plate:
+            return [first, f"{exceptions(known).removesuffix(':')}, these do."]
         if not chosen.within:
-            return [f"{first}, and does not hold for the whole plate: {chosen.reason}"]
-        share = known.share_beyond_at_most
-        if chosen is self.pixels:
-            beyond = f"beyond {self.requirement.tolerance_px:g} px or 1 % wrong surfaces"
-            held = f"at most {percent(share)} of its {known.hogels:,} hogels are {beyond}"
-            certain = "" if known.confidence == 1 else f" ({percent(known.confidence)} confidence)"
-            return [f"{first}: measured at {known.measured} hogels, {held}{certain}."]
-        assert self.eyes is not None
-        return [f"{first}, and was replayed to them: nothing that they notice."]
+            return [first, f"This does not hold for the whole plate: {chosen.reason}"]
+        if self.eyes is not None and chosen is self.eyes.plan:
+            distance = self.eyes.requirement.viewer.distance
+            return [first, f"Replayed so to two eyes {distance:g} {units} before it, they notice no error."]
+        limits = f"{self.requirement.tolerance_px:g} px or 1 % wrong surfaces"
+        held = f"Drawn so, none of the {known.measured} hogels that were measured is beyond {limits}"
+        if known.confidence < 1:
+            share, certain = percent(known.share_beyond_at_most), percent(known.confidence)
+            held += f", so that at most {share} of all {known.hogels:,} are ({certain} confidence)"
+        return [first, f"{held}."]
 
     def _what_binds(self) -> list[str]:
         """Say what each judge allows, the one that binds first."""
         units, limit, said = self.scene.units, self.pixel_limit, {}
         if limit is not None:
             ordinary = float(np.nanmedian(self.hogel_limits))
-            said[PIXELS] = f"pixels allow near up to {digits(limit)} {units} at the worst hogel"
-            said[PIXELS] += f" and up to {digits(ordinary)} at half of them"
+            said[PIXELS] = f"pixels ({self.requirement.tolerance_px:g} px) allow near up to {digits(limit)} "
+            said[PIXELS] += f"{units} at the worst hogel and up to {digits(ordinary)} at half of them"
+            if self.eyes is not None and not self.pixels_count:
+                said[PIXELS] += ", which counts only with --tolerance-px"
         if self.eyes is not None:
             found, distance = self.eyes.limit, self.eyes.requirement.viewer.distance
             largest = None if found is None else found.largest_near
@@ -173,23 +162,30 @@ class Recommendation:
             said[EYES] = f"eyes at {distance:g} {units} allow {allowed}"
         same = (one for one in self.buffers if (one.depth, one.mapping) == self.chosen.depth_buffer)
         said[DEPTH] = next(same, self.buffers[-1]).words(units)
-        binding_words = said.pop(self.binds, None)
-        first = [] if binding_words is None else [f"What binds: {binding_words}."]
+        first = said.pop(self.binds, None)
         others = "; ".join(said.values())
-        return [*first, f"{others[0].upper()}{others[1:]}."] if others else first
+        if first is not None and self.chosen.slabs:
+            first = f"in one pair {first}"
+        elif first is not None and self.chosen.settings is not None:
+            first += ", and near is smaller for a margin"
+        bound = [] if first is None else [f"What binds: {first}."]
+        return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
 
     def _coarser(self) -> list[str]:
         """Say what the cheapest depth buffer would cost where another one is recommended."""
         first, units = self.buffers[0], self.scene.units
-        if self.chosen.settings is None or self.chosen.depth_buffer == (first.depth, first.mapping):
+        if self.chosen.depth_buffer == (first.depth, first.mapping):
             return []
         if first.smallest_near is None or first.displacement_p99_px is None:
             return [f"With a coarser depth buffer {first.words(units)}."]
-        moved = first.displacement_p99_px
-        cost = f"displaces the worst hogel by {digits(moved)} px" if math.isfinite(moved) else "is undefined"
-        seen = self.disparity_arcsec(first.smallest_near)
-        eyes = "" if seen is None else f" and changes disparity by {digits(seen)} arc seconds"
-        return [f"A coarser choice costs error: {first.words(units)}, which {cost}{eyes}."]
+        cost = f"displaces the worst hogel by {digits(first.displacement_p99_px)} px"
+        seen = ""
+        if self.eyes is not None:
+            asked = self.eyes.requirement
+            coarse = DoubleFrustum(near=first.smallest_near)
+            change = stereo_change_arcsec(asked.content, asked.viewer, asked.display, coarse)
+            seen = f" and changes disparity by {digits(change)} arc seconds"
+        return [f"A coarser choice costs error: {first.words(units)}, which {cost}{seen}."]
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -348,7 +344,7 @@ def _allowed(found: Recommendation) -> list[Allowed]:
             binds = found.binds == EYES and one == found.eyes.limit
             rows.append(Allowed(f"eyes, {LIMIT_WORDS[one.name]}", high=high, binds=binds))
     for buffer in found.buffers:
-        low = math.inf if buffer.smallest_near is None else buffer.smallest_near
+        low = 0.0 if buffer.any_near else math.inf if buffer.smallest_near is None else buffer.smallest_near
         rows.append(Allowed(f"depth buffer, {str(buffer.depth).upper()} {buffer.mapping}", low))
     return rows
 

@@ -30,7 +30,8 @@ class BufferLimit:
     depth: DepthFormat
     mapping: DepthMapping
     smallest_near: float | None  #: scene units, three digits; None where no near up to the reach is enough
-    displacement_p99_px: float | None  #: what that near does at the worst aperture that was looked through
+    #: what that near does at the worst aperture that was looked through, but those in which a surface lies
+    displacement_p99_px: float | None
     any_near: bool = False  #: whether it is the smallest near of all
 
     def words(self, units: str) -> str:
@@ -66,7 +67,8 @@ def buffer_limits(
 
         near, moved = search.round_number(search.smallest_index(low, high, enough)), None
         if enough(near):
-            moved = float(scouted.displacements(DoubleFrustum(near=near)).max(initial=0.0))
+            everywhere = scouted.displacements(DoubleFrustum(near=near))
+            moved = float(everywhere[np.isfinite(everywhere)].max(initial=0.0))
         limit = BufferLimit(
             depth=depth,
             mapping=mapping,

@@ -92,10 +92,16 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(scene: Scene) -> None:
     assert both.chosen.near is not None and both.pixel_limit is not None
     assert both.chosen.near <= both.pixel_limit
     assert shlex.split(both.commands[1])[1] == "view"
+    known = both.chosen.plate
+    assert known is not None and f"none of the {known.measured} hogels" in both.paragraph
+    # The finest depth buffer bounds near from nowhere.
+    assert recommend_module._allowed(both)[-1].cells[1:3] == ("", "")
     pixels = replace(both, eyes=None, pixels_count=False)
     assert pixels.binds == PIXELS and shlex.split(pixels.commands[1])[1] == "survey"
     eyes = replace(both, pixels_count=False)
     assert eyes.eyes is not None and eyes.binds == EYES and eyes.chosen is eyes.eyes.plan
+    only_asked_for = "counts only with --tolerance-px"
+    assert only_asked_for in eyes.paragraph and only_asked_for not in both.paragraph
     # The noise of the replay is kept as a margin.
     limit, near = eyes.eyes.limit, eyes.chosen.near
     assert limit is not None and limit.largest_near is not None and near is not None
@@ -109,6 +115,7 @@ def test_a_coarse_depth_buffer_binds_where_it_asks_for_more_than_pixels_allow(sc
     assert buffer.smallest_near is not None and found.pixel_limit is not None
     assert buffer.smallest_near > found.pixel_limit and found.binds == DEPTH
     assert found.chosen.slabs and "one pair of frusta is not enough" in found.paragraph
+    assert "What binds: in one pair the depth buffer D16 standard asks for" in found.paragraph
     assert f"--slabs {','.join(f'{one:g}' for one in found.chosen.slabs)}" in found.commands[0]
 
 
