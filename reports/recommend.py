@@ -119,9 +119,10 @@ class Recommendation:
     @property
     def paragraph(self) -> str:
         """The answer: what to draw with, whether to split, what binds, and what a coarser choice costs."""
-        if self.chosen.settings is None:
-            return " ".join((self.chosen.reason, *self._what_binds()))
-        return " ".join((*self._to_draw_with(self.chosen.settings), *self._what_binds(), *self._coarser()))
+        settings = self.chosen.settings
+        if settings is None:
+            return self.chosen.reason
+        return " ".join((*self._to_draw_with(settings), *self._what_binds(), *self._coarser()))
 
     def _to_draw_with(self, settings: DoubleFrustum) -> list[str]:
         chosen, units, known = self.chosen, self.scene.units, self.chosen.plate
@@ -160,13 +161,13 @@ class Recommendation:
             largest = None if found is None else found.largest_near
             allowed = "any near" if largest is None else f"near up to {digits(largest)} {units}"
             said[EYES] = f"eyes at {distance:g} {units} allow {allowed}"
-        same = (one for one in self.buffers if (one.depth, one.mapping) == self.chosen.depth_buffer)
-        said[DEPTH] = next(same, self.buffers[-1]).words(units)
+        (buffer,) = (one for one in self.buffers if (one.depth, one.mapping) == self.chosen.depth_buffer)
+        said[DEPTH] = buffer.words(units)
         first = said.pop(self.binds, None)
         others = "; ".join(said.values())
         if first is not None and self.chosen.slabs:
             first = f"in one pair {first}"
-        elif first is not None and self.chosen.settings is not None:
+        elif first is not None:
             first += ", and near is smaller for a margin"
         bound = [] if first is None else [f"What binds: {first}."]
         return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
@@ -240,6 +241,8 @@ class Recommendation:
 def for_display(scene: Scene, pitch: float) -> Scene:
     """Return a scene with the hogels of a display of another pitch, scene units, on a plate of its size.
 
+    Its name says how many, for they are to be written into the scene file before anything is drawn.
+
     Raises
     ------
     InputError
@@ -251,7 +254,8 @@ def for_display(scene: Scene, pitch: float) -> Scene:
             f"--display {pitch:g}: hogels are wider than the plate of {width:g} x {height:g} {scene.units}"
         )
     hogels = (round(width / pitch), round(height / pitch))
-    return replace(scene, plate=replace(scene.plate, hogels=hogels))
+    name = f"{scene.name} (hogels = {list(hogels)})"
+    return replace(scene, name=name, plate=replace(scene.plate, hogels=hogels))
 
 
 def recommend(
@@ -293,23 +297,27 @@ def recommend(
     # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for pixels orders.
     judging = requirement if eyes is None or tolerance_px is not None else eyes.requirement
     views = planner_of(scouted, requirement).first_views()
-    compared = COMPARED_BUFFERS if choices is None or len(choices) > MAX_COMPARED else choices
-    return Recommendation(
+    found = Recommendation(
         scene=scene,
         scouted=scouted,
         requirement=requirement,
         pixels=planned(scouted, requirement, choices, sample, progress),
         eyes=eyes,
         pixels_count=tolerance_px is not None,
-        buffers=buffer_limits(views, scouted, judging, compared),
+        buffers=(),
         hogel_limits=hogel_limits(scouted, requirement.tolerance_px),
     )
+    compared = [*(COMPARED_BUFFERS if choices is None or len(choices) > MAX_COMPARED else choices)]
+    if (settings := found.chosen.settings) is not None and found.chosen.depth_buffer not in compared:
+        compared.append((settings.depth, settings.mapping))
+    return replace(found, buffers=buffer_limits(views, scouted, judging, compared))
 
 
 def table(found: Recommendation) -> str:
     """Return the answer as text: the paragraph, what each judge allows, and the commands."""
-    units, filled = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
-    lines = [textwrap.fill(filled, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " "), ""]
+    units, kept = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
+    filled = textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False)
+    lines = [filled.replace("\N{NO-BREAK SPACE}", " "), ""]
     lines += aligned(
         [("", f"near from, {units}", f"up to, {units}", ""), *(one.cells for one in _allowed(found))]
     ).splitlines()

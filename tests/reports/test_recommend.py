@@ -122,6 +122,7 @@ def test_a_coarse_depth_buffer_binds_where_it_asks_for_more_than_pixels_allow(sc
 def test_a_display_has_its_own_pitch_on_a_plate_of_the_same_size(scene: Scene) -> None:
     finer = for_display(scene, 0.5)
     assert finer.plate.hogels == (80, 60) and finer.plate.size == scene.plate.size
+    assert finer.name == "through (hogels = [80, 60])"
     with pytest.raises(InputError, match="wider than the plate"):
         for_display(scene, 31.0)
 
@@ -160,3 +161,23 @@ def test_nothing_is_recommended_where_a_surface_lies_in_every_aperture(scene: Sc
     found = recommend(replace(scene, objects=(flat,)), sample=SAMPLE)
     assert found.chosen.settings is None and found.binds == PIXELS and not found.commands
     assert found.paragraph.startswith("No plan: a surface lies in every aperture")
+    assert "depth buffer" not in found.paragraph
+
+
+def test_a_surface_in_some_apertures_is_said_once_and_spoils_no_other_number(scene: Scene) -> None:
+    """No near draws the hogels in a small square in the plate, and the worst of the others counts."""
+    square = np.array([[-6.0, -6, 0], [6, -6, 0], [6, 6, 0], [-6, 6, 0]])
+    flat = replace(scene.objects[0], vertices=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    found = recommend(replace(scene, objects=(*scene.objects, flat)), choices=[*D16, *FINE], sample=SAMPLE)
+    assert found.paragraph.count("No settings hold for the whole plate") == 1
+    assert "these do" in found.paragraph and not found.chosen.within
+    moved = [one.displacement_p99_px for one in found.buffers]
+    assert all(one is None or math.isfinite(one) for one in moved) and any(moved)
+
+
+def test_the_depth_buffer_that_is_recommended_is_among_those_that_are_compared(scene: Scene) -> None:
+    """Three of six depth buffers are compared, and the only one that is good enough is none of these."""
+    logarithmic = (DepthFormat.D24, DepthMapping.LOGARITHMIC)
+    found = recommend(scene, choices=[*D16 * 5, logarithmic], sample=SAMPLE)
+    assert found.chosen.depth_buffer == logarithmic
+    assert "depth buffer D24 logarithmic" in found.paragraph and len(found.buffers) == 4
