@@ -91,8 +91,9 @@ class CostReport(Shown):
 
     def _said(self) -> str:
         column, row = self.aperture.index
-        answered = " ".join(answer.sentence for answer in self.answers)
-        return f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {answered}"
+        return (
+            f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {self.answer}"
+        )
 
     def _tables(self) -> Sequence[Table]:
         rows = [

@@ -213,10 +213,11 @@ def test_a_plan_for_eyes_takes_the_largest_near_that_is_not_noticed_and_replays_
     assert made["plate"]["hopeless"] == 0
     assert seen["viewer"]["distance"] == 600
     assert seen["binding"] == STEREO
-    assert made["near"] == seen["limits"][0]["largest_near"]
-    assert seen["stereo_change_arcsec"] == pytest.approx(20.0, rel=0.01)
+    # Near stays below the largest by the noise of a replay, so that the replay finds at most the threshold.
     # Eight columns of hogels show few points: each is seen through hogels up to half a pitch beside it.
-    assert seen["measured"]["disparity_change_arcsec"] == pytest.approx(20.0, rel=0.15)
+    assert made["near"] == pytest.approx(seen["limits"][0]["largest_near"], rel=0.25)
+    assert 15 < seen["stereo_change_arcsec"] < 20
+    assert 14 < seen["measured"]["disparity_change_arcsec"] <= 20
     assert seen["measured"]["depth_wrong"] == 0
     # Where the torus meets the plate, hogels' pixels are far from right.
     assert made["measured"]["displacement_p99_px"] > 0.5

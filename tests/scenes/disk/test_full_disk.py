@@ -93,9 +93,13 @@ def test_whole_or_absent_at_every_size(command: str, folder: Path) -> None:
 def test_a_report_is_whole_or_absent(folder: Path) -> None:
     """A report has times, so that no two reports are the same bytes."""
     sizes = [0, 1000, 9000, 15_000, 20_000, 30_000, 100_000, 1_000_000, 4_000_000]
+    whole = {
+        "folder",
+        *(f"folder/{name}" for name in ("index.html", "inspect.html", "report.json", "measurements.parquet")),
+    }
     for outcome in run(COMMANDS["report"].split(), [*sizes, UNLIMITED], folder):
         if outcome.status == 0:
-            assert len(outcome.files) == 4, outcome
+            assert set(outcome.files) == whole, outcome
         else:
             assert outcome.status == 2 and outcome.files == {}, outcome
             assert re.fullmatch(r"xfrustum: error: [^\n]+\n", outcome.error), outcome
