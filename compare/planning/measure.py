@@ -1,7 +1,7 @@
 """Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible surfaces.
 
 Sheets: a camera's film is tiled with cells, and each cell belongs to one pair of sheets. Each pair has cells
-all over the film, and no cell hides another, so that all pairs of a camera are seen in one picture.
+all over the film, and no cell occludes another, so that all pairs of a camera are seen in one picture.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ surface in front to the surface behind. The truth shows the front up to x = 0; t
 to c = -d_front n; and from b = -d_back n on it shows the part of the back that the true frustum sees.
 
  * Between 0 and c the picture shows another object, or a surface instead of none, or none instead of one.
- * Between c and b, where c < b, the picture shows a part that the front hides from the true frustum.
+ * Between c and b, where c < b, the picture shows a part that the front occludes from the true frustum.
 
 Inside one object only the second interval is wrong. Where a surface is cut into slabs with cameras of their
 own nothing is hidden, but between c and b, where c < b, there is a gap. These statements are of first order:
@@ -207,7 +207,7 @@ class Silhouettes:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
         self._points = points or TruePoints.of(truth)
-        # Pixels that end in the aperture itself, on a surface that passes through the plate, where it hides
+        # Pixels that end in the aperture itself, on a surface that runs through the plate, where it occludes
         # everything behind it. All of the picture that it fills is one point of it, and drawn are others,
         # closer than n. A surface that lies in the plate is another matter: both cameras draw it where it is,
         # and show the wrong surface only through apertures that are closer to its border than n t.
