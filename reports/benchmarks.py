@@ -35,21 +35,16 @@ from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
+from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.library.targets import globes
 from xfrustum.scenes.model.effects import Effect, needed
-from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""

@@ -36,7 +36,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes.errors import InputError
 
 Item = TypeVar("Item")

@@ -1,6 +1,5 @@
 """`xfrustum budget`: the error of one image link by link, as numbers, text, a page and pictures."""
 
-import io
 import shlex
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, replace
@@ -9,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from plotly.colors import unlabel_rgb
 
 from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
@@ -25,32 +23,26 @@ from xfrustum.compare.prediction.predict import CROSSES, FEW, MIN_PIXELS
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import json_object, json_ready, write_json
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
+from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
+from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import (
     Figure,
     Shown,
     Table,
     aligned,
     as_shown,
-    counted,
     digits,
     marked,
     percent,
-    png,
 )
-from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.notebook import png as notebook_png
 
 CHAIN = {
     "T0": "the truth",
@@ -146,7 +138,11 @@ class BudgetReport(Shown):
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = as_shown(drawn.color, drawn.covered, drawn.height)
         marks = marked(shown, wrong, self.geometry.moved)
-        return (Figure(caption="wrong surfaces red, displacement blue (full at 1 px)", content=png(marks)),)
+        return (
+            Figure(
+                caption="wrong surfaces red, displacement blue (full at 1 px)", content=notebook_png(marks)
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -350,18 +346,11 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "radiance_pictures": [_radiance_file(one.name) for one in changing],
         "radiance_range": images.RADIANCE_RANGE,
         "radiance_colors": images.RADIANCE_SCALE,
-        "pictures": {name: images.address(encoded) for name, encoded in pictures.items()},
+        "pictures": {name: address(encoded) for name, encoded in pictures.items()},
         "command": command(report),
     }
-    with Staging(out, FILES) as staging:
-        write_json(staging.folder / DATA, report.summary())
-        for name, encoded in pictures.items():
-            (staging.folder / name).write_bytes(encoded)
-        page = html_page(
-            "budget.html.j2", {"digits": digits, "number": _three_digits, "counted": counted}, values
-        )
-        (staging.folder / PAGE).write_text(page, encoding="utf-8")
-        return staging.commit()
+    page = html_page("budget.html.j2", values, {"number": _three_digits})
+    return write_files(out, {PAGE: page, DATA: report.summary(), **pictures})
 
 
 def folder_of(aperture: Aperture) -> str:
@@ -380,6 +369,4 @@ def causes(
     colors = np.array([(*unlabel_rgb(color), LEVELS) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]
     pixels[unexplained] = (*unlabel_rgb(UNEXPLAINED_COLOR), LEVELS)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
+    return png(pixels)

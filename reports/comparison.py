@@ -7,15 +7,11 @@ from xfrustum.compare.metrics.comparison import Comparison, Share, compare_image
 from xfrustum.compare.metrics.error_maps import HeightError, Spread
 from xfrustum.compare.metrics.radiance import RadianceSpread
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import write_json
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import unexamined_truth
 from xfrustum.reports.error_report import images
-from xfrustum.scenes import open_scene
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import image_size, read_image
-from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera
-from xfrustum.scenes.model.scene import Scene
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
 FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))  #: names of the files that may be written
@@ -97,11 +93,8 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
         pictures["radiance"] = images.radiance_map(maps.radiance)
     if maps.surface is not None:
         pictures["surface"] = images.mask(maps.surface, images.SURFACE_COLOR)
-    with Staging(out) as staging:
-        write_json(staging.folder / "comparison.json", comparison.numbers)
-        for name, encoded in pictures.items():
-            (staging.folder / f"{name}.png").write_bytes(encoded)
-        return staging.commit()
+    files = {f"{name}.png": encoded for name, encoded in pictures.items()}
+    return write_files(out, {"comparison.json": comparison.numbers, **files})
 
 
 def table(comparison: Comparison) -> str:

@@ -23,21 +23,16 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled
-from xfrustum.reports.common.json_ready import json_ready, write_json
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import json_ready, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
 from xfrustum.reports.scout import choices
+from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, Table, aligned, counted, digits, percent
+from xfrustum.scenes.notebook import Shown, Table, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
-from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 REPEAT = 5
@@ -567,11 +562,7 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
         "rows": _ascending(measured.options),
         "figure": trade_off_figure(measured.options, measured.tolerance_px),
     }
-    with Staging(out, FILES) as staging:
-        write_json(staging.folder / DATA, measured.summary())
-        page = html_page("cost.html.j2", {"digits": digits, "percent": percent, "counted": counted}, values)
-        (staging.folder / PAGE).write_text(page, encoding="utf-8")
-        return staging.commit()
+    return write_files(out, {PAGE: html_page("cost.html.j2", values), DATA: measured.summary()})
 
 
 def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:

@@ -26,17 +26,13 @@ from xfrustum.compare.prediction.band_limiting import (
 )
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
+from xfrustum.scenes import Aperture, Camera, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Shown, Table, counted, digits, percent
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = FEWEST_DIFFERENCES  #: measured pairs of images for each effect, where costs are measured

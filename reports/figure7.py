@@ -1,6 +1,5 @@
 """The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras, as one page."""
 
-import io
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,19 +7,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.error_report.images import address
+from xfrustum.reports.common.outputs import write_files
+from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.scenes import Aperture, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance.display import LEVELS, encoded
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import digits
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 NEAR_PER_REACH = 1e-6
 """Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
@@ -100,23 +93,19 @@ def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
     """Write index.html and the pictures, all or nothing; InputError where the folder cannot be written."""
     images = {camera.value: image for camera, image in figure.images.items()}
     images |= {} if figure.other is None else {_OTHER: figure.other}
-    pictures = {name: png(image, as_seen=name == _OTHER) for name, image in images.items()}
-    pictures[_AS_SEEN] = png(figure.images[Camera.C_STAR], as_seen=True)
+    pictures = {name: picture(image, as_seen=name == _OTHER) for name, image in images.items()}
+    pictures[_AS_SEEN] = picture(figure.images[Camera.C_STAR], as_seen=True)
     values = {
         "figure": figure,
         "reach": figure.scene.frustum.longest_reach,
         "covered": {name: float(image.covered.mean()) for name, image in images.items()},
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},
     }
-    with Staging(out, FILES) as staging:
-        for name, content in pictures.items():
-            (staging.folder / f"{name}.png").write_bytes(content)
-        page = html_page("figure7.html.j2", {"digits": digits}, values)
-        (staging.folder / _PAGE).write_text(page, encoding="utf-8")
-        return staging.commit()
+    files = {f"{name}.png": content for name, content in pictures.items()}
+    return write_files(out, {_PAGE: html_page("figure7.html.j2", values), **files})
 
 
-def png(image: HogelImage, *, as_seen: bool = False) -> bytes:
+def picture(image: HogelImage, *, as_seen: bool = False) -> bytes:
     """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface.
 
     An image lies on the film. As C* sees it, which looks from the plate back at the viewer with +y upward and
@@ -125,8 +114,4 @@ def png(image: HogelImage, *, as_seen: bool = False) -> bytes:
     assert image.color is not None
     color = np.rint(LEVELS * encoded(image.color))
     pixels = np.dstack((color, np.where(image.covered, LEVELS, 0)))
-    if as_seen:
-        pixels = np.flipud(pixels)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
+    return png(np.flipud(pixels) if as_seen else pixels)

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +28,10 @@ from xfrustum.compare.metrics.error_maps import displacement, judged_pixels
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE, stored_planes
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 PAGE, FILE = "inspect.html", "inspect-{}x{}.js"
 """Names of the page, and of a file beside it by column and row."""
@@ -308,13 +305,18 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
             beside.write_text(f'{_BESIDE_START}{key}","{text}");\n', encoding="ascii")
 
 
+def first_triangles(scene: Scene) -> list[dict[str, Any]]:
+    """Return each object by its name, with the number of its first triangle, as scripts of pages read it."""
+    firsts = accumulate((len(part.faces) for part in scene.objects), initial=0)
+    return [{"name": one.name, "first": n} for one, n in zip(scene.objects, firsts, strict=False)]
+
+
 def _rendered(
     shown: Inspection, hogels: Sequence[InspectedHogel], keys: Sequence[str], within: Mapping[str, str]
 ) -> str:
     """Return the page; `within` are the streams that lie on it, by their digests, which are empty of none."""
     nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
     scene, cells = shown.scene, shown.plate_map.cells
-    first = np.cumsum([0, *(len(part.faces) for part in scene.objects)]).tolist()
     data = {
         "hogels": [
             {
@@ -324,8 +326,7 @@ def _rendered(
             }
             for one, key in zip(hogels, keys, strict=True)
         ],
-        # An object by its name, and the number of its first triangle.
-        "objects": [{"name": p.name, "first": n} for p, n in zip(scene.objects, first, strict=False)],
+        "objects": first_triangles(scene),
         "units": scene.units,
         "plate": scene.plate.hogels,
         "map_words": shown.plate_map.words,
@@ -341,7 +342,7 @@ def _rendered(
         "streams": within,
         "megapixels": MAX_INSPECTED_PIXELS / 1e6,
     }
-    return html_page("inspect.html.j2", {}, values, nonce=nonce)
+    return html_page("inspect.html.j2", values, nonce=nonce)
 
 
 def remove_inspection(folder: Path) -> None:

@@ -13,7 +13,6 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready, refused
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, look_hash
@@ -67,7 +66,7 @@ class Parts:
         holds something else.
         """
         path, wanted = self.folder / DESCRIPTION, json.loads(json.dumps(description))
-        with writable(self.out):
+        with refused(f"--out {self.out}: cannot write there"):
             self.folder.mkdir(parents=True, exist_ok=True)
             # In this order: another process writes its description before anything else.
             if any(self.folder.iterdir()) and not os.path.lexists(path):
@@ -111,7 +110,7 @@ class Parts:
         digest = hashlib.sha256(content).hexdigest().encode()
         before, _, after = content.rpartition(_NO_DIGEST)
         path = self.path(number)
-        with writable(self.out):
+        with refused(f"--out {self.out}: cannot write there"):
             if os.path.lexists(path) and not path.is_file():
                 path.unlink()  # such as a pipe, which a file would be written into
             write_file(path, before + digest + after, host=self.out)
@@ -137,7 +136,7 @@ class Parts:
 
     def write_beside(self, name: str, content: bytes) -> None:
         """Write a file beside the parts, whole or not at all."""
-        with writable(self.out):
+        with refused(f"--out {self.out}: cannot write there"):
             write_file(self.folder / name, content, host=self.out)
 
     def read_beside(self, name: str) -> bytes | None:
@@ -146,20 +145,8 @@ class Parts:
 
     def remove(self, name: int | str) -> None:
         """Remove the part of a block, which is unfinished afterwards, or a file beside the parts."""
-        with writable(self.out):
+        with refused(f"--out {self.out}: cannot write there"):
             (self.path(name) if isinstance(name, int) else self.folder / name).unlink(missing_ok=True)
-
-
-@contextmanager
-def writable(out: Path) -> Iterator[None]:
-    """Turn what the file system refuses into an InputError about `--out`."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"--out {out}: cannot write there ({error.strerror or error}); "
-            "free some space or choose another place"
-        ) from error
 
 
 def scene_description(scene: Scene) -> dict[str, Any]:

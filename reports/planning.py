@@ -37,16 +37,14 @@ from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
 from xfrustum.compare.scout import AutoApertures, Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
 from xfrustum.reports.view import Drawing, stereo_eyes
+from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.eye import Eye
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
 from xfrustum.tolerances import MAX_WRONG
 
 LINE_CHARACTERS = 100  #: largest number of characters in a line of a reason

@@ -29,8 +29,7 @@ from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout
 from xfrustum.raster import require_room
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
-from xfrustum.reports.common.json_ready import write_json
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import plate_command, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.planning import (
@@ -44,11 +43,9 @@ from xfrustum.reports.planning import (
     scouted_plate,
 )
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import aligned, digits, percent
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 FILES = PAGE, DATA = "index.html", "recommend.json"
 
@@ -359,10 +356,7 @@ def _allowed(found: Recommendation) -> list[Allowed]:
 
 def write_recommendation(found: Recommendation, out: Path) -> tuple[Path, ...]:
     """Write the page and recommend.json, all or nothing."""
-    with Staging(out, FILES) as staging:
-        (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
-        write_json(staging.folder / DATA, found.summary())
-        return staging.commit()
+    return write_files(out, {PAGE: render_page(found), DATA: found.summary()})
 
 
 def render_page(found: Recommendation) -> str:
@@ -376,7 +370,7 @@ def render_page(found: Recommendation) -> str:
         "rows": [one.cells for one in _allowed(found)],
         "versions": versions(),
     }
-    return html_page("recommend.html.j2", {"percent": percent, "digits": digits}, values)
+    return html_page("recommend.html.j2", values)
 
 
 def limits_figure(found: Recommendation) -> Figure:

@@ -9,11 +9,10 @@ from scipy.ndimage import distance_transform_edt
 
 from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, scout
 from xfrustum.reports.common.figure_style import Figure, styled, titled
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.scenes import Aperture, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import digits
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_MAP_CELLS = 120
 """Largest number of cells along a side of a map: a cell of a larger plate stands for several hogels, and

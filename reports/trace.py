@@ -12,13 +12,12 @@ from xfrustum.reference import Reference
 from xfrustum.reference.alone import TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import image_writer, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import Certainty, Rendering
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
 
 LARGE_PIXELS = 1 << 23
 """Lines or light paths from which on `trace` says beforehand what it will take; below, it takes seconds."""

@@ -3,12 +3,9 @@
 As pictures and numbers, as a page, and as quilts: views from an arc as tiles of one picture.
 """
 
-import base64
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -38,29 +35,26 @@ from xfrustum.compare.eye.noticeable import moves_rigidly
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.common.json_ready import json_object, write_json
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import Staging, json_object, progress_bar
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.reports.inspection import first_triangles
 from xfrustum.reports.plate import store
 from xfrustum.reports.plate.rows import packed
 from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
+from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.exr import write_eye_image
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
-from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
 from xfrustum.scenes.notebook import Figure, Shown, Table, as_shown, counted, digits, marked, percent
 from xfrustum.scenes.notebook import png as notebook_png
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
 
@@ -403,14 +397,6 @@ def _heights_picture(image: EyeImage, low: float, high: float) -> Bytes:
     return np.stack((steps >> 8, steps & 255, 0 * steps), axis=-1).astype(np.uint8)
 
 
-def _encoded(pictures: Sequence[Bytes], **how: Any) -> bytes:
-    """Return pictures as one PNG, or as the frames of the kind of file that is asked for."""
-    first, *others = map(Image.fromarray, pictures)
-    stream = io.BytesIO()
-    first.save(stream, **(how or {"format": "PNG", "optimize": True}), append_images=others)
-    return stream.getvalue()
-
-
 # The page and its files ----------------------------------------------------------------------------------
 
 
@@ -433,23 +419,20 @@ def write_view(found: SceneView, out: Path) -> tuple[Path, ...]:
                 picture = shown(image)
                 parts += [gap, picture]
                 write_eye_image(staging.folder / f"{name}_{number}.exr", image)
-                (staging.folder / f"{name}_{number}.png").write_bytes(_encoded([picture]))
+                staging.write(f"{name}_{number}.png", png(picture))
             frames.append(np.concatenate(parts[1:], axis=1))
         if len(frames) > 1:
             # Along the path and back, for ever.
-            how = {"format": "GIF", "save_all": True, "duration": FRAME_MS, "loop": 0}
-            (staging.folder / ANIMATION).write_bytes(_encoded([*frames, *frames[-2:0:-1]], **how))
-        write_json(staging.folder / DATA, found.record)
-        (staging.folder / PAGE).write_text(_page(found), encoding="utf-8")
+            first, *others = map(Image.fromarray, [*frames, *frames[-2:0:-1]])
+            how = {"save_all": True, "duration": FRAME_MS, "loop": 0}
+            first.save(staging.folder / ANIMATION, append_images=others, **how)
+        staging.write(DATA, found.record)
+        staging.write(PAGE, _page(found))
         return staging.commit()
 
 
 def _page(found: SceneView) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
-
-    def address(picture: Bytes) -> str:
-        return f"data:image/png;base64,{base64.b64encode(_encoded([picture])).decode()}"
-
     pictures = [found.images(number) for number in range(len(found.views))]
     heights = np.concatenate([image.position[..., 2].ravel() for some in pictures for image in some.values()])
     known = heights[np.isfinite(heights)]
@@ -465,24 +448,22 @@ def _page(found: SceneView) -> str:
             loss = lost[number]
             # A dimmed view on which wrong surfaces are red and displaced points blue.
             marks = marked(shown(some[picture]), loss.wrong, loss.displacement_arcmin / SEEN_ARCMIN)
-            losses[name] = address(marks)
+            losses[name] = address(png(marks))
         encoded = {
             name: {
-                "color": address(shown(image)),
-                "numbers": address(packed(image.triangle)),
-                "heights": address(_heights_picture(image, low, high)),
+                "color": address(png(shown(image))),
+                "numbers": address(png(packed(image.triangle))),
+                "heights": address(png(_heights_picture(image, low, high))),
             }
             for name, image in some.items()
         }
         record = json_object(found.record.eyes[number])
         eyes.append({"pictures": encoded, "losses": losses, "record": record})
-    parts = found.scene.objects
-    firsts = accumulate((len(part.faces) for part in parts), initial=0)
     data = {
         "eyes": eyes,
         "names": NAMES,
         "heights": {"low": low, "high": high, "steps": HEIGHT_STEPS},
-        "objects": [{"name": part.name, "first": n} for part, n in zip(parts, firsts, strict=False)],
+        "objects": first_triangles(found.scene),
         "units": found.scene.units,
         "size": found.views[0].eye.resolution,
         "aspect": found.scene.plate.size[0] / found.scene.plate.size[1],
@@ -497,7 +478,7 @@ def _page(found: SceneView) -> str:
         "animation": ANIMATION,
         "versions": {**versions(), **machine()},
     }
-    return html_page("view.html.j2", {"digits": digits}, values)
+    return html_page("view.html.j2", values)
 
 
 def _color_sentence(loss: Loss) -> list[str]:
@@ -633,12 +614,12 @@ def write_quilt(  # noqa: PLR0913 - one parameter per option of the command
                 row = np.concatenate([shown(tile[name]) for tile in tiled], axis=1)
                 rows.setdefault(name, []).append(row)
         for name, file in zip(rows, names[1:], strict=True):
-            (staging.folder / file).write_bytes(_encoded([np.concatenate(rows[name][::-1], axis=0)]))
+            staging.write(file, png(np.concatenate(rows[name][::-1], axis=0)))
         record = replace(
             records[0],
             eyes=tuple(one for part in records for one in part.eyes),
             hogels=max(part.hogels for part in records),
         )
-        write_json(staging.folder / DATA, record)
+        staging.write(DATA, record)
         staging.commit()
     return record

@@ -1,9 +1,7 @@
 """What all reports share: outputs, progress, times, pages, numbers in words.
 
 figure_style           How every figure looks: colors that are told apart, axes that can be read
-json_ready             Values as JSON takes them: one conversion for everything that is written or embedded
 outputs                Outputs that are whole or absent: probed before the work, written aside, renamed
-progress               One look for every progress bar
 provenance             What repeats a result: versions and machine, commands, and what nobody examined
 records                Records as tables: columns and their types follow from the fields of a dataclass
 templates_environment  The one place where templates are filled in: HTML pages, SVG and Markdown

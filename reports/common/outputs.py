@@ -1,11 +1,24 @@
-"""Outputs that are whole or absent: probed before the work, written aside, renamed at the end."""
+"""What leaves a command: values as JSON, files that are whole or absent, and bars of progress.
 
+Files are probed before the work, written aside, and renamed at the end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
 import os
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
+
+import numpy as np
+from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
 from xfrustum.scenes.disk.durable import (
@@ -20,7 +33,38 @@ from xfrustum.scenes.disk.durable import (
 )
 from xfrustum.scenes.errors import InputError
 
-_ROOM = "free some space or choose another place"
+
+def json_ready(value: Any) -> Any:
+    """Return the value in JSON's own types.
+
+    A dataclass becomes an object of its fields. NaN and infinity become None, and numpy scalars numbers.
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    elif isinstance(value, Path | StrEnum):
+        value = str(value)
+    if value is None or isinstance(value, int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    return json_object(value) if is_dataclass(value) and not isinstance(value, type) else value
+
+
+def json_object(record: Any) -> dict[str, Any]:
+    """Return a dataclass as a JSON object; see `json_ready`."""
+    return {field.name: json_ready(getattr(record, field.name)) for field in fields(record)}
+
+
+def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
+    """Return a bar of `total` units, None where unknown, on standard error; its caller updates it."""
+    # A log keeps every line that a terminal would overwrite, so it gets few of them.
+    shown = shown and sys.stderr is not None
+    seconds = 0.1 if shown and sys.stderr.isatty() else 5.0
+    return tqdm(total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)
 
 
 class Staging:
@@ -30,22 +74,14 @@ class Staging:
     processes that were killed have left there. `commit` moves the files to `out` when they are on the
     disk; leaving without it removes every trace.
 
-    Parameters
-    ----------
-    out
-        Folder to be filled. It may exist: then files of the same name are replaced one by one,
-        each atomically, and others stay. What links of the same name point to is replaced.
-    names
-        The files that will be put there, where they are known beforehand.
-
-    Raises
-    ------
-    InputError
-        On entering, when `out` is not a folder or cannot be written; from `commit`, when the disk is full.
+    The folder `out` may exist: then files of the same name are replaced one by one, each atomically, and
+    others stay. What links of the same name point to is replaced. `names` are those of the files that will be
+    put there, where they are known beforehand.
+    InputError is raised on entering, when `out` is not a folder or cannot be written, and by `commit`, when
+    the disk is full.
     """
 
-    folder: Path
-    """Folder aside, to which the files are written."""
+    folder: Path  #: aside, to which the files are written
 
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out, self.names = out, names
@@ -60,7 +96,7 @@ class Staging:
             host = next(parent for parent in place.parents if parent.exists())
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
-        with _refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
+        with refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
             # Where a run has put them that found no folder.
@@ -71,9 +107,15 @@ class Staging:
             self.folder.mkdir()
         return self
 
+    def write(self, name: str, content: object) -> None:
+        """Write a file to be committed: text, bytes, or anything else as JSON without NaN or infinity."""
+        if not isinstance(content, str | bytes):
+            content = json.dumps(json_ready(content), allow_nan=False, indent=1) + "\n"
+        (self.folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+
     def commit(self) -> tuple[Path, ...]:
         """Move the staged files to `out` and return their paths, sorted by name."""
-        with _refused(f"--out {self.out}: cannot put files there", "choose another place"), delayed():
+        with refused(f"--out {self.out}: cannot put files there", "choose another place"), delayed():
             files = sorted(self.folder.iterdir())
             if not put_folder(self.folder, self._place):
                 for file in files:
@@ -87,8 +129,16 @@ class Staging:
         if self._aside is not None:
             self._aside.remove()
         if isinstance(error, OSError):
-            with _refused(f"--out {self.out}: cannot write", _ROOM):
+            with refused(f"--out {self.out}: cannot write"):
                 raise error
+
+
+def write_files(out: Path, files: Mapping[str, object]) -> tuple[Path, ...]:
+    """Put files into a folder, all or nothing; see `Staging.write`. InputError where that cannot be."""
+    with Staging(out, tuple(files)) as staging:
+        for name, content in files.items():
+            staging.write(name, content)
+        return staging.commit()
 
 
 def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
@@ -108,7 +158,7 @@ def check_writable_image(path: Path) -> None:
 def check_writable_file(path: Path, option: str = "--out") -> None:
     """Raise InputError unless a file can be written here; leaves nothing behind."""
     folder = Path(os.path.realpath(path)).parent
-    with _refused(f"{option} {path}: cannot write in {folder}", "choose another place"):
+    with refused(f"{option} {path}: cannot write in {folder}", "choose another place"):
         _check_kind(path, f"{option} {path}")
         with Aside(scratch_folder() if written_into(path) else folder):
             pass
@@ -116,12 +166,12 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
 
 def write_output(path: Path, content: bytes, option: str = "--out") -> None:
     """Write the file that an option names, whole or not at all; InputError where that cannot be."""
-    with _refused(f"{option} {path}: cannot write", _ROOM):
+    with refused(f"{option} {path}: cannot write"):
         write_file(path, content)
 
 
 @contextmanager
-def _refused(what: str, advice: str) -> Iterator[None]:
+def refused(what: str, advice: str = "free some space or choose another place") -> Iterator[None]:
     """Turn the operating system's errors into one line: what failed, the reason, and what to do."""
     try:
         yield

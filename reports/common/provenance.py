@@ -7,9 +7,7 @@ import shlex
 from importlib import metadata
 from pathlib import Path
 
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes import Aperture, DoubleFrustum, Scene
 
 _LIBRARIES = [
     "xfrustum",

@@ -6,19 +6,26 @@ hashes, and nothing else, whatever text of a scene has found its way into the pa
 
 import base64
 import hashlib
+import io
 import json
-import pkgutil
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from pkgutil import get_data
+from types import MappingProxyType
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+from numpy.typing import NDArray
+from PIL import Image
 
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
+from xfrustum.scenes.notebook import counted, digits, percent
 
 Filters = Mapping[str, Callable[..., Any]]
+NO_FILTERS: Filters = MappingProxyType({})  #: but those of every template: `digits`, `percent`, `counted`
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
@@ -27,7 +34,9 @@ _POLICY_MARK = "@@content-security-policy@@"
 template has it before any text from outside."""
 
 
-def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce: str | None = None) -> str:
+def html_page(
+    template: str, values: Mapping[str, Any], filters: Filters = NO_FILTERS, *, nonce: str | None = None
+) -> str:
     """Return a page that needs nothing else, online or offline; all text of the values is escaped.
 
     Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
@@ -52,11 +61,12 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce:
 
     elements = {
         "policy": lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
-        "plotly": lambda: element(_plotly_js()),
+        # The package's own function for it imports all of plotly.
+        "plotly": lambda: element((get_data("plotly", "package_data/plotly.min.js") or b"").decode()),
         "script": script,
         "data": data,
     }
-    text = _template(template, filters).render({**elements, **values})
+    text = _environment(tuple(filters.items())).get_template(template).render({**elements, **values})
     if nonce is not None:
         sources.append(f"'nonce-{nonce}'")
     # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
@@ -68,19 +78,27 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce:
     return text.replace(_POLICY_MARK, policy, 1)
 
 
-def svg_picture(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+def svg_picture(template: str, values: Mapping[str, Any], filters: Filters) -> str:
     """Return an SVG document; all text is escaped."""
-    return _template(template, filters).render(values)
+    return _environment(tuple(filters.items())).get_template(template).render(values)
 
 
-def plain_text(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+def plain_text(template: str, values: Mapping[str, Any], filters: Filters = NO_FILTERS) -> str:
     """Return a document in Markdown, in which nothing is escaped."""
-    return _template(template, filters, autoescape=False).render(values)
+    return _environment(tuple(filters.items()), autoescape=False).get_template(template).render(values)
 
 
-def _plotly_js() -> str:
-    """Return plotly.js; the package's own function for it imports all of plotly."""
-    return (pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"").decode()
+def png(pixels: NDArray[np.number], *, optimize: bool = True) -> bytes:
+    """Encode levels (H, W), (H, W, 3) or (H, W, 4) from 0 to 255 as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8)).save(buffer, "PNG", optimize=optimize)
+    return buffer.getvalue()
+
+
+def address(encoded: bytes) -> str:
+    """Return an encoded picture, WebP or PNG, as an address that a page holds within itself."""
+    kind = "webp" if encoded.startswith(b"RIFF") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(encoded).decode()}"
 
 
 def script_json(value: Any) -> Markup:
@@ -92,12 +110,10 @@ def script_json(value: Any) -> Markup:
     return Markup(text)
 
 
-def _template(name: str, filters: Filters, *, autoescape: bool = True) -> Template:
-    return _environment(tuple(filters.items()), autoescape).get_template(name)
-
-
 @cache  # an environment remembers the templates that it has compiled
-def _environment(filters: tuple[tuple[str, Callable[..., Any]], ...], autoescape: bool) -> Environment:
+def _environment(
+    filters: tuple[tuple[str, Callable[..., Any]], ...], *, autoescape: bool = True
+) -> Environment:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=autoescape,
@@ -106,5 +122,5 @@ def _environment(filters: tuple[tuple[str, Callable[..., Any]], ...], autoescape
         lstrip_blocks=True,
         keep_trailing_newline=not autoescape,
     )
-    environment.filters.update(filters)
+    environment.filters.update({"digits": digits, "percent": percent, "counted": counted, **dict(filters)})
     return environment

@@ -18,9 +18,8 @@ from xfrustum.compare.prediction.predict import Prediction, Reasons, Separations
 from xfrustum.compare.run import StageTimes
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.error_report.settings import geometries_of, geometry_names, geometry_of
+from xfrustum.scenes import Aperture, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.notebook import digits, percent, plain
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 CAUSE_WORDS = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 import zlib
@@ -186,16 +185,6 @@ def alone_pictures(truth: HogelImage, wrong: Mapping[str, Mask], reduction: int 
     """
     found = {name: mask(here, ALONE_COLORS[name], reduction) for name, here in wrong.items() if here.any()}
     return found and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **found}
-
-
-def address(encoded: bytes) -> str:
-    """Return an encoded picture as an address that a page holds within itself."""
-    return f"data:{media_type(encoded)};base64,{base64.b64encode(encoded).decode()}"
-
-
-def media_type(encoded: bytes) -> str:
-    """Return the media type of an encoded picture."""
-    return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
 
 
 def _level(values: NDArray[np.floating], ends: tuple[float, float], steps: int) -> NDArray[np.floating]:

@@ -11,15 +11,14 @@ from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.reports.common.json_ready import json_object
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import json_object, progress_bar
+from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report import images
+from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +138,8 @@ def measure_light(
                 MissedLight(
                     aperture=aperture,
                     numbers=left_out.numbers,
-                    picture=images.address(images.picture(replace(truth, color=full))),
-                    difference=images.address(images.radiance_map(left_out.difference.mean)),
+                    picture=address(images.picture(replace(truth, color=full))),
+                    difference=address(images.radiance_map(left_out.difference.mean)),
                 )
             )
     return LightReport(

@@ -18,7 +18,7 @@ from xfrustum.compare.prediction.predict import CROSSES
 from xfrustum.compare.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
-from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images
 from xfrustum.reports.error_report.best import Measurement
 from xfrustum.reports.error_report.images import CAUSE_COLORS
@@ -26,9 +26,8 @@ from xfrustum.reports.error_report.settings import geometry_names, geometry_of
 from xfrustum.reports.inspection import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.drawing import scene_fit
 from xfrustum.reports.scout import map_figures
+from xfrustum.scenes import Aperture, Cull, DoubleFrustum, Offset
 from xfrustum.scenes.notebook import digits, percent
-from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Offset
-from xfrustum.scenes.plate.plate import Aperture
 
 Number = Callable[[Measurement], float | None]
 Rows = Sequence[tuple[int, Measurement]]
@@ -343,8 +342,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, shears),
     }
-    filters = {"percent": percent, "pixels": best.pixels, "digits": digits}
-    return html_page("report.html.j2", filters, values)
+    return html_page("report.html.j2", values, {"pixels": best.pixels})
 
 
 def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
@@ -354,7 +352,7 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
     def keep(encoded: bytes) -> str:
         key = hashlib.sha256(encoded).hexdigest()[:16]
         if key not in pictures:
-            pictures[key] = images.address(encoded)
+            pictures[key] = address(encoded)
         return key
 
     names, light, reach = geometry_names(sweep.geometries), sweep.light, sweep.scene.frustum.longest_reach
@@ -455,8 +453,8 @@ def _alone_figures(sweep: Sweep) -> list[dict[str, Any]]:
             "wrong": (wrong := getattr(truth.alone, name)),
             "judged": truth.alone.judged,
             "sparse": wrong < SPARSE_FRACTION * truth.alone.judged,
-            "truth": images.address(truth.marks["truth"]),
-            "marks": images.address(truth.marks[name]),
+            "truth": address(truth.marks["truth"]),
+            "marks": address(truth.marks[name]),
         }
         for aperture, truth in zip(sweep.apertures, sweep.truths, strict=True)
         for name, color in images.ALONE_COLORS.items()

@@ -27,9 +27,7 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.plain import CERTIFIED, Decision, open_reference
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_object, json_ready, write_json
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import Staging, json_object, json_ready, progress_bar
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.best import (
@@ -55,13 +53,10 @@ from xfrustum.reports.inspection import (
     write_inspection,
 )
 from xfrustum.reports.scout import scout_record
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError
 from xfrustum.scenes.model.effects import chosen
-from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
 from xfrustum.scenes.notebook import counted, digits
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
@@ -356,7 +351,7 @@ def make_report(
         if measured.decided_by != CERTIFIED:
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
         command = provenance.raster_command(scene, best.aperture, best.settings)
-        (staging.folder / FILES[0]).write_text(render_page(measured, said, command), encoding="utf-8")
+        staging.write(FILES[0], render_page(measured, said, command))
         shares = [
             (*row.aperture.index, row.surface_fraction)
             for row in measured.rows
@@ -372,7 +367,7 @@ def make_report(
         )
         write_inspection(staging.folder, inspection)
         content = report_content(measured, said, command)
-        write_json(staging.folder / FILES[1], content)
+        staging.write(FILES[1], content)
         write_parquet(measured, staging.folder / FILES[2])
         with replacing_inspection(staging.out):
             staging.commit()

@@ -8,6 +8,7 @@ import numpy as np
 
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.plain import CERTIFIED
+from xfrustum.scenes import Aperture, Frustum
 from xfrustum.scenes.notebook import digits
 from xfrustum.scenes.plate.double_frustum import (
     Cull,
@@ -18,8 +19,6 @@ from xfrustum.scenes.plate.double_frustum import (
     Offset,
     Pivot,
 )
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 

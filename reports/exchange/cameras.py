@@ -17,13 +17,9 @@ import numpy as np
 from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
-from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import choice
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 Record = dict[str, Any]
 """A JSON object, or a part of it."""
@@ -88,7 +84,7 @@ def write_cameras(
     written = {Renderer.GLTF: gltf, Renderer.MITSUBA: mitsuba}.get(chosen, dict)(cameras)
     name = CAMERA_FILES[chosen]
     with Staging(out, (name, TRIANGLES_FILE)) as staging:
-        write_json(staging.folder / name, written)
+        staging.write(name, written)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         cameras_file, triangles_file = sorted(staging.commit(), key=lambda file: file.name != name)
     next_step = f"read CONVENTIONS.md, and {cameras_file}; {triangles_file} has the numbered triangles"
@@ -135,7 +131,7 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
     }
     with Staging(out, ("render.py", "plate.json", TRIANGLES_FILE)) as staging:
         shutil.copyfile(Path(__file__).with_name("blender") / "render.py", staging.folder / "render.py")
-        write_json(staging.folder / "plate.json", described)
+        staging.write("plate.json", described)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         return staging.commit()
 

@@ -4,12 +4,11 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from xfrustum.reports.common.outputs import Staging, check_writable_folder
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar
 from xfrustum.reports.plate.rows import PlateArray, is_group, missing_hogels, open_plate, write_group
+from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.durable import Aside
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts import (
     LAYOUTS,
     PICTURE_SUFFIXES,
@@ -29,7 +28,6 @@ from xfrustum.scenes.files.plate_files import (
     write_files,
 )
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.model.scene import Scene
 
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"
 """Name under which a Zarr group counts as a layout, and suffix of folders that are taken for groups."""

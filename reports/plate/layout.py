@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes import NOTHING, Certainty, Frustum
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
-from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 BLOCK_BYTES = 1 << 26

@@ -12,14 +12,12 @@ from itertools import islice
 from pathlib import Path
 
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.plate.layout import Block, Layout, default_side
 from xfrustum.reports.plate.sources import HogelSource, measures_of, source_of
 from xfrustum.reports.plate.store import PlateStore, open_store
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
 Span = tuple[int, int] | None  # first and last index; None for all

@@ -17,16 +17,13 @@ from xfrustum.raster.plate.one_by_one import OneByOne, plate_hogel
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.rasterizer import Rasterizer, normals_of
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.records import columns_of, named_columns
+from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, InputError
 from xfrustum.scenes.appearance.sampling import Sampling
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, needed
-from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene, is_shaded, look_hash
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 SOURCE = "source"
 """Key that says where the scene came from, in the description of the scene: for people, it need not agree."""

@@ -31,17 +31,13 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import Staging, refused
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.parts import differences_words, writable
+from xfrustum.reports.parts import differences_words
 from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, Layout, side_of
 from xfrustum.reports.plate.sources import PLACES, SOURCE, JudgedPlateHogel, MeasuredHogel
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelCamera, InputError, Plate
 from xfrustum.scenes.model.plate_content import Channel, PlateHogel
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 ATTRIBUTE = "xfrustum"  # of the group, holds everything that decides its pixels
 LAYOUT = "layout"  # key of a description that decides no pixel; a store keeps its own unless one is asked for
@@ -208,7 +204,8 @@ class PlateStore:
     def write(self, block: Block, hogels: Mapping[Aperture, PlateHogel]) -> None:
         """Add hogels to a block; afterwards they are finished. InputError where the disk is full."""
         rows, columns = block.shape
-        with writable(self.out), (self._place / METADATA).open("r+b") as lock:
+        told = f"--out {self.out}: cannot write there"
+        with refused(told), (self._place / METADATA).open("r+b") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH if len(hogels) == rows * columns else fcntl.LOCK_EX)
             flags = self._flags(block)
             for aperture in hogels:

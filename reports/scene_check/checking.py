@@ -17,8 +17,7 @@ from xfrustum.compare.extent import (
     unseen_facts,
     warnings,
 )
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import json_ready, write_files
 from xfrustum.reports.scene_check.drawing import View, draw_view
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
 from xfrustum.scenes.notebook import Figure, Shown, Table, counted, digits
@@ -111,10 +110,7 @@ def check(scene: Scene) -> SceneCheck:
 
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
     """Write side.svg and top.svg into a folder, both or none; InputError where that cannot be."""
-    with Staging(out, FILES) as staging:
-        for view, name in zip(View, FILES, strict=True):
-            (staging.folder / name).write_text(checked.view(view), encoding="utf-8")
-        return staging.commit()
+    return write_files(out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)})
 
 
 def table(checked: SceneCheck) -> str:

@@ -11,9 +11,8 @@ from PIL import Image, ImageDraw
 from skimage.measure import approximate_polygon, find_contours
 
 from xfrustum.compare.extent import aside_of_frusta, box, heights, length, triangles_in_chunks, warnings
+from xfrustum.scenes import Aperture, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.scene import Scene, SceneObject
-from xfrustum.scenes.plate.plate import Aperture
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
@@ -223,7 +222,7 @@ def draw_view(scene: Scene, view: View) -> str:
     def printable(words: str) -> str:  # XML cannot hold control characters, which file names may have
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
-    return svg_picture("scene-view.svg.j2", {"printable": printable}, values) + "\n"
+    return svg_picture("scene-view.svg.j2", values, {"printable": printable}) + "\n"
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -11,7 +11,7 @@ from typing import Any
 from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, length_in
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import write_files
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
 from xfrustum.scenes.errors import InputError
@@ -157,9 +157,7 @@ def new_scene(
     )
     asked = replace(asked, units=named, size=own("size", asked.size))
     written = _fitted(mesh, out, asked, display)
-    with Staging(out.parent, (out.name,)) as staging:
-        (staging.folder / out.name).write_text(_text(written, mesh), encoding="utf-8")
-        staging.commit()
+    write_files(out.parent, {out.name: _text(written, mesh)})
     return written
 
 

@@ -27,15 +27,12 @@ from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reports.blocks import HERE, Engine, open_workers
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
-from xfrustum.scenes import open_scene
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Pivot, Scene, open_scene
 from xfrustum.scenes.notebook import digits
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
@@ -377,4 +374,4 @@ def document(rows: Sequence[Row], origin: Origin) -> str:
         "devices": origin.devices,
     }
     length = {"length": lambda near: "-" if near is None else digits(near)}
-    return plain_text("noticeable.md.j2", length, values)
+    return plain_text("noticeable.md.j2", values, length)

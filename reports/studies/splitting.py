@@ -28,7 +28,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.templates_environment import plain_text, svg_picture
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
@@ -468,7 +468,7 @@ def document(rows: Rows, origin: Origin) -> str:
         "figures": {name: title for name, (title, _) in figures(rows).items()},
         "devices": origin.devices,
     }
-    return plain_text("when-to-split.md.j2", {}, values)
+    return plain_text("when-to-split.md.j2", values)
 
 
 def sentence(rows: Rows) -> str:
@@ -661,7 +661,7 @@ def svg(title: str, rows: Rows) -> str:
         "nears": sorted({row.near for row in rows}, reverse=True),
         "legend": list(COLORS.values()),
     }
-    return svg_picture("study-map.svg.j2", {"power": power}, {"map": drawn})
+    return svg_picture("study-map.svg.j2", {"map": drawn}, {"power": power})
 
 
 def panels(rows: Rows) -> list[list[dict[str, Any]]]:

@@ -24,11 +24,10 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, Part, Workers
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.outputs import Staging, check_writable_folder
+from xfrustum.reports.common.outputs import Staging, check_writable_folder, write_files
 from xfrustum.reports.common.records import named_columns, table_of
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import Camera, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
-from xfrustum.scenes.plate.double_frustum import Camera
 
 Row = TypeVar("Row")
 BLOCKS, IMAGES = "blocks", "images"  # folders of what is measured, and of figures
@@ -191,15 +190,12 @@ def write_study(
     """Write figures, data and document; the document last, so that what it refers to is there."""
     pictures: tuple[Path, ...] = ()
     if figures:
-        with Staging(out / IMAGES) as staging:
-            for figure, drawn in figures.items():
-                (staging.folder / f"{figure}.svg").write_text(drawn, encoding="utf-8")
-            pictures = staging.commit()
+        pictures = write_files(out / IMAGES, {f"{figure}.svg": drawn for figure, drawn in figures.items()})
     text, data, kind = f"{name}.md", f"{name}.parquet", type(rows[0])
     with Staging(out, (text, data)) as staging:
         write_rows(kind, rows, origin, staging.folder / data)
         # From what is in the file, so that the file alone gives the same document again.
         filed, origin = read_rows(kind, staging.folder / data)
-        (staging.folder / text).write_text(document(filed, origin), encoding="utf-8")
+        staging.write(text, document(filed, origin))
         staging.commit()
     return StudyFiles(document=out / text, data=out / data, figures=pictures, rows=filed, origin=origin)

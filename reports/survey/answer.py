@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, share_beyond_at_least
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.survey.rows import P99, Tally, WorstHogel
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
 @dataclass(frozen=True, kw_only=True)

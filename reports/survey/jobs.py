@@ -1,6 +1,5 @@
 """What a survey judges: hogels that our rasterizer draws, or those of another renderer, block by block."""
 
-import base64
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -11,17 +10,15 @@ from xfrustum.compare.sampling import aperture_at
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Job, device_index
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
+from xfrustum.reports.common.templates_environment import address
+from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.survey.rows import Device, DrawnRow, ForeignRow
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import Run
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Scene
 
 MAX_PICTURE_PX = 512  # longest side of a picture on the page; larger images are reduced
 PIXELS_PER_BLOCK = 1 << 22
@@ -126,16 +123,13 @@ class DrawnJob(SurveyJob):
         wrong = frame.comparison.maps.surface
         reduction = -(-max(self.scene.frustum.resolution) // MAX_PICTURE_PX)
         assert wrong is not None, "a judge has the scene at hand"
-        encoded = {
+        pictures = {
             "truth": picture(frame.truth, reduction),
             "drawing": picture(frame.image, reduction),
             "displacement": displacement_map(frame.comparison.errors.moved, reduction),
             "wrong surfaces": mask(wrong, SURFACE_COLOR, reduction),
         }
-        urls = {
-            name: f"data:{media_type(content)};base64,{base64.b64encode(content).decode()}"
-            for name, content in encoded.items()
-        }
+        urls = {name: address(encoded) for name, encoded in pictures.items()}
         return ShownHogel(pictures=urls, inspected=inspected_frame(self.scene, frame))
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from xfrustum.reports import inspection
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
-from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
@@ -17,7 +16,7 @@ from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.jobs import ShownHogel
 from xfrustum.reports.survey.rows import DEPTH_ENDS, FRACTION, MAP_COLUMNS, P99, SURFACE, WorstHogel
-from xfrustum.scenes.notebook import digits, percent
+from xfrustum.scenes.notebook import digits
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
@@ -30,8 +29,8 @@ Pictured = Sequence[tuple[WorstHogel, ShownHogel]]  # the worst hogels with thei
 def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
     """Write the page, the JSON object and the inspection page, all or nothing."""
     with Staging(out, FILES) as staging:
-        (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
-        write_json(staging.folder / DATA, found.record)
+        staging.write(PAGE, render_page(found, pictured))
+        staging.write(DATA, found.record)
         settings, maps = found.settings[found.best], found.tallies[found.best].maps
         name = next((one for one in (P99, SURFACE, FRACTION) if one in maps), None)
         drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
@@ -64,7 +63,7 @@ def render_page(found: Survey, pictured: Pictured) -> str:
         "command": command,
         "versions": versions(),
     }
-    return html_page("survey.html.j2", {"percent": percent, "digits": digits}, values)
+    return html_page("survey.html.j2", values)
 
 
 def map_figures(found: Survey) -> list[Figure]:

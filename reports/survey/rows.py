@@ -22,10 +22,8 @@ from xfrustum.compare.run import JudgedDrawing
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.scout import MAX_MAP_CELLS
 from xfrustum.reports.verification.verdict import Hogel
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
 
 DEPTH_ENDS = (0.0, *(10 ** (-place / 2) for place in range(8, 0, -1)), 1.0)
 """Ends of the bins of |z|, as fractions of the reach: half decades, for displacement goes as n/|z|, so that

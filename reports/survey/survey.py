@@ -12,21 +12,16 @@ from typing import Any
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
 from xfrustum.reports.blocks import Engine, open_workers
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.common.outputs import check_writable_folder
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import Parts, scene_description
 from xfrustum.reports.survey.answer import Extent, Survey
 from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, HogelBlock, hogels_per_block, shown_hogel
 from xfrustum.reports.survey.page import FILES, write_survey
 from xfrustum.reports.survey.rows import Tally, add_rows
 from xfrustum.reports.verification.sources import ForeignRenderer
+from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of, real
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import percent
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 ROWS = "survey.parquet"  # folder of the rows

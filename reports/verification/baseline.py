@@ -22,8 +22,7 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.reports.common.json_ready import json_object
-from xfrustum.reports.common.outputs import check_writable_folder, write_output
+from xfrustum.reports.common.outputs import check_writable_folder, json_object, write_output
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes.errors import InputError

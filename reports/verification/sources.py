@@ -21,18 +21,15 @@ from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import json_object
+from xfrustum.reports.common.outputs import json_object
+from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arguments import choice, real
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.files.plate_files import PARAMETERS_FILE, FileSet, find_files, pictures_at, with_levels
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import counted
-from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_NAMES_TRIED = 10_000
 """Files whose names are looked up one by one before the work, to tell a wrong pattern at once."""

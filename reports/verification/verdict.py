@@ -1,10 +1,8 @@
 """The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves."""
 
-import io
-import json
 import math
 import re
-from base64 import b64decode, b64encode
+from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +10,6 @@ from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
-from PIL import Image
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
@@ -27,21 +24,17 @@ from xfrustum.compare.judging.judged import (
     SurfaceFigures,
 )
 from xfrustum.reports import inspection
-from xfrustum.reports.common.json_ready import json_object, json_ready
-from xfrustum.reports.common.outputs import Staging, write_output
+from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import Filters, html_page
+from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.where import Places, where_words, where_wrong
+from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Figure, Shown, Table, counted, plain
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.notebook import Figure, Shown, Table, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
@@ -282,9 +275,8 @@ class WorstHogels:
         scene, pictures = self.scene, {}
         shown = {"truth": _shown(as_found.answer), "image": _shown(as_found.image)}
         for name, pixels in (shown | {"error": _errors(as_found), "rest": _errors(corrected)}).items():
-            step, buffer = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX), io.BytesIO()
-            Image.fromarray(np.ascontiguousarray(pixels[::step, ::step])).save(buffer, "PNG")
-            pictures[name] = "data:image/png;base64," + b64encode(buffer.getvalue()).decode()
+            step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
+            pictures[name] = address(png(pixels[::step, ::step], optimize=False))
         pictured = Pictured(
             aperture=aperture,
             words=as_found.numbers.limited_words,
@@ -461,9 +453,8 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     Raises InputError where the folder cannot be written.
     """
     with Staging(out, FILES) as staging:
-        (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
-        text = json.dumps(found.summary(), allow_nan=False, indent=1)
-        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        staging.write(PAGE, render_page(found))
+        staging.write(DATA, found.summary())
         if found.inspected:
             known = [(one.aperture.index, one.as_found) for one in found.hogels if one.as_found is not None]
             shares = [(*index, (numbers.surface or numbers).fraction) for index, numbers in known]
@@ -544,8 +535,8 @@ def render_page(found: Verification) -> str:
         "map": plate_map(found),
         "versions": {**versions(), **machine()},
     }
-    filters: Filters = {"percent": percent, "figures": figures_words, "number": number, "counted": counted}
-    return html_page("verify.html.j2", filters, values)
+    filters = {"percent": percent, "figures": figures_words, "number": number}
+    return html_page("verify.html.j2", values, filters)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -20,7 +20,7 @@ from xfrustum.compare.renderer_model.pictures import shown_points
 from xfrustum.compare.run import images_under_way, in_order
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.verification.sources import (
     ForeignRenderer,
     LaidOut,
@@ -38,9 +38,8 @@ from xfrustum.reports.verification.verdict import (
     with_correction_tested,
 )
 from xfrustum.reports.verification.where import places_of
-from xfrustum.scenes import open_scene
+from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.files.layouts import (
     CUBEVI_TILES,
@@ -52,8 +51,6 @@ from xfrustum.scenes.files.layouts import (
     tiled_views,
 )
 from xfrustum.scenes.files.plate_files import FileSet, find_files
-from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 

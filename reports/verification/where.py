@@ -9,9 +9,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from xfrustum.compare.judging.judged import Figures, steps_of
-from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes import NOTHING, Aperture, Scene
 
 DISTANCES_PX = (1.5, 4.5)
 """Ends of the ranges of distance: a neighbor of an outline, as rounding moves it, and what is near to one."""

@@ -26,7 +26,7 @@ from pydantic import TypeAdapter
 
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification.sources import ForeignRenderer, LaidOut
 from xfrustum.reports.verification.verdict import (
@@ -39,9 +39,8 @@ from xfrustum.reports.verification.verdict import (
     with_correction_tested,
 )
 from xfrustum.reports.verification.verification import Question, Run, VerifyOptions
+from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 
 PARTS, QUESTION = "verification.parquet", "_question.json"

@@ -23,7 +23,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reports import benchmarks
 from xfrustum.reports.benchmarks import PAPER
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import NOTHING, HogelImage, InputError, SceneObject
 from xfrustum.scenes.library import builtin

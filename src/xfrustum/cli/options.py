@@ -383,7 +383,7 @@ class Printed(Asked):
         if not self.as_json:
             echo(text())
             return
-        from xfrustum.reports.common.json_ready import json_ready
+        from xfrustum.reports.common.outputs import json_ready
 
         # JSON escapes all other control characters.
         echo(json.dumps(json_ready(summary()), allow_nan=False).replace("\x7f", "\\u007f"))

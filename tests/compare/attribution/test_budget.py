@@ -34,7 +34,7 @@ from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import CHAIN, command, table, write_budget
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material

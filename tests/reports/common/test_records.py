@@ -14,7 +14,7 @@ from tests.support.rows import GPU_S, NO_PREDICTION, TIMES, comparison_numbers, 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
 from xfrustum.reports.error_report.best import TableRow
 from xfrustum.scenes import DoubleFrustum
