@@ -37,7 +37,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from tqdm import tqdm
 
 from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import InputError
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

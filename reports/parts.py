@@ -22,8 +22,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xfrustum.reports.common.outputs import json_ready, refused
+from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.durable import write_file
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, look_hash
 
 DESCRIPTION = "_description.json"

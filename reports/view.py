@@ -38,9 +38,9 @@ from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.outputs import Staging, json_object, progress_bar
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.reports.exchange.convert import packed
 from xfrustum.reports.inspection import first_triangles
 from xfrustum.reports.plate import store
-from xfrustum.reports.plate.rows import packed
 from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
@@ -424,8 +424,8 @@ def write_view(found: SceneView, out: Path) -> tuple[Path, ...]:
         if len(frames) > 1:
             # Along the path and back, for ever.
             first, *others = map(Image.fromarray, [*frames, *frames[-2:0:-1]])
-            how = {"save_all": True, "duration": FRAME_MS, "loop": 0}
-            first.save(staging.folder / ANIMATION, append_images=others, **how)
+            place, each = staging.folder / ANIMATION, FRAME_MS
+            first.save(place, save_all=True, append_images=others, duration=each, loop=0)
         staging.write(DATA, found.record)
         staging.write(PAGE, _page(found))
         return staging.commit()

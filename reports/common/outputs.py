@@ -21,6 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
+from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.durable import (
     Aside,
     put,
@@ -31,7 +32,6 @@ from xfrustum.scenes.disk.durable import (
     write_file,
     written_into,
 )
-from xfrustum.scenes.errors import InputError
 
 
 def json_ready(value: Any) -> Any:

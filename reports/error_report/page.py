@@ -20,11 +20,10 @@ from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images
-from xfrustum.reports.error_report.best import Measurement
+from xfrustum.reports.error_report.best import Measurement, geometry_names, geometry_of
 from xfrustum.reports.error_report.images import CAUSE_COLORS
-from xfrustum.reports.error_report.settings import geometry_names, geometry_of
 from xfrustum.reports.inspection import CERTAINTY_LABELS
-from xfrustum.reports.scene_check.drawing import scene_fit
+from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.scout import map_figures
 from xfrustum.scenes import Aperture, Cull, DoubleFrustum, Offset
 from xfrustum.scenes.notebook import digits, percent

@@ -33,15 +33,18 @@ from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.best import (
     Measurement,
     Recommendation,
+    ReportOptions,
     TableRow,
     best_per_depth,
     best_per_geometry,
     best_setting,
+    geometries_of,
+    geometry_of,
     sentence,
+    settings_of,
 )
 from xfrustum.reports.error_report.light import LightReport, measure_light
 from xfrustum.reports.error_report.page import render_page
-from xfrustum.reports.error_report.settings import ReportOptions, geometries_of, geometry_of, settings_of
 from xfrustum.reports.inspection import (
     MAX_HOGELS,
     PAGE,

@@ -2,5 +2,5 @@
 
 blender/  Blender: the crossed frustum as a camera shader of Cycles, and the script that renders it
 cameras   The cameras C and C* of any settings and aperture, in files for other renderers
-convert   Plates from one layout into another, from and into Zarr, and as they are drawn
+convert   Plates from one layout into another, from and into Zarr groups, and as they are drawn
 """

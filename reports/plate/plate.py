@@ -13,9 +13,8 @@ from pathlib import Path
 
 from xfrustum.reports.blocks import HERE, Engine, Job, open_workers
 from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.reports.plate.layout import Block, Layout, default_side
 from xfrustum.reports.plate.sources import HogelSource, measures_of, source_of
-from xfrustum.reports.plate.store import PlateStore, open_store
+from xfrustum.reports.plate.store import Block, Layout, PlateStore, default_side, open_store
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate

@@ -1,26 +1,260 @@
-"""`xfrustum check`: what lies where in a scene, which apertures see it, and what looks like a mistake."""
+"""`xfrustum check`: what lies where, which apertures see it, what looks like a mistake, and two views of it."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from markupsafe import Markup
+from PIL import Image, ImageDraw
+from skimage.measure import approximate_polygon, find_contours
 
 from xfrustum.compare.extent import (
     ObjectExtent,
+    aside_of_frusta,
+    box,
     extents,
     facing_warnings,
     heights,
     length,
     plate_warnings,
+    triangles_in_chunks,
     unseen_facts,
     warnings,
 )
 from xfrustum.reports.common.outputs import json_ready, write_files
-from xfrustum.reports.scene_check.drawing import View, draw_view
+from xfrustum.reports.common.templates_environment import svg_picture
+from xfrustum.scenes import Aperture
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
 from xfrustum.scenes.notebook import Figure, Shown, Table, counted, digits
+
+LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
+"""Place and size of the part of the picture that shows space, pixels."""
+
+MARGIN, SMALL_PX = 0.04, 7.0
+"""Shown around everything, as a share of it; and size on the picture below which an object gets a ring."""
+
+FARTHEST = 0.75
+"""What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
+but named: one mesh in other units must not shrink all others to a dot."""
+
+C_COLOR, C_STAR_COLOR, INK, SOFT, SCREEN = "#0072b2", "#d55e00", "#1b1f24", "#5b636d", "#00785a"
+OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
+"""Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
+
+DARK = {
+    "#ffffff": "#14171b",
+    "#c9ced4": "#3a414a",
+    INK: "#e8eaed",
+    SOFT: "#a0a8b2",
+    SCREEN: "#35c79f",
+    C_COLOR: "#6db3ee",
+    C_STAR_COLOR: "#ff9a52",
+    **dict(zip(OBJECT_COLORS, ("#aab2bc", "#2fd0a0", "#dd8fd0", "#d3b542", "#97a6ff"), strict=True)),
+}
+"""Colors on dark paper, by those on white."""
+
+FINER, TOLERANCE_CELLS = 2, 0.7
+"""Cells of the mask of an outline per pixel of the picture, in either direction; and how far an outline may
+be from the mask's own, which is a staircase of one cell."""
+
+NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
+"""Attribute of the views' first element, which a page does not need: it knows what svg is."""
+
+Outline = list[tuple[float, float]]
+
+
+class View(StrEnum):
+    """From where a scene is looked at; the viewer's side of the plate is always to the right."""
+
+    SIDE = "side"
+    TOP = "top"
+
+    @property
+    def axis(self) -> int:
+        """The coordinate that points upward in the picture: y from the side, x from above."""
+        return 1 if self is View.SIDE else 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureFrame:
+    """The rectangle of space that a view shows, in one scale in both directions."""
+
+    #: Left, bottom, right and top, scene units: z to the right, and x or y upward.
+    box: tuple[float, float, float, float]
+    scale: float  #: pixels per scene unit
+
+    @classmethod
+    def of(cls, scene: Scene, view: View) -> Self:
+        """Show the reach, the plate, the frusta and the objects, as far as they are not far away."""
+        toward, back = scene.frustum.reach
+        far, plate = FARTHEST * (toward + back), scene.plate.size[view.axis] / 2
+        least, most = np.array([-back - far, -plate - far]), np.array([toward + far, plate + far])
+        low, high = aside_of_frusta(scene.frustum, shown_apertures(scene), view.axis, (-back, toward))
+        corners = [np.clip([[-back, low], [toward, high]], least, most)]
+        for part in scene.objects:
+            (x0, y0, z0), (x1, y1, z1) = box(part)
+            ends = np.array([[z0, (x0, y0)[view.axis]], [z1, (x1, y1)[view.axis]]])
+            if (ends[1] >= least).all() and (ends[0] <= most).all():
+                corners.append(np.clip(ends, least, most))
+        first, last = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+        size = np.array([WIDTH, HEIGHT])
+        scale = float((size / (last - first)).min() / (1 + 2 * MARGIN))
+        # The rectangle is as wide and as high as its place on the picture.
+        (left, bottom), (right, top) = ((first + last) / 2 + side * size / scale / 2 for side in (-1, 1))
+        return cls(box=(float(left), float(bottom), float(right), float(top)), scale=scale)
+
+    def x(self, z: float) -> float:
+        """Return where a height z lies on the picture, pixels from its left."""
+        return round(LEFT + (z - self.box[0]) * self.scale, 1)
+
+    def y(self, across: float) -> float:
+        """Return where an x or y lies on the picture, pixels from its top."""
+        return round(TOP + (self.box[3] - across) * self.scale, 1)
+
+    def place(self, points: Floats) -> Floats:
+        """Return where points (N, 2) of z and x or y lie within the frame, pixels from its top left."""
+        z, across = points.T
+        return np.stack(((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1)
+
+
+def shown_apertures(scene: Scene) -> list[Aperture]:
+    """Return the middle aperture and those at the plate's top left and bottom right corner, each once."""
+    return list(dict.fromkeys((scene.plate.middle, *scene.plate.corners)))
+
+
+def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline]:
+    """Return closed outlines of an object within a frame, pixels from the frame's top left.
+
+    Holes are outlines of their own, to be filled by the even-odd rule. Every triangle is projected; what is
+    thinner than a cell of the mask is shown as thick as one.
+    """
+    size = int(FINER * WIDTH), int(FINER * HEIGHT)
+    mask = Image.new("1", size)
+    draw = ImageDraw.Draw(mask)
+    small = np.zeros((size[1], size[0]), dtype=bool)
+    for triangles in triangles_in_chunks(part):
+        corners = frame.place(triangles[..., [2, view.axis]].reshape(-1, 2)).reshape(-1, 3, 2) * FINER
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        within = ((high >= 0) & (low <= size)).all(axis=1)
+        # Triangles no larger than a cell are marked by their corners alone.
+        tiny = (high - low).max(axis=1) <= 1
+        columns, rows = corners[within & tiny].reshape(-1, 2).astype(np.int64).T
+        inside = (columns >= 0) & (columns < size[0]) & (rows >= 0) & (rows < size[1])
+        small[rows[inside], columns[inside]] = True
+        # Pillow draws what it can hold; what is far outside is outside all the same.
+        for triangle in np.clip(corners[within & ~tiny], -1e6, 1e6).reshape(-1, 6).tolist():
+            draw.polygon(triangle, fill=1, outline=1)
+    # A border, so that outlines that leave the frame are closed along it.
+    filled = np.pad(small | np.asarray(mask), 1).astype(np.float64)
+    found = []
+    for contour in find_contours(filled, 0.5):
+        rows_of, columns_of = approximate_polygon(contour, TOLERANCE_CELLS).T - 0.5
+        found.append(list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True)))
+    return found
+
+
+def draw_view(scene: Scene, view: View) -> str:
+    """Return one view of a scene as an SVG document that needs nothing else.
+
+    Plate, reach and frusta are drawn where they are, to one scale in both directions, and objects as the
+    outlines of all their triangles. Objects too far away for that are named.
+    """
+    frame, frustum, axis = PictureFrame.of(scene, view), scene.frustum, view.axis
+    toward, back = frustum.reach
+    plate, ends, half_plate = frame.x(0.0), (frame.x(-back), frame.x(toward)), scene.plate.size[axis] / 2
+    frusta = []
+    middle, *corners = shown_apertures(scene)
+    for aperture in (*corners, middle):  # the middle one last
+        for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
+            low, high = aside_of_frusta(frustum, [aperture], axis, (end, end))
+            places = [(0.0, (aperture.x, aperture.y)[axis]), (end, low), (end, high)]
+            points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
+            frusta.append({"points": points, "color": color, "middle": aperture == middle})
+    lines = [(end, frame.box[1], frame.box[3], SOFT, 1.5) for end in (-back, toward)]
+    if frustum.screen is not None:
+        center, half = frustum.screen.center[axis], frustum.screen.size[axis] / 2
+        lines.append((frustum.screen.height, center - half, center + half, SCREEN, 3))
+    lines.append((0.0, -half_plate, half_plate, INK, 4))
+    objects = []
+    for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
+        shapes, (lowest, highest) = outlines(part, frame, view), box(part)
+        found: dict[str, Any]
+        found = {"name": f"{number} {Path(part.name).name}", "color": color, "ring": None, "away": ""}
+        if not shapes:  # outside the picture
+            found["away"] = heights(lowest[2], highest[2], scene.units)
+        else:
+            every = np.concatenate([np.array(outline) for outline in shapes])
+            least, most = every.min(axis=0), every.max(axis=0)
+            if max(most - least) < SMALL_PX:
+                found["ring"] = ((least + most) / 2 + (LEFT, TOP)).round(1).tolist()
+        paths = ("L".join(f"{x:.1f} {y:.1f}" for x, y in outline) for outline in shapes)
+        objects.append({**found, "path": "".join(f"M{path}Z" for path in paths)})
+    side = ("Side view", "seen from the viewer's left, y is up")
+    title, subtitle = (
+        side if view is View.SIDE else ("Top view", "seen from above, x is up: the viewer's right")
+    )
+
+    def signed(value: float) -> str:
+        return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
+
+    values = {
+        "scene": scene,
+        "dark": DARK,
+        "title": title,
+        "subtitle": subtitle,
+        "axis": "xy"[axis],
+        "halves": [
+            {"x": ends[0], "width": plate - ends[0], "color": C_COLOR, "text": plate - 8},
+            {"x": plate, "width": ends[1] - plate, "color": C_STAR_COLOR, "text": plate + 8},
+        ],
+        "frusta": frusta,
+        "objects": objects,
+        # The ends of the reach, the projection screen and the plate.
+        "uprights": [
+            {"x": frame.x(z), "low": frame.y(low), "high": frame.y(high)}
+            | {"color": color, "width": width, "dashed": color == SOFT}
+            for z, low, high, color, width in lines
+        ],
+        "ticks": [
+            [(frame.x(z), signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
+            [(frame.y(across), signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
+        ],
+        # The outer labels keep away from the middle one as far as their texts need.
+        "marks": [
+            (min(ends[0], plate - 60), f"reach {length(back)}"),
+            (plate, "plate"),
+            (max(ends[1], plate + 60), f"reach {length(toward)}"),
+        ],
+        "screen": frustum.screen is not None,
+        "more": max(0, len(scene.objects) - len(objects)),
+        "height": 540 + 18 * len(objects),
+    }
+
+    def printable(words: str) -> str:  # XML cannot hold control characters, which file names may have
+        return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
+
+    return svg_picture("scene-view.svg.j2", values, {"printable": printable}) + "\n"
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Return some five round numbers between two."""
+    rough = (high - low) / 5
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
+    return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+
+
+def scene_fit(scene: Scene) -> dict[str, Any]:
+    """Return the views and warnings that the section about the scene of a page shows (`_scene.html.j2`)."""
+    views = tuple(Markup(draw_view(scene, view).replace(NAMESPACE, "", 1)) for view in View)
+    return {"views": views, "warnings": warnings(scene)}
+
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 

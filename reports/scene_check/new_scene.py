@@ -12,9 +12,9 @@ from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, leng
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, length_in
 from xfrustum.reports.common.outputs import write_files
+from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes import load_mesh
 from xfrustum.scenes.geometry.shapes import place as placed
 from xfrustum.scenes.geometry.shapes import placement

@@ -14,10 +14,16 @@ from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import Parts, scene_description
-from xfrustum.reports.survey.answer import Extent, Survey
-from xfrustum.reports.survey.jobs import DrawnJob, ForeignJob, HogelBlock, hogels_per_block, shown_hogel
-from xfrustum.reports.survey.page import FILES, write_survey
-from xfrustum.reports.survey.rows import Tally, add_rows
+from xfrustum.reports.survey.answer import FILES, Extent, Survey, write_survey
+from xfrustum.reports.survey.rows import (
+    DrawnJob,
+    ForeignJob,
+    HogelBlock,
+    Tally,
+    add_rows,
+    hogels_per_block,
+    shown_hogel,
+)
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of, real

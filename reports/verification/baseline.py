@@ -25,7 +25,7 @@ from pydantic import TypeAdapter, ValidationError
 from xfrustum.reports.common.outputs import check_writable_folder, json_object, write_output
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
-from xfrustum.scenes.errors import InputError
+from xfrustum.scenes import InputError
 from xfrustum.scenes.notebook import counted, digits
 
 ACCEPTED, OPTION = "accepted", "--baseline"

@@ -26,7 +26,7 @@ from xfrustum.compare.judging.judged import (
 from xfrustum.reports import inspection
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.reports.common.templates_environment import Filters, address, html_page, png
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.where import Places, where_words, where_wrong
@@ -535,7 +535,7 @@ def render_page(found: Verification) -> str:
         "map": plate_map(found),
         "versions": {**versions(), **machine()},
     }
-    filters = {"percent": percent, "figures": figures_words, "number": number}
+    filters: Filters = {"percent": percent, "figures": figures_words, "number": number}
     return html_page("verify.html.j2", values, filters)
 
 

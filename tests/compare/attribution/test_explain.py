@@ -27,8 +27,8 @@ from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import budget_of
 from xfrustum.reports.comparison import table
+from xfrustum.reports.error_report.best import ReportOptions
 from xfrustum.reports.error_report.report import make_report
-from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import (
     NOTHING,
     Certainty,

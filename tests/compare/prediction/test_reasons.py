@@ -14,7 +14,7 @@ from xfrustum.compare.prediction.predict import (
 )
 from xfrustum.compare.run import Judge
 from xfrustum.reference import Reference
-from xfrustum.reports.error_report.settings import DEFAULT_DEPTHS
+from xfrustum.reports.error_report.best import DEFAULT_DEPTHS
 from xfrustum.scenes import DoubleFrustum, Pivot
 
 MAX_RATIO = 3.0

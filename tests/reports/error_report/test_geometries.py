@@ -20,8 +20,8 @@ from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.app import cli
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.provenance import raster_command
+from xfrustum.reports.error_report.best import ReportOptions, admits, geometry_grid, geometry_names
 from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.reports.error_report.settings import ReportOptions, admits, geometry_grid, geometry_names
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,

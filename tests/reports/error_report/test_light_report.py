@@ -9,8 +9,8 @@ import pytest
 
 from tests.reports.error_report.test_reports import page_alone, page_data
 from tests.support.views import view
+from xfrustum.reports.error_report.best import ReportOptions
 from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport

@@ -16,8 +16,8 @@ from PIL import Image
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.reports.error_report import images, report
+from xfrustum.reports.error_report.best import ReportOptions, default_nears
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
-from xfrustum.reports.error_report.settings import ReportOptions, default_nears
 from xfrustum.scenes import DepthFormat, DepthMapping, Frustum, InputError, Scene, open_scene
 
 NEARS = (1.5, 0.015, 1.5e-4)

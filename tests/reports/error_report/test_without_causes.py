@@ -13,8 +13,8 @@ from xfrustum.compare import run
 from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reports.error_report.best import ReportOptions
 from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.reports.error_report.settings import ReportOptions
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Pivot
 
 NEARS = (10.0, 0.1)

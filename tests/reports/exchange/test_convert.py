@@ -8,8 +8,14 @@ import pytest
 import zarr
 
 from xfrustum.cli.main import main
-from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.plate.rows import PlateArray, missing_hogels, open_plate, write_group
+from xfrustum.reports.exchange.convert import (
+    ConversionOptions,
+    PlateArray,
+    convert,
+    missing_hogels,
+    open_plate,
+    write_group,
+)
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.files.layouts import PlateShape
 from xfrustum.scenes.files.plate_files import Plates, whole_plate

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.plate.rows import PlateArray, write_group
+from xfrustum.reports.exchange.convert import ConversionOptions, PlateArray, convert, write_group
 from xfrustum.scenes import InputError
 from xfrustum.scenes.files.plate_files import Plates
 

@@ -12,8 +12,7 @@ import zarr
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, open_scene, write_plate
 from xfrustum.cli.main import main
-from xfrustum.reports.exchange.convert import LaidOutPlate
-from xfrustum.reports.plate.rows import PlateArray, open_plate
+from xfrustum.reports.exchange.convert import LaidOutPlate, PlateArray, open_plate
 from xfrustum.scenes.files.layouts import layouts_named
 from xfrustum.scenes.files.plate_files import find_files, whole_plate
 

@@ -19,9 +19,15 @@ from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, s
 from tests.support.long_tail import examples, thinned
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, default_side
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
-from xfrustum.reports.plate.store import StoredPlate, camera_of
+from xfrustum.reports.plate.store import (
+    BLOCK_BYTES,
+    MAX_BLOCK_SIDE,
+    Layout,
+    StoredPlate,
+    camera_of,
+    default_side,
+)
 from xfrustum.scenes import InputError, Plate
 from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent

@@ -18,7 +18,7 @@ import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
-from xfrustum.reports.scene_check.drawing import DARK, PictureFrame, View, draw_view, outlines
+from xfrustum.reports.scene_check.checking import DARK, PictureFrame, View, draw_view, outlines
 from xfrustum.scenes import InputError, Scene, open_scene
 from xfrustum.scenes.geometry.shapes import build_shape, flipped, placement, smoothed
 

@@ -15,11 +15,10 @@ from xfrustum.cli.main import main
 from xfrustum.reference import Reference
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import Engine, Workers
-from xfrustum.reports.verification import workers
+from xfrustum.reports.verification import verification as workers
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Hogel
-from xfrustum.reports.verification.verification import VerifyOptions
-from xfrustum.reports.verification.workers import QUESTION
+from xfrustum.reports.verification.verification import QUESTION, VerifyOptions
 from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")

@@ -226,7 +226,7 @@ def survey(asked: _Survey) -> int:
     --tolerance-px was given, or --images, and any judged hogel is beyond.
     """
     opened = options.open_scene(asked.scene)
-    from xfrustum.reports.survey.page import PAGE
+    from xfrustum.reports.survey.answer import PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
     if asked.resolution is not None:

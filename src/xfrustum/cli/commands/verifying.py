@@ -143,8 +143,7 @@ class _Verify(options.Measured):
 
     def found(self, scene: Scene) -> Verification | None:
         """Judge here or where the options say; None where other parts are not finished yet."""
-        from xfrustum.reports.verification.verification import VerifyOptions, verify
-        from xfrustum.reports.verification.workers import verify_on
+        from xfrustum.reports.verification.verification import VerifyOptions, verify, verify_on
 
         judged = VerifyOptions(channels=self.out is not None, progress=self.progress, **self.judged)
         if self.engine is None:
