@@ -1,4 +1,4 @@
-"""`xfrustum check`: what lies where, which apertures see it, what looks like a mistake, and two views of it."""
+"""`xfrustum check`: what lies where, which apertures see it, what looks like a mistake; and two views."""
 
 from __future__ import annotations
 
