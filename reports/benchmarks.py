@@ -45,10 +45,12 @@ from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.library.targets import globes
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.notebook import aligned
 
 Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
 
+BARE_FRAME = {"normals": False, "color": False}  #: of frames, what is left out where nobody judges colors
 RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fraction of the reach
 
 
@@ -116,9 +118,7 @@ def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Se
     for pair in races[0]["ratios"]:
         ratios = (race["ratios"][pair] for race in races)
         rows.append([pair, *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios)])
-    rows += more
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    return aligned([*rows, *more], str.ljust)
 
 
 def report(head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]) -> str:
@@ -137,10 +137,10 @@ TRUTH_MEANINGS = {
     "certified": "certified triangle, place along the line and certainty, with all set-up",
     "truth": "the whole true image: also points, normals and colors, without a second opinion",
 }
-"""All contestants, in the order in which they are listed."""
+"""All contestants, as those of the other benchmarks, in the order in which they are listed."""
 
 TRUTH_RATIOS = [(one, other) for one in ("certified", "truth") for other in ("mitsuba", "trimesh")]
-"""Pairs of contestants; the rate of the first is divided by that of the second."""
+"""Pairs of contestants, here and below; the rate of the first is divided by that of the second."""
 
 
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
@@ -179,9 +179,9 @@ def benchmark_truth(
             for name, run in truth_contestants(one, one.plate.middle).items():
                 rates[name] = rate_of(width * height / 1e6, race({name: run}, repeat)[name])
                 bar.update()
-            names = ("median", "slowest", "fastest")
             ends = {
-                n: dict(zip(names, (r.median, r.lowest, r.highest), strict=True)) for n, r in rates.items()
+                name: {"median": one.median, "slowest": one.lowest, "fastest": one.highest}
+                for name, one in rates.items()
             }
             races.append(
                 {
@@ -219,10 +219,8 @@ JUDGE_MEANINGS = {
     "render": "the frame alone, without normals and color, read back",
     "mitsuba": "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the device",
 }
-"""All contestants, in the order in which they are listed."""
 
 JUDGE_RATIOS = [("stream", name) for name in JUDGE_MEANINGS if name != "stream"]
-"""Pairs of contestants; the rate of the first is divided by that of the second."""
 
 STAGES = {
     "deciding": "the certified decision alone",
@@ -233,7 +231,7 @@ STAGES = {
     "comparing": "compare_images, without colors",
     "comparing radiance": "what comparing colors takes besides",
 }
-"""All stages of one judged hogel, in the order in which they are listed."""
+"""All stages of one judged hogel."""
 
 WITHIN = {
     "second opinion": "points and colors",
@@ -269,7 +267,7 @@ def judged_in_loop(
     settings, found = settings_of(reference.scene), []
     for aperture in apertures:
         truth = reference.trace(aperture)
-        drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+        drawn = rasterizer.render(aperture, settings, **BARE_FRAME)
         found.append(compare_images(truth, drawn, reference, radiance=False).numbers)
     return found
 
@@ -284,7 +282,7 @@ def judged_plainly(
     scene = rasterizer.scene
     object_of_number, found = np.append(scene.object_of_triangle, np.int32(NOTHING)), []
     for aperture in apertures:
-        drawn = rasterizer.render(aperture, settings_of(scene), normals=False, color=False)
+        drawn = rasterizer.render(aperture, settings_of(scene), **BARE_FRAME)
         pencil = crossed_frustum(scene.frustum, aperture)
         width, height = pencil.resolution
         first = mesh.intersects_first(*film_rays(scene, aperture))
@@ -340,9 +338,7 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
             "stream": lambda: judged_in_stream(judge, apertures),
             "loop": lambda: judged_in_loop(reference, rasterizer, apertures),
             "plain": lambda: judged_plainly(rasterizer, mesh, apertures),
-            "render": lambda: exhaust(
-                rasterizer.render(one, settings, normals=False, color=False) for one in apertures
-            ),
+            "render": lambda: exhaust(rasterizer.render(a, settings, **BARE_FRAME) for a in apertures),
         }
         if not mitsuba_backend().scalar:
             bare = bare_intersection(scene, *film_rays(scene, middle))
@@ -384,10 +380,8 @@ def stages_record(taken: Mapping[str, float]) -> Record:
     cpu_s = {stage: max(0.0, taken[stage] - taken.get(WITHIN.get(stage, ""), 0.0)) for stage in STAGES}
     drawing = cpu_s["drawing"] + cpu_s["read-back"]
     judging = cpu_s["deciding"] + cpu_s["points and colors"] + cpu_s["comparing"]
-    over = {
-        "without radiance": judging / drawing,
-        "with radiance": (judging + cpu_s["comparing radiance"]) / drawing,
-    }
+    colors = judging + cpu_s["comparing radiance"]
+    over = {"without radiance": judging / drawing, "with radiance": colors / drawing}
     return {"cpu_s": cpu_s, "judging_over_drawing": over}
 
 
@@ -421,13 +415,11 @@ PLATE_MEANINGS = {
     "bare-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
     "batched-color": "PlateRenderer, 8-bit color only, read back",
 }
-"""All contestants, in the order in which they are listed."""
 
 PLATE_RATIOS = (
     *(("batched", other) for other in ("plain", "plain-numbered", "batched-discarded")),
     *(("batched-color", other) for other in ("bare", "bare-numbered")),
 )
-"""Pairs of contestants; the rate of the first is divided by that of the second."""
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 COLOR_ONLY = PlateContent(color=ColorType.UINT8)
@@ -575,8 +567,11 @@ def _row(
     plate = taken["plate"].divided_by(len(apertures))
     plain, antialiased = (taken[name].divided_by(len(few)) for name in ("one by one", "antialiased"))
 
+    def rates(frames: float, speed: float) -> Record:
+        return {"frames_per_second": frames, "polygons_per_second": speed}
+
     def speed(seconds: float) -> Record:
-        return {"frames_per_second": 1 / seconds, "polygons_per_second": polygons / seconds}
+        return rates(1 / seconds, polygons / seconds)
 
     found = {
         "polygons": polygons,
@@ -585,11 +580,7 @@ def _row(
         "submitted_polygons_per_second": submitted / plate.median,
         "seconds_per_frame": plate,
         "paper": {
-            name: {
-                "frames_per_second": frames,
-                "polygons_per_second": speeds,
-                "antialiasing": name == REALITY_ENGINE,
-            }
+            name: {**rates(frames, speeds), "antialiasing": name == REALITY_ENGINE}
             for name, (frames, speeds) in machines.items()
         },
         "factors": {name: 1 / plate.median / frames for name, (frames, _) in machines.items()},

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
+from xfrustum.reports.common.provenance import aperture_option
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
@@ -125,11 +126,7 @@ class BudgetReport(Shown):
         return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
 
     def _tables(self) -> Sequence[Table]:
-        head = ("charged to", "pixels", "surface", "moves by, px rms")
-        rows = [
-            (link.name, f"{link.triangle:,}", f"{link.surface:,}", _three_digits(link.displacement_rms_px))
-            for link in self.geometry.causes
-        ]
+        head, *rows = _link_cells(self.geometry.numbers)
         counts = self.geometry.explanation.counts()
         rounding = ", ".join(f"{count:,} {name}" for name, count in counts.items())
         return (Table(head=head, rows=rows, numbers=True), Table(rows=[("wrong by rounding", rounding)]))
@@ -211,8 +208,7 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
     return make_budget(reference, chain), chain
 
 
-IN_ALL = "in all"
-"""Name of the radiance error as a whole, beside its links."""
+IN_ALL = "in all"  #: name of the radiance error as a whole, beside its links
 
 
 def _radiance_rows(report: BudgetReport) -> tuple[RadianceLink, ...]:
@@ -242,9 +238,8 @@ def headline(numbers: BudgetNumbers) -> str:
 # As text -------------------------------------------------------------------------------------------------
 
 
-def table(geometry: Budget) -> str:
-    """Return the budget as aligned lines: each link, beside what was predicted of it, with the ratios."""
-    numbers = geometry.numbers
+def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
+    """Return each link in words, below a head, beside what was predicted of it, with the ratios."""
     compared = ("predicted", "ratio")
     rows: list[Sequence[str]] = [
         ("charged to", "pixels", "surface", *compared, "moves by, px rms", *compared)
@@ -258,10 +253,16 @@ def table(geometry: Budget) -> str:
             ratio = measured / predicted if predicted and measured is not None else None
             cells += map(_three_digits, (measured, predicted, ratio))
         rows.append(cells)
+    return rows
+
+
+def table(geometry: Budget) -> str:
+    """Return the budget as aligned lines."""
+    numbers = geometry.numbers
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
     notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
-        f"{headline(numbers)}\n{aligned(rows)}\n{notes}"
+        f"{headline(numbers)}\n{aligned(_link_cells(numbers))}\n{notes}"
         f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
@@ -288,15 +289,12 @@ def _three_digits(value: float | None) -> str:
 
 def command(report: BudgetReport) -> str:
     """Return the command that makes this budget again."""
-    scene, aperture = report.scene, report.aperture
-    words = ["xfrustum", "budget", scene.source or scene.name]
-    if aperture != scene.plate.middle:
-        words += ["--aperture", f"{aperture.column},{aperture.row}"]
-    for one in fields(DoubleFrustum):
-        value = getattr(report.settings, one.name)
-        if one.default is MISSING or value != one.default:
-            text = ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
-            words += [f"--{one.name}", text]
+    scene, aperture, settings = report.scene, report.aperture, report.settings
+    words = ["xfrustum", "budget", scene.source or scene.name, *aperture_option(scene, aperture)]
+    usual = {**vars(DoubleFrustum(near=settings.near)), "near": None}
+    for name, value in vars(settings).items():
+        if value != usual[name]:
+            words += [f"--{name}", ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)]
     return shlex.join(words)
 
 

@@ -79,11 +79,6 @@ class CostReport(Shown):
         """The cheapest options within the tolerance and within a fifth of it."""
         return answers(self.options, self.tolerance_px)
 
-    @property
-    def answer(self) -> str:
-        """Which option to take, in one sentence."""
-        return answer(self.options, self.tolerance_px)
-
     def _said(self) -> str:
         column, row = self.aperture.index
         return (
@@ -91,17 +86,8 @@ class CostReport(Shown):
         )
 
     def _tables(self) -> Sequence[Table]:
-        rows = [
-            (
-                one.label,
-                digits(1e3 * one.time_s.median),
-                digits(one.displacement_p99_px),
-                percent(one.surface_fraction),
-            )
-            for one in sorted(self.options, key=lambda one: one.time_s.median)
-        ]
-        head = ("configuration", "time, ms", "displacement 99 %, px", "wrong surfaces")
-        return (Table(head=head, rows=rows, numbers=True),)
+        rows = [one.cells for one, _ in _ascending(self.options)]
+        return (Table(head=("configuration", *COLUMNS), rows=rows, numbers=True),)
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
@@ -146,7 +132,7 @@ class CostReport(Shown):
                     }
                     for one in self.answers
                 ],
-                "answer": self.answer,
+                "answer": answer(self.options, self.tolerance_px),
                 "upload_s": self.upload_s,
                 "machine": self.machine,
                 "versions": self.versions,
@@ -170,11 +156,8 @@ def measure_cost(
     99th percentile of displacement is answered for too. Of each configuration `repeat` pictures are timed,
     after one that warms up. All take turns, so that a slow minute slows all of them down.
 
-    Raises
-    ------
-    InputError
-        The tolerance or the number of repetitions is not positive, the aperture sees nothing of the objects,
-        or there is no usable OpenGL.
+    InputError where the tolerance or the number of repetitions is not positive, the aperture sees nothing of
+    the objects, or there is no usable OpenGL.
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
@@ -228,12 +211,10 @@ def measure_cost(
     )
 
 
-cost = measure_cost
-"""The name of `measure_cost` in the public API, beside the other commands."""
+cost = measure_cost  #: the name of `measure_cost` in the public API, beside the other commands
 
 
-_Error = tuple[int, tuple[float, float]]
-"""Number of a way, its 99th percentile of displacement, pixels, and its share of wrong surfaces."""
+_Error = tuple[int, tuple[float, float]]  #: number of a way, its displacement (p99, px) and wrong share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,7 +237,7 @@ def _errors(ways: Mapping[Aperture, list[_Way]], reference: Reference) -> Iterat
         p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
         return number, (p99, judged.surface.fraction)
 
-    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[_Error]]:
+    def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, tuple[float, float]]]]:
         for aperture, those in ways.items():
             truth = reference.trace(aperture)
             for number, way in enumerate(those):
@@ -350,11 +331,12 @@ def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_W
     )
 
 
+COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` but the first
+
 STRICTER_FRACTION = 0.2
 """Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
 
-MAX_NAMED_OPTIONS = 3
-"""Largest number of options that a sentence names one by one; more are counted."""
+MAX_NAMED_OPTIONS = 3  #: largest number of options that a sentence names one by one; more are counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -372,6 +354,16 @@ class Option:
     time_s: Timing
     gpu_s: Timing | None = None
     read_s: Timing | None = None
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Label, time with its interval in ms, and error, as text and notebooks show them."""
+        times = (f"{1e3 * value:.2f}" for value in (self.time_s.median, *self.time_s.interval))
+        return (self.label, *times, digits(self.displacement_p99_px), percent(self.surface_fraction))
+
+    def keeps(self, tolerance_px: float) -> bool:
+        """Whether it is not beyond a tolerance (`compare.beyond`)."""
+        return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
         """Whether this option is in nothing worse than another, and in something better.
@@ -418,9 +410,7 @@ def pareto(options: Sequence[Option]) -> list[bool]:
 def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     """Return the fastest options within a tolerance, ties included; without a sentence."""
     ascending = sorted(options, key=lambda one: one.time_s.median)
-    allowed = tuple(
-        one for one in ascending if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
-    )
+    allowed = tuple(one for one in ascending if one.keeps(tolerance_px))
     repeated = [one for one in allowed if one.time_s.repetitions >= FEWEST_REPETITIONS]
     if len(allowed) < 2 or not repeated:
         return FastestWithin(tolerance_px=tolerance_px, fastest=allowed, ranked=len(allowed) == 1)
@@ -440,19 +430,15 @@ def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tu
 def answer(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> str:
     """Return the sentence that ends it: which option to take, and whether anything speaks against others."""
     ranking, under = rank(options, tolerance_px), f"within {digits(tolerance_px)} px"
-    allowed = [
-        one for one in options if not is_beyond(one.displacement_p99_px, one.surface_fraction, tolerance_px)
-    ]
+    allowed = [one for one in options if one.keeps(tolerance_px)]
     taken = ranking.option
     if taken is None:
         return f"Nothing here stays {under}: take a larger tolerance, or a plan with cuts (xfrustum plan)."
     if len(allowed) == 1:
         return f"Nothing else stays {under}: take {taken.label}."
     if not ranking.ranked:
-        few = f"times are ranked from {FEWEST_REPETITIONS} repetitions on"
-        return (
-            f"Take {taken.label}, which has the least error {under}; {few} (--repeat {FEWEST_REPETITIONS})."
-        )
+        few = f"times are ranked from {FEWEST_REPETITIONS} repetitions on (--repeat {FEWEST_REPETITIONS})"
+        return f"Take {taken.label}, which has the least error {under}; {few}."
     if len(ranking.fastest) == len(allowed):
         return f"Nothing here {under} differs by more than the noise: take {taken.label}, of the least error."
     if len(ranking.fastest) == 1:
@@ -497,8 +483,8 @@ def _stricter(loose: FastestWithin, strict: FastestWithin) -> str:
 
 def _tie(ranking: FastestWithin) -> str:
     """Say of several options how long they take, which they are, and which one is to be taken."""
-    fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
-    repetitions = f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
+    counts = sorted({one.time_s.repetitions for one in ranking.fastest})
+    repetitions = " to ".join(dict.fromkeys(map(str, (counts[0], counts[-1])))) + " repetitions"
     named = "; ".join(option.label for option in ranking.fastest)
     if len(ranking.fastest) > MAX_NAMED_OPTIONS:
         families = Counter(option.family for option in ranking.fastest)
@@ -525,9 +511,8 @@ def _described(option: Option) -> str:
 
 def _milliseconds(ranking: FastestWithin) -> str:
     """Write the least and the largest median of the fastest options."""
-    medians = [1000 * one.time_s.median for one in ranking.fastest]
-    low, high = f"{min(medians):.3g}", f"{max(medians):.3g}"
-    return f"{low} ms" if low == high else f"{low} to {high} ms"
+    medians = sorted(1000 * one.time_s.median for one in ranking.fastest)
+    return " to ".join(dict.fromkeys(f"{one:.3g}" for one in (medians[0], medians[-1]))) + " ms"
 
 
 FILES = PAGE, DATA = "index.html", "cost.json"
@@ -545,19 +530,17 @@ def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
 
 def cost_table(measured: CostReport) -> str:
     """Return the answers, every option on the front as aligned lines, and which one to take."""
-    rows: list[tuple[str, ...]] = [("on the Pareto front", "ms", "from", "to", "99 %, px", "wrong")]
-    for one, best in _ascending(measured.options):
-        if best:
-            times = (f"{1e3 * value:.2f}" for value in (one.time_s.median, *one.time_s.interval))
-            rows.append((one.label, *times, digits(one.displacement_p99_px), percent(one.surface_fraction)))
+    rows = [one.cells for one, best in _ascending(measured.options) if best]
     told = [one.sentence for one in measured.answers]
-    return "\n".join([*told, "", aligned(rows), "", measured.answer])
+    front = aligned([("on the Pareto front", *COLUMNS), *rows])
+    return "\n".join([*told, "", front, "", answer(measured.options, measured.tolerance_px)])
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
     """Write index.html and cost.json to a folder, all or nothing; InputError where that cannot be."""
     values = {
         "cost": measured,
+        "answer": answer(measured.options, measured.tolerance_px),
         "confidence": CONFIDENCE,
         "rows": _ascending(measured.options),
         "figure": trade_off_figure(measured.options, measured.tolerance_px),
@@ -571,9 +554,8 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     More options are on the front of displacement, time and wrong surfaces than the line goes through: a
     picture with many wrong surfaces may be fast and displaced little.
     """
-    drawn = [
-        replace(one, displacement_p99_px=max(one.displacement_p99_px, SMALLEST_DRAWN_PX)) for one in options
-    ]
+    lifted = (max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one in options)
+    drawn = [replace(one, displacement_p99_px=px) for one, px in zip(options, lifted, strict=True)]
     front, data = pareto(options), list[Figure]()
     for place, family in enumerate(dict.fromkeys(option.family for option in options)):
         mine = [(one, best) for one, best in zip(drawn, front, strict=True) if one.family == family]
@@ -592,11 +574,7 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
                 "error_x": {"type": "data", "symmetric": False, **bars, "thickness": 0.8, "width": 0},
                 "name": family,
                 "mode": "markers",
-                "marker": {
-                    "symbol": symbols,
-                    "size": [12 if best else 8 for _, best in mine],
-                    "color": color,
-                },
+                "marker": {"symbol": symbols, "size": [12 if b else 8 for _, b in mine], "color": color},
                 "text": [f"{one.label}<br>wrong surface {percent(one.surface_fraction)}" for one, _ in mine],
                 "hovertemplate": "%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
             }
@@ -617,13 +595,8 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
     )
     # The two lines are less than a decade apart: one label stands above its line, one below.
     limits = {"bottom": tolerance_px, "top": STRICTER_FRACTION * tolerance_px}
-    across = {
-        "type": "line",
-        "xref": "x domain",
-        "x0": 0,
-        "x1": 1,
-        "line": {"color": INK, "dash": "dot", "width": 1},
-    }
+    line_at = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1}
+    across = {**line_at, "line": {"color": INK, "dash": "dot", "width": 1}}
     at_end = {"x": 1, "xref": "x domain", "xanchor": "right", "showarrow": False}
     # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]

@@ -32,7 +32,7 @@ from xfrustum.scenes import Aperture, Camera, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
-from xfrustum.scenes.notebook import Shown, Table, counted, digits, percent
+from xfrustum.scenes.notebook import Shown, Table, aligned, counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = FEWEST_DIFFERENCES  #: measured pairs of images for each effect, where costs are measured
@@ -378,7 +378,7 @@ def table(plan: EffectsPlan) -> str:
     for row in plan.rows:
         costs = (_time(plan.costs[row.name].get(name)) for name in measured)
         lines.append((row.name, "used" if row.used else "left out", *costs, row.reason))
-    text = [*_columns(lines), ""]
+    text = [aligned(lines, str.ljust), ""]
     for one in told["objects"]:
         low, high = map(digits, one["heights"])
         called = (", ".join(one["effects"]) or "no effect") if one["in_sight"] else "not seen"
@@ -403,13 +403,6 @@ def table(plan: EffectsPlan) -> str:
     if plan.repeat:
         text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
     return "\n".join(text)
-
-
-def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Yield lines of cells, each column as wide as its longest cell."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        yield "  ".join(map(str.ljust, line, widths)).rstrip()
 
 
 def _by_depth(plan: EffectsPlan) -> Iterator[str]:
@@ -439,7 +432,7 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
             points(one["sub_apertures"]),
         )
         lines.append(cells)
-    yield from _columns(lines)
+    yield aligned(lines, str.ljust)
     within = f"within {digits(found['tolerance_px'])} px"
     if found["largest_near"] is None:
         yield f"no near keeps content that touches the plate {within}"

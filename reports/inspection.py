@@ -36,8 +36,7 @@ from xfrustum.scenes.notebook import digits, percent
 PAGE, FILE = "inspect.html", "inspect-{}x{}.js"
 """Names of the page, and of a file beside it by column and row."""
 
-_BESIDE_START = 'takeStream("'
-"""Beginning of a file beside the page."""
+_BESIDE_START = 'takeStream("'  #: beginning of a file beside the page
 
 MAX_PAGE_BYTES = 18_000_000
 """Largest size of the page. It shall pass through a mail server as an attachment: the usual limit is 25 MB,
@@ -71,8 +70,7 @@ CERTAINTY_LABELS = {
 TYPES = {"float32": "<f4", "uint32": "<u4", "uint8": "u1"}
 """Types of channels by their names on a page: those of the typed arrays of browsers."""
 
-DRAWN = Wanted(color=True, causes=True)
-"""What frames must be judged with to be inspected: colors and causes."""
+DRAWN = Wanted(color=True, causes=True)  #: what frames must be judged with to be inspected: colors and causes
 
 Channel = tuple[NDArray[Any], tuple[str, ...]]
 """(H, W) values, float32, uint32 or uint8, and labels: meanings of the values 0, 1, .. of classes."""

@@ -352,9 +352,8 @@ def view(
             views.append(Views(true=true, replayed=replayed, drawn=image, taken=taken))
             bar.update()
     display = tuple(display_loss(reference, seen) for seen in views)
-    renderer = tuple(
-        renderer_loss(reference, seen, numbered=numbered) for seen in views if seen.drawn is not None
-    )
+    judged = [seen for seen in views if seen.drawn is not None]
+    renderer = tuple(renderer_loss(reference, seen, numbered=numbered) for seen in judged)
     records = tuple(
         EyeRecord(
             eye=eye.position,
@@ -440,15 +439,12 @@ def _page(found: SceneView) -> str:
     high = high if high > low else low + 1.0
     eyes = []
     for number, some in enumerate(pictures):
-        maps = {"display": ("replayed", found.display)}
-        if found.renderer:
-            maps["renderer"] = "drawn", found.renderer
         losses = {}
-        for name, (picture, lost) in maps.items():
-            loss = lost[number]
-            # A dimmed view on which wrong surfaces are red and displaced points blue.
-            marks = marked(shown(some[picture]), loss.wrong, loss.displacement_arcmin / SEEN_ARCMIN)
-            losses[name] = address(png(marks))
+        for name, picture in {"display": "replayed", "renderer": "drawn"}.items():
+            for loss in getattr(found, name)[number : number + 1]:
+                # A dimmed view on which wrong surfaces are red and displaced points blue.
+                marks = marked(shown(some[picture]), loss.wrong, loss.displacement_arcmin / SEEN_ARCMIN)
+                losses[name] = address(png(marks))
         encoded = {
             name: {
                 "color": address(png(shown(image))),
@@ -496,7 +492,7 @@ def _color_sentence(loss: Loss) -> list[str]:
 def _sentences(found: SceneView) -> list[str]:
     """Return what the eyes lose, in words, the worst eye first."""
     eyes, units, told = found.record.eyes, found.record.units, []
-    for name in ("display", "renderer") if found.renderer else ("display",):
+    for name in eyes[0].losses:
         losses = [eye.losses[name] for eye in eyes]
         loss = max(losses, key=lambda one: one.fraction or 0.0)
         parts = []
@@ -536,11 +532,11 @@ def _sentences(found: SceneView) -> list[str]:
     if pair is not None and pair.depth is None:
         told.append("No surface point is shown to both eyes.")
     elif pair is not None and pair.depth is not None:
-        ends = [
+        ends = " and ".join(
             f"{digits(abs(value))} {units} {'nearer' if value < 0 else 'farther away'}"
             for value in (pair.depth.p1, pair.depth.p99)
-        ]
-        told.append(f"Two eyes see what the renderer draws between {ends[0]} and {ends[1]} than it is.")
+        )
+        told.append(f"Two eyes see what the renderer draws between {ends} than it is.")
     top = float(found.scene.vertices[:, 2].max())
     within = sum(eye.eye[2] <= top for eye in eyes)
     if within:

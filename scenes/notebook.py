@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -49,13 +49,11 @@ def plain(text: str) -> str:
     return re.sub(r"e([+-])0(\d)", r"e\1\2", text).replace("e+", "e")
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows of cells as lines: the first column to the left, the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    padded = ([cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in rows)
-    return "\n".join(
-        "  ".join([row[0].ljust(widths[0]), *cells[1:]]) for row, cells in zip(rows, padded, strict=True)
-    )
+def aligned(rows: Sequence[Sequence[str]], others: Callable[[str, int], str] = str.rjust) -> str:
+    """Return rows of cells as lines: the first column to the left, the others to the right, or as asked."""
+    first, *rest = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    cells = ([row[0].ljust(first), *map(others, row[1:], rest)] for row in rows)
+    return "\n".join("  ".join(line).rstrip() for line in cells)
 
 
 # Images as pictures

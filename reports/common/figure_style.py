@@ -9,8 +9,7 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "
 INK = "#80868f"
 _GRID = "rgba(128, 134, 143, 0.22)"
 
-_LEAST_WRITTEN_OUT = 1e-4
-"""Axes that go below it write 1.5e-5 where 0.000015 would be wider than the margin."""
+_LEAST_WRITTEN_OUT = 1e-4  #: axes that go below it write 1.5e-5 where 0.000015 would be wider than the margin
 
 Figure = dict[str, Any]
 """Data and layout, as plotly.js takes them: plotly's own classes take longer to fill than a page to write."""

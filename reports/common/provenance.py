@@ -9,22 +9,14 @@ from pathlib import Path
 
 from xfrustum.scenes import Aperture, DoubleFrustum, Scene
 
-_LIBRARIES = [
-    "xfrustum",
-    "numpy",
-    "scipy",
-    "trimesh",
-    "embreex",
-    "moderngl",
-    "PyOpenGL",
-    "scikit-image",
-    "flip-evaluator",
-]
+_LIBRARIES = ("xfrustum", "numpy", "scipy", "trimesh", "embreex", "moderngl", "PyOpenGL")
+_JUDGING = ("scikit-image", "flip-evaluator")
 
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries that make the numbers."""
-    return {"python": platform.python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
+    libraries = {name: metadata.version(name) for name in (*_LIBRARIES, *_JUDGING)}
+    return {"python": platform.python_version(), **libraries}
 
 
 def machine() -> dict[str, str]:
@@ -42,10 +34,13 @@ def machine() -> dict[str, str]:
 
 def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
     """Return the command that draws an aperture with these settings, quoted for a shell."""
-    words = ["xfrustum", "raster", scene.source or scene.name]
-    if aperture != scene.plate.middle:
-        words += ["--aperture", f"{aperture.column},{aperture.row}"]
+    words = ["xfrustum", "raster", scene.source or scene.name, *aperture_option(scene, aperture)]
     return shlex.join([*words, *_options(settings), "--out", "raster.exr"])
+
+
+def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
+    """Return the option that names an aperture; nothing for the middle one."""
+    return [] if aperture == scene.plate.middle else ["--aperture", f"{aperture.column},{aperture.row}"]
 
 
 def plate_command(scene: Scene, settings: DoubleFrustum) -> str:

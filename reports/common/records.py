@@ -18,8 +18,7 @@ from xfrustum.reports.common.outputs import json_ready
 _SCALARS = ((bool, pa.bool_()), (int, pa.int64()), (float, pa.float64()), (str, pa.string()))
 """Types of single values and of their columns; the first that fits counts, for a bool is an int too."""
 
-_UNIONS = (Union, UnionType)
-"""Both forms in which Python names a type that may be one of several."""
+_UNIONS = (Union, UnionType)  #: both forms in which Python names a type that may be one of several
 
 
 def named_columns(pattern: str) -> Mapping[str, str]:

@@ -12,8 +12,7 @@ CONFIDENCE = 0.95
 """Least probability with which an interval of six or more repetitions holds the true median. With fewer,
 the interval from the lowest to the highest holds it with probability 1 - 2^(1 - n)."""
 
-FEWEST_DIFFERENCES = 6
-"""Fewest differences of pairs whose interval has `CONFIDENCE`."""
+FEWEST_DIFFERENCES = 6  #: fewest differences of pairs whose interval has `CONFIDENCE`
 
 FEWEST_REPETITIONS = 5
 """Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long

@@ -321,8 +321,7 @@ DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
 pixels within 1e-3 px on meshes)."""
 
-MAX_NAMED_HOGELS = 5
-"""Largest number of hogels that the recommendation names."""
+MAX_NAMED_HOGELS = 5  #: largest number of hogels that the recommendation names
 
 UNSEEN_DISPLACEMENT_PX = 0.1
 """Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel spans 54

@@ -35,8 +35,7 @@ SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 ALONE_COLORS = {"embree": "rgb(213, 94, 0)", "mitsuba": "rgb(0, 114, 178)"}
 """Colors of pixels that a tracer alone would have got wrong."""
-OUTLINE_COLOR = "rgb(170, 170, 170)"
-"""Color of surfaces under marks."""
+OUTLINE_COLOR = "rgb(170, 170, 170)"  #: color of surfaces under marks
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
     "pivot": "rgb(86,180,233)",

@@ -35,8 +35,7 @@ Rows = Sequence[tuple[int, Measurement]]
 if TYPE_CHECKING:
     from xfrustum.reports.error_report.report import Sweep
 
-PANEL_PIXELS = 170
-"""Height of the panel of causes of one depth buffer on the page."""
+PANEL_PIXELS = 170  #: height of the panel of causes of one depth buffer on the page
 
 _HOVER = "near %{x:.3g} of the reach<br>"
 _CLOSED_FORM = {"name": "closed form", "mode": "lines", "line": {"color": INK, "dash": "dash", "width": 2}}
@@ -46,27 +45,20 @@ PERCENT = {"tickformat": "~%", "exponentformat": "none"}
 
 def error_figures(rows: Rows, reach: float, *, shaded: bool) -> dict[str, Figure]:
     """Return the figures of one aperture and one camera geometry, by name; `reach` in scene units."""
+    triangles = _share_lines(rows, reach, lambda row: row.comparison.triangle)
     drawn = {
         "surface": _surface_figure(rows, reach),
         "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
         "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
-        "triangle": _log_figure(
-            _share_lines(rows, reach, lambda row: row.comparison.triangle),
-            "pixels with another triangle",
-            PERCENT,
-        ),
+        "triangle": _log_figure(triangles, "pixels with another triangle", PERCENT),
     }
-    if shaded:
-        for name, key, title in (
-            ("radiance", "rms", "rms radiance error, linear"),
-            ("flip", "flip", "FLIP, mean over the picture"),
-        ):
+    titles = {"rms": "rms radiance error, linear", "flip": "FLIP, mean over the picture"}
+    for key, title in titles.items() if shaded else ():
 
-            def error(row: Measurement, key: str = key) -> float | None:
-                found = row.comparison.radiance
-                return None if found is None else getattr(found, key) or None
+        def error(row: Measurement, key: str = key) -> float | None:
+            return getattr(row.comparison.radiance, key, None) or None
 
-            drawn[name] = grouped_figure(_by_depth(rows), reach, error, title)
+        drawn["radiance" if key == "rms" else key] = grouped_figure(_by_depth(rows), reach, error, title)
     return drawn
 
 
@@ -81,14 +73,13 @@ def grouped_figure(
     return _log_figure(_lines(groups, reach, number, _HOVER + "%{y:.3g}"), title, axis)
 
 
-def pair_figure(
-    nears: Sequence[float], measured: Sequence[float], predicted: Sequence[float], title: str
-) -> Figure:
-    """Draw a measured number against near, in fractions of the reach, and its closed form, dashed."""
-    points = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
+def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure:
+    """Draw near, in fractions of the reach, a measured number, and its closed form, dashed."""
+    nears, measured, predicted = zip(*points, strict=True) if points else ((), (), ())
+    marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
     data = [
         {"x": nears, "y": [value or None for value in values], "hovertemplate": _HOVER + "%{y:.3g}", **drawn}
-        for values, drawn in ((measured, points), (predicted, _CLOSED_FORM))
+        for values, drawn in ((measured, marked), (predicted, _CLOSED_FORM))
     ]
     return _log_figure(data, title)
 
@@ -144,8 +135,7 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
     """Draw a statistic of displacement with its closed-form prediction, dashed."""
 
     def measured(row: Measurement) -> float | None:
-        displacement = row.comparison.displacement_px
-        return None if displacement is None else getattr(displacement, statistic) or None
+        return getattr(row.comparison.displacement_px, statistic, None) or None
 
     lines = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px")
     forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted}
@@ -256,15 +246,10 @@ def cause_figure(rows: Rows, reach: float) -> Figure | None:
             )
         layout[axis.replace("y", "yaxis")] = {"range": [0, 100], "ticksuffix": " %", "nticks": 3}
         above = {"yref": f"{axis} domain", "y": 1, "yanchor": "bottom", "showarrow": False}
-        layout["annotations"].append(
-            {"text": label, "xref": "paper", "x": 0.5, "font": {"size": 16}, **above}
-        )
-    layout["grid"] = {
-        "columns": 1,
-        "rows": len(panels),
-        "subplots": [[f"x{axis}"] for axis in axes],
-        "ygap": 0.3,
-    }
+        heading = {"text": label, "xref": "paper", "x": 0.5, "font": {"size": 16}}
+        layout["annotations"].append(heading | above)
+    subplots = [[f"x{axis}"] for axis in axes]
+    layout["grid"] = {"columns": 1, "rows": len(panels), "subplots": subplots, "ygap": 0.3}
     nears = [row.settings.near / reach for group in panels.values() for _, row in group]
     layout["xaxis"] = {"title": "near, as a share of the reach", **log_axis(nears)}
     return styled(areas, {"height": 110 + PANEL_PIXELS * len(panels), **layout})
@@ -358,12 +343,8 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
     keys = [(row.settings, row.aperture) for row in sweep.rows]
     eye = None
     if light and light.eye:
-        measured, predicted = (
-            [getattr(one, name) for one in light.eye] for name in ("measured", "predicted")
-        )
-        nears = [one.near / reach for one in light.eye]
-        title = "rms change of radiance at the same surface points"
-        eye = pair_figure(nears, measured, predicted, title)
+        points = [(one.near / reach, one.measured, one.predicted) for one in light.eye]
+        eye = pair_figure(points, "rms change of radiance at the same surface points")
     return {
         "rows": [
             {
@@ -475,26 +456,16 @@ def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dic
         for one, name in geometry_names(sweep.geometries).items()
     }
     shares, moved = "share of pixels with the wrong surface", "99th percentile of displacement, px"
-    drawn = {
-        "geometry_surface": grouped_figure(
-            groups, reach, lambda row: row.surface_fraction or None, shares, PERCENT
-        ),
-        "geometry_displacement": grouped_figure(
-            groups, reach, lambda row: row.displacement_p99_px or None, moved
-        ),
-    }
+    wrong = grouped_figure(groups, reach, lambda row: row.surface_fraction or None, shares, PERCENT)
+    displaced = grouped_figure(groups, reach, lambda row: row.displacement_p99_px or None, moved)
+    drawn = {"geometry_surface": wrong, "geometry_displacement": displaced}
     if shears:
-        own = {
-            near: one
+        own = [
+            (near / reach, one.rms_px, one.closed_form_rms_px)
             for (place, near), one in shears.items()
             if place == aperture and one.closed_form_rms_px > ROUNDED_SHEAR_PX
-        }
-        drawn["geometry_shear"] = pair_figure(
-            [near / reach for near in own],
-            [one.rms_px for one in own.values()],
-            [one.closed_form_rms_px for one in own.values()],
-            "rms displacement by the shear alone, px",
-        )
+        ]
+        drawn["geometry_shear"] = pair_figure(own, "rms displacement by the shear alone, px")
     return drawn
 
 

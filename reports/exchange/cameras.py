@@ -1,28 +1,20 @@
-"""The cameras C and C* of any settings and aperture, in files for renderers that somebody else writes.
+"""Cameras in files for renderers that somebody else writes, with the numbered triangles beside them.
 
-`camera --for json` writes all of it; glTF and Mitsuba have cameras of their own.
-Blender's camera is the crossed frustum itself: blender/render.py.
+`raster.cameras.description` has those of C and C*; Blender's is the crossed frustum (blender/render.py).
 """
 
-import math
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
+from xfrustum.raster.cameras.description import cameras_of, gltf, mitsuba
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
+from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arguments import choice
-
-Record = dict[str, Any]
-"""A JSON object, or a part of it."""
 
 
 class Renderer(StrEnum):
@@ -134,186 +126,3 @@ def write_blender(scene: Scene, out: Path, apertures: Sequence[Aperture] | None)
         staging.write("plate.json", described)
         write_triangles(scene, staging.folder / TRIANGLES_FILE)
         return staging.commit()
-
-
-DEPTH_FUNCTIONS = {
-    DepthMapping.STANDARD: "f (w - n) / (w (f - n))",
-    DepthMapping.GL: "f (w - n) / (w (f - n))",
-    DepthMapping.REVERSED: "n (f - w) / (w (f - n))",
-    DepthMapping.LOGARITHMIC: "ln(w/n) / ln(f/n)",
-    DepthMapping.LINEAR: "(w - n) / (f - n)",
-}
-"""Stored depth at distance w from a camera with near plane n and far plane f (CONVENTIONS.md, "Depth")."""
-
-CONVENTIONS = (
-    "Scene coordinates are right-handed: the plate is z = 0, +z points to the viewer, x right, y up.",
-    "Matrices are row-major, named target-from-source, and multiply column vectors.",
-    "Clip x/w and y/w are the film coordinates u (to the right) and v (up), both in [-1, 1]; the flips of "
-    "C* are in its matrix. The center of pixel (column c, row r; row 0 at the top) is u = (2c + 1)/W - 1, "
-    "v = 1 - (2r + 1)/H.",
-    "Clip w is the distance from the camera along its axis. Only points with near <= w <= far are drawn.",
-    "Passes are drawn in the order given, each with its depth buffer cleared to `clear`, over those before "
-    "it. Depth tests are strict: of equal depths the one drawn first stays. Nothing is culled unless "
-    "`culled_face` says so.",
-)
-"""What a reader of the file must know, in the words of CONVENTIONS.md."""
-
-
-def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]) -> Record:
-    """Return the cameras of some apertures: the JSON object of `camera --for json`.
-
-    It has the question as the scene file and the command line put it, angles in radians, and the passes of
-    each aperture in drawing order, the farthest from the viewer first. Slabs in which the scene has nothing
-    are left out, as `raster` leaves them out. Raises InputError where the settings make no sense.
-    """
-    settings.check_against(scene.frustum)
-    slabs, mapping = cameras_in_order(scene, settings), MAPPINGS[settings.mapping]
-
-    def camera(aperture: Aperture, slab: SlabCamera) -> Record:
-        drawn, window = pass_of(scene, aperture, settings, slab), FilmWindow.of(scene.frustum, aperture)
-        rows = drawn.clip_from_scene[(0, 1, 3), :]
-        # Clip x, y and w are all zero there; adding zero turns a negative zero into a positive one.
-        x, y, z = np.linalg.solve(rows[:, :3], -rows[:, 3]) + 0.0
-        return {
-            "camera": "c" if slab.orthoscopic else "c-star",
-            "clip_from_scene": drawn.clip_from_scene,
-            "position": (float(x), float(y), float(z)),
-            "looks_to": "-z" if slab.orthoscopic else "+z",
-            # Left-right and up-down, against the ordinary picture of a camera that looks that way, y axis up.
-            "film_flipped": not slab.orthoscopic,
-            # k and t of the film, slopes about the center of projection, the factor of the fit included.
-            "shear": (-window.axis[0], -window.axis[1]),
-            "half_extent": (window.half_width * slab.scale, window.half_height * slab.scale),
-            "near": slab.near,
-            "far": slab.far,
-            "heights": drawn.heights,
-            "wins": "nearest" if slab.orthoscopic else "farthest",
-            "depth": {
-                "format": settings.depth,
-                "mapping": settings.mapping,
-                "function": DEPTH_FUNCTIONS[settings.mapping],
-                "near_value": mapping.stored_near,
-                "far_value": mapping.stored_far,
-                # Depths over w between which the pass clips.
-                "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
-                "written_by_fragment": bool(mapping.fragment_depth),  # no interpolation gives such a depth
-                "test": drawn.test.function,
-                "clear": drawn.test.clear,
-            },
-            # Window winding of faces that are turned to the camera, and of those left out, as in OpenGL.
-            "front_face": drawn.front_face,
-            "culled_face": drawn.culled_face,
-        }
-
-    return {
-        "scene": scene.name,
-        "scene_hash": scene.content_hash,
-        "units": scene.units,
-        "conventions": CONVENTIONS,
-        "plate": scene.plate,
-        "frustum": scene.frustum,
-        "settings": settings,
-        "apertures": [
-            {
-                "aperture": aperture.index,
-                "center": (aperture.x, aperture.y, 0.0),
-                "passes": [camera(aperture, slab) for slab in slabs],
-            }
-            for aperture in apertures
-        ],
-    }
-
-
-# glTF and Mitsuba
-
-MAX_PIXEL_ASPECT_DEVIATION = 1e-9
-"""Largest relative deviation of a pixel's width from its height at which it counts as square. A film 1e4
-pixels wide then ends within 1e-5 pixels of where it should."""
-
-HALF_TURN_ABOUT_Y = (0.0, 1.0, 0.0, 0.0)
-"""Quaternion (x, y, z, w) of the rotation that makes a camera look to +z."""
-
-GLTF_NOTE = (
-    "A glTF camera has neither an off-axis film nor a film that is flipped: each camera here is the "
-    "smallest ordinary one that contains the film. From its picture (x to the right, y up, both from -1 to "
-    "1) cut the rectangle `film`, and reverse the rows where `rows_reversed` says so. In passes where the "
-    "farthest surface wins, reverse the depth test and clear depth to the near plane."
-)
-"""What a reader of the glTF file must know."""
-
-
-def _passes(cameras: Record) -> Iterator[tuple[Record, Record]]:
-    """Yield every camera, and what entries of both formats say of it."""
-    for one in cameras["apertures"]:
-        for number, camera in enumerate(one["passes"]):
-            told = {"aperture": one["aperture"], "pass": number, "rows_reversed": camera["film_flipped"]}
-            yield camera, told | {"wins": camera["wins"]}
-
-
-def gltf(cameras: Record) -> Record:
-    """Return a glTF 2.0 document with a camera and a node for each pass.
-
-    The camera is the smallest with a centered picture that contains the film. One that looks to +z is an
-    ordinary one turned about its y axis: the film of C* is that picture with its rows reversed, for slopes
-    k + u t grow with its x, and k + v t against its y.
-    """
-    lenses: list[Record] = []
-    nodes: list[Record] = []
-    for camera, told in _passes(cameras):
-        (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
-        across, up = abs(kx) + tx, abs(ky) + ty
-        middle = -ky if camera["film_flipped"] else ky
-        sides = ((kx - tx) / across, (kx + tx) / across, (middle - ty) / up, (middle + ty) / up)
-        column, row = told["aperture"]
-        name = f"{camera['camera']} {column},{row} pass {told['pass']}"
-        ends = {"znear": camera["near"], "zfar": camera["far"]}
-        perspective = {"yfov": 2 * math.atan(up), "aspectRatio": across / up, **ends}
-        film = dict(zip(("left", "right", "bottom", "top"), sides, strict=True))
-        extras = told | {"film": film, "clip_from_scene": camera["clip_from_scene"]}
-        node = {"name": name, "camera": len(lenses), "translation": camera["position"], "extras": extras}
-        lenses.append({"name": name, "type": "perspective", "perspective": perspective})
-        nodes.append(node | ({"rotation": HALF_TURN_ABOUT_Y} if camera["looks_to"] == "+z" else {}))
-    noted = {"note": GLTF_NOTE, "units": cameras["units"]}
-    return {
-        "asset": {"version": "2.0", "generator": "xfrustum", "extras": noted},
-        "scene": 0,
-        "scenes": [{"name": cameras["scene"], "nodes": list(range(len(nodes)))}],
-        "nodes": nodes,
-        "cameras": lenses,
-    }
-
-
-def mitsuba(cameras: Record) -> Record:
-    """Return a sensor plugin of Mitsuba 3 as a dict for each pass.
-
-    `to_world` is a list of rows: give it to `mitsuba.ScalarTransform4f` before `mitsuba.load_dict`. Raises
-    InputError where pixels of the film are not square, which Mitsuba's sensor takes for granted.
-    """
-    width, height = cameras["frustum"].resolution
-    sensors = []
-    for camera, told in _passes(cameras):
-        (kx, ky), (tx, ty) = camera["shear"], camera["half_extent"]
-        if abs(ty * width / (tx * height) - 1) > MAX_PIXEL_ASPECT_DEVIATION:
-            raise InputError(
-                f"a pixel of this film is {tx / width / (ty / height):.6g} times as wide as high, and "
-                "Mitsuba's sensors have square pixels; choose another resolution, or --for json"
-            )
-        to_world = np.eye(4)
-        # In the sensor's own coordinates z points forward, y up and x to the left.
-        forward = -1.0 if camera["looks_to"] == "-z" else 1.0
-        to_world[:3, :3] = np.diag([forward, 1.0, forward])
-        to_world[:3, 3] = camera["position"]
-        sensor = {
-            "type": "perspective",
-            "fov_axis": "x",
-            "fov": math.degrees(2 * math.atan(tx)),
-            # The film may lie off the center.
-            "principal_point_offset_x": kx / (2 * tx),
-            "principal_point_offset_y": (ky if camera["film_flipped"] else -ky) / (2 * ty),
-            "near_clip": camera["near"],
-            "far_clip": camera["far"],
-            "to_world": to_world,
-            "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}},
-        }
-        sensors.append(told | {"camera": camera["camera"], "sensor": sensor})
-    return {"scene": cameras["scene"], "units": cameras["units"], "sensors": sensors}

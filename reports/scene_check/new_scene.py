@@ -55,8 +55,7 @@ class Up(StrEnum):
         return (-90.0, 0.0, 0.0) if self is Up.Z else (0.0, 0.0, 0.0)
 
 
-Length = float | tuple[float, str | None]
-"""A number of scene units, or a number and the name of its unit."""
+Length = float | tuple[float, str | None]  #: a number of scene units, or a number and the name of its unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,16 +122,12 @@ def new_scene(
     Fields of `NewSceneOptions` may be given by name. Where no place is given, a mesh is put through the
     plate, or behind it where it is flat and would lie in the plate, where displacement is undefined.
 
-    Raises
-    ------
-    InputError
-        The mesh cannot be read or has no size, a length is not positive or has an unknown unit, the pitch is
-        larger than the plate, the file exists already or cannot be written.
+    InputError where the mesh cannot be read or has no size, a length is not positive or has an unknown unit,
+    the pitch is larger than the plate, the file exists already or cannot be written.
     """
     mesh, asked = Path(mesh), replace(options or NewSceneOptions(), **fields)
-    if asked.place is not None:
-        asked = replace(asked, place=choice(Place, asked.place, "place"))
-    asked = replace(asked, up=choice(Up, asked.up, "up"))
+    place = None if asked.place is None else choice(Place, asked.place, "place")
+    asked = replace(asked, place=place, up=choice(Up, asked.up, "up"))
     out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
     if out.exists() and not asked.force:
         raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
@@ -193,8 +188,8 @@ class _Display:
         if self.viewer is not None and top >= self.viewer:
             return (
                 f"the mesh ends {length(top)} {units} before the plate, and the viewer is "
-                f"{length(self.viewer)} {units} away: what is behind him he does "
-                "not see; give a smaller --size, or --behind"
+                f"{length(self.viewer)} {units} away: what is behind him he does not see; "
+                "give a smaller --size, or --behind"
             )
         seen = self.viewer is not None and self.viewer < written.cells_within * (1 - WHOLE)
         if not (seen or (self.plate and self.viewer is None and self.pitch is None)):

@@ -22,7 +22,7 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.reports.common.outputs import check_writable_folder, json_object, write_output
+from xfrustum.reports.common.outputs import check_writable_folder, json_object, refused, write_output
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.verification.verdict import DISPLACEMENT, Hogel, Verification
 from xfrustum.scenes import InputError
@@ -50,8 +50,7 @@ coordinates up to 1e3 px, with some hundred operations."""
 MAX_TOLD, GIT_SECONDS = 8, 20.0
 """Largest number of changes of a kind that are named one by one; longest time that git may take."""
 
-Place = tuple[int, int]
-"""Column and row of a hogel."""
+Place = tuple[int, int]  #: column and row of a hogel
 
 
 class Change(StrEnum):
@@ -214,11 +213,6 @@ class Baseline:
         return next((one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW)
 
     @property
-    def compared(self) -> bool:
-        """Whether anything was accepted that the present measures could be compared with."""
-        return self.change is not Change.NEW
-
-    @property
     def passed(self) -> bool:
         """Whether nothing got worse and new hogels keep to the limits, or all was approved."""
         return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
@@ -243,10 +237,7 @@ class Baseline:
 def baseline(found: Verification, folder: Path | str, options: BaselineOptions | None = None) -> Baseline:
     """Hold a verification to the measures accepted in a folder; keep it there where it is approved.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds what is no accepted run. Then nothing is approved.
+    InputError where the folder cannot be written, or holds what is no accepted run; then nothing is approved.
     """
     options, folder = options or BaselineOptions(), Path(folder)
     check_folder(folder)
@@ -254,19 +245,18 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
     run = _present(found, options)
     alike = run.like(everything)
     # The runs of the newest state of each hogel that is accepted, whether it is judged now or not.
-    states: dict[Place, tuple[str, list[KeptHogel]]] = {}
+    accepted: dict[Place, list[KeptHogel]] = {}
+    newest = {hogel.aperture: one.began for one in alike for hogel in one.hogels}
     for one in alike:
         for hogel in one.hogels:
-            if hogel.aperture not in states or states[hogel.aperture][0] != one.began:
-                states[hogel.aperture] = one.began, []
-            states[hogel.aperture][1].append(hogel)
-    accepted = {place: runs for place, (_, runs) in states.items()}
+            if newest[hogel.aperture] == one.began:
+                accepted.setdefault(hogel.aperture, []).append(hogel)
     judged = {one.aperture for one in run.hogels}
     runs = max((len(accepted[place]) for place in judged & accepted.keys()), default=0)
-    tolerance = "tolerance as stated"
-    if options.tolerance is None:
-        several = f"beyond the spread of {runs} accepted runs"
-        tolerance = "compared exactly, with one accepted run" if runs == 1 else several
+    tolerance = f"beyond the spread of {runs} accepted runs"
+    if options.tolerance is not None or runs == 1:
+        alone = "compared exactly, with one accepted run"
+        tolerance = alone if options.tolerance is None else "tolerance as stated"
     new = [one for one in found.hogels if one.aperture.index not in accepted]
     if options.approve and options.repeated and alike:
         # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
@@ -285,10 +275,8 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
     held = replace(held, notes=tuple(_notes(held, everything, options)))
     if options.approve:
         content = json.dumps(json_object(run), allow_nan=False, indent=1) + "\n"
-        try:
+        with refused(f"{OPTION} {folder}: cannot be made", "choose another place"):
             (folder / ACCEPTED).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{OPTION} {folder}: cannot be made ({error.strerror})") from error
         write_output(folder / ACCEPTED / f"{run.run}.json", content.encode(), OPTION)
     return held
 
@@ -380,7 +368,7 @@ def _changes(
 def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
     """Yield what may be misunderstood otherwise."""
     run, told = held.run, []
-    if held.new_hogels and (held.compared or held.not_judged_hogels):
+    if held.new_hogels and (held.change is not Change.NEW or held.not_judged_hogels):
         beyond = f", {held.new_beyond_limits:,} of them beyond the limits" if held.new_beyond_limits else ""
         told.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
     if held.not_judged_hogels:

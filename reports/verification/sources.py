@@ -37,8 +37,7 @@ MAX_NAMES_TRIED = 10_000
 MAX_TOLD_LINES, MAX_TOLD_BYTES = 5, 1 << 16
 """Last lines of a failed command's standard error that are passed on, and last bytes that are looked at."""
 
-Renderer = Callable[[Scene, Aperture], HogelImage]
-"""What a renderer in Python looks like from here."""
+Renderer = Callable[[Scene, Aperture], HogelImage]  #: what a renderer in Python looks like from here
 
 
 class Problem(Exception):

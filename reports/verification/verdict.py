@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from xfrustum.compare.judging.judged import (
 from xfrustum.reports import inspection
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import Filters, address, html_page, png
+from xfrustum.reports.common.templates_environment import Filters, address, html_page, png, svg_picture
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.where import Places, where_words, where_wrong
@@ -41,8 +40,7 @@ DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID = "claims of what does not exist"
 """Names of what is compared with limits, beside the wrong pixels that `compare.judging.judged` names."""
 
-MAX_INVALID_SHARE = 0.5
-"""Share of an image's claims that may be of what does not exist, whatever the limits."""
+MAX_INVALID_SHARE = 0.5  #: share of an image's claims that may be of what does not exist, whatever the limits
 
 NOT_MEASURED = "not measured, as there are no outlines"
 """Words for the displacement of an image whose truth has nothing that could be seen to move."""
@@ -186,13 +184,13 @@ def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
     if not known:
         return None
     shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
-    spreads = [one.displacement_px.p99 for one in known if one.displacement_px is not None]
-    colored = [one.radiance.wrong for one in known if one.radiance is not None]
-    causes = [one.causes for one in known if one.causes is not None]
+    spreads = [one.displacement_px.p99 for one in known if one.displacement_px]
+    colored = [one.radiance.wrong for one in known if one.radiance]
+    causes = [one.causes for one in known if one.causes]
     surface = None
-    if surfaces := [one.surface for one in known if one.surface is not None]:
-        of_surface, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
-        surface = SurfaceFigures(wrong=of_surface, fraction=of_surface / max(shown, 1), outside=outside)
+    if surfaces := [one.surface for one in known if one.surface]:
+        bad, outside = sum(one.wrong for one in surfaces), sum(one.outside for one in surfaces)
+        surface = SurfaceFigures(wrong=bad, fraction=bad / max(shown, 1), outside=outside)
     return PlateNumbers(
         hogels=len(known),
         by=" or ".join(sorted({one.by for one in known})),
@@ -361,10 +359,8 @@ class Verification(Shown):
     @property
     def explained(self) -> bool | None:
         """Whether the diagnosis explains what is wrong; None where no image that was judged is."""
-        if self.diagnosis.faults:
-            return True
-        wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
-        return False if wrong or self.diagnosis.does_not_explain else None
+        wrong = self.diagnosis.does_not_explain or not all(check.held for check in self.checks)
+        return True if self.diagnosis.faults else False if wrong else None
 
     @property
     def where(self) -> dict[str, Any] | None:
@@ -443,15 +439,11 @@ def with_correction_tested(found: Verification) -> Verification:
 
 FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 
-MAX_LISTED = 10
-"""Missing hogels that the terminal names one by one."""
+MAX_LISTED = 10  #: missing hogels that the terminal names one by one
 
 
 def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
-    """Write the page and the JSON object, and the inspection page if channels were kept, all or nothing.
-
-    Raises InputError where the folder cannot be written.
-    """
+    """Write the page and the JSON object, and the inspection page if channels were kept, all or nothing."""
     with Staging(out, FILES) as staging:
         staging.write(PAGE, render_page(found))
         staging.write(DATA, found.summary())
@@ -500,14 +492,12 @@ def plate_map(found: Verification) -> dict[str, Any] | None:
     every = ((*hogel.aperture.index, badness(hogel)) for hogel in found.hogels)
     cells = PlateMap.of(found.scene.plate, "", every).cells
     number = np.searchsorted([least for least, _, _ in MAP_CLASSES], cells, side="right") - 1
-    classes = []
-    for place, (_, color, words) in enumerate(MAP_CLASSES):
-        rows, columns = np.nonzero((number == place) & ~np.isnan(cells))
-        path = "".join(
-            f"M{x} {y}h.96v.96h-.96z" for x, y in zip(columns.tolist(), rows.tolist(), strict=True)
-        )
-        classes.append({"color": color, "words": words, "path": path})
-    return {"size": cells.shape[::-1], "classes": [one for one in classes if one["path"]]}
+    number[np.isnan(cells)] = -1
+    classes = [
+        {"color": color, "words": words, "cells": np.argwhere(number == place).tolist()}
+        for place, (_, color, words) in enumerate(MAP_CLASSES)
+    ]
+    return {"size": cells.shape[::-1], "classes": [one for one in classes if one["cells"]]}
 
 
 def number(value: float | None, unit: str | None) -> str:
@@ -545,34 +535,11 @@ _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 
 def write_junit(found: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, whole or not at all."""
-
-    def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
-        return ElementTree.SubElement(parent, tag, {name: plain(one) for name, one in attributes.items()})
-
-    def plain(text: str) -> str:
-        return _NOT_IN_XML.sub("\ufffd", text)
-
-    suite = ElementTree.Element(
-        "testsuite",
-        name=plain(f"xfrustum verify {found.scene.name}"),
-        tests=str(len(found.hogels)),
-        failures=str(sum(hogel.verdict == "fail" for hogel in found.hogels)),
-        errors=str(sum(hogel.verdict == "missing" for hogel in found.hogels)),
-    )
     words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
-    for hogel in found.hogels:
-        name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
-        case = add(suite, "testcase", classname=found.scene.name or "scene", name=name)
-        if hogel.problem:
-            add(case, "error", message=hogel.problem)
-        elif not hogel.passed:
-            assert hogel.as_found is not None
-            exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
-            failure = add(case, "failure", message=exceeded)
-            failure.text = plain(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
-    add(suite, "system-out").text = plain(table(found))
-    ElementTree.indent(suite)
-    write_output(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True), "--junit")
+    verdicts = [hogel.verdict for hogel in found.hogels]
+    values = {"found": found, "words": words, "verdicts": verdicts, "table": table(found)}
+    text = svg_picture("junit.xml.j2", values, {"figures": figures_words})
+    write_output(path, _NOT_IN_XML.sub("\ufffd", text).encode(), "--junit")
 
 
 def sentence(found: Verification) -> str:

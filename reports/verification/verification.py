@@ -168,8 +168,7 @@ def verify(
     return found if renderer.accept else with_correction_tested(found)
 
 
-FiguresPair = tuple[Figures, Figures]
-"""Figures of a hogel as found, and as corrected."""
+FiguresPair = tuple[Figures, Figures]  #: figures of a hogel as found, and as corrected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,8 +310,7 @@ def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
 CONVENTIONAL_FAULTS = {"orientation", "aperture-order", "shift-x", "shift-y", "view-shear"}
 """Faults that files in the right layout have too: where these alone explain the images, it is not doubted."""
 
-MAX_TRIED_HOGELS = 9
-"""Largest number of hogels by which another reading is tried."""
+MAX_TRIED_HOGELS = 9  #: largest number of hogels by which another reading is tried
 
 MAX_WRONG_IN_RIGHT_READING = 0.1
 """Largest share of wrong pixels under which another reading counts as right: a tenth, as for all that must

@@ -87,14 +87,14 @@ def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None
     found = verification({(0, 0): 0, (1, 0): 30, (0, 1): 900, (1, 1): None})
     drawn = plate_map(found)
     assert drawn is not None
-    paths = {one["words"]: one["path"] for one in drawn["classes"]}
-    assert paths == {
-        "keeps to the limits": "M0 0h.96v.96h-.96z",
-        "exceeds a limit": "M1 0h.96v.96h-.96z",
-        "half or more is wrong": "M0 1h.96v.96h-.96z",
-        "missing": "M1 1h.96v.96h-.96z",
+    cells = {one["words"]: one["cells"] for one in drawn["classes"]}
+    assert cells == {
+        "keeps to the limits": [[0, 0]],
+        "exceeds a limit": [[0, 1]],
+        "half or more is wrong": [[1, 0]],
+        "missing": [[1, 1]],
     }
-    assert all(f'd="{path}"' in render_page(found) for path in paths.values())
+    assert all(f'd="M{c} {r}h.96v.96h-.96z"' in render_page(found) for ((r, c),) in cells.values())
     right = verification({(0, 0): 0, (1, 0): 0})
     assert plate_map(right) is None and "Which hogels fail" not in render_page(right)
 
