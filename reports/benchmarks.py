@@ -7,7 +7,6 @@ against tracers that prove nothing; `bench table1` measures table 1 of the paper
 from __future__ import annotations
 
 import math
-import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,7 +36,7 @@ from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
-from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, InputError, Scene
+from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library import builtin
@@ -50,7 +49,6 @@ from xfrustum.scenes.notebook import aligned
 Record = dict[str, Any]
 """The JSON object of a benchmark, or a part of it; `json_ready` makes it JSON's own types."""
 
-BARE_FRAME = {"normals": False, "color": False}  #: of frames, what is left out where nobody judges colors
 RELATIVE_NEAR = 1e-3  #: the near offset that all contestants draw with, as a fraction of the reach
 
 
@@ -71,6 +69,11 @@ def machine_record(*, tracers: bool = False) -> Record:
 def settings_of(scene: Scene) -> DoubleFrustum:
     """Return the settings that all contestants draw with."""
     return DoubleFrustum(near=RELATIVE_NEAR * scene.frustum.longest_reach)
+
+
+def bare_frame(rasterizer: Rasterizer, aperture: Aperture) -> HogelImage:
+    """Return a frame without normals and color."""
+    return rasterizer.render(aperture, settings_of(rasterizer.scene), normals=False, color=False)
 
 
 def sized(scene: Scene, resolution: int) -> Scene:
@@ -264,10 +267,10 @@ def judged_in_loop(
     reference: Reference, rasterizer: Rasterizer, apertures: Sequence[Aperture]
 ) -> list[ComparisonNumbers]:
     """Judge the same hogels one after the other."""
-    settings, found = settings_of(reference.scene), []
+    found = []
     for aperture in apertures:
         truth = reference.trace(aperture)
-        drawn = rasterizer.render(aperture, settings, **BARE_FRAME)
+        drawn = bare_frame(rasterizer, aperture)
         found.append(compare_images(truth, drawn, reference, radiance=False).numbers)
     return found
 
@@ -282,7 +285,7 @@ def judged_plainly(
     scene = rasterizer.scene
     object_of_number, found = np.append(scene.object_of_triangle, np.int32(NOTHING)), []
     for aperture in apertures:
-        drawn = rasterizer.render(aperture, settings_of(scene), **BARE_FRAME)
+        drawn = bare_frame(rasterizer, aperture)
         pencil = crossed_frustum(scene.frustum, aperture)
         width, height = pencil.resolution
         first = mesh.intersects_first(*film_rays(scene, aperture))
@@ -331,14 +334,13 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
     numbers = np.linspace(0, math.prod(plate.hogels) - 1, hogels).astype(int).tolist()
     apertures = [plate.aperture(number % plate.hogels[0], number // plate.hogels[0]) for number in numbers]
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
-    cpu: dict[str, list[float]] = {stage: [] for stage in STAGES}
     with Judge(scene) as judge, Rasterizer(scene) as rasterizer:
         reference = judge.reference
         runs: dict[str, Callable[[], object]] = {
             "stream": lambda: judged_in_stream(judge, apertures),
             "loop": lambda: judged_in_loop(reference, rasterizer, apertures),
             "plain": lambda: judged_plainly(rasterizer, mesh, apertures),
-            "render": lambda: exhaust(rasterizer.render(a, settings, **BARE_FRAME) for a in apertures),
+            "render": lambda: exhaust(bare_frame(rasterizer, a) for a in apertures),
         }
         if not mitsuba_backend().scalar:
             bare = bare_intersection(scene, *film_rays(scene, middle))
@@ -356,19 +358,13 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
             "comparing": lambda: compare_images(truth, frame, reference, radiance=False),
             "comparing radiance": lambda: compare_images(truth, frame, reference),
         }
-        for turn in range(repeat + 1):
-            for stage, run in stages.items():
-                begun = time.process_time()
-                run()
-                if turn:
-                    cpu[stage].append(time.process_time() - begun)
-                bar.update()
+        cpu = race(stages, repeat, bar.update, time.process_time)
     rates = {name: rate_of(hogels, seconds) for name, seconds in taken.items()}
     return {
         "resolution": scene.frustum.resolution,
         "hogels_per_second": {name: rates.get(name) for name in JUDGE_MEANINGS},
         "ratios": ratios_of(rates, JUDGE_RATIOS),
-        **stages_record({stage: statistics.median(values) for stage, values in cpu.items()}),
+        **stages_record({stage: seconds.median for stage, seconds in cpu.items()}),
     }
 
 

@@ -235,9 +235,6 @@ def headline(numbers: BudgetNumbers) -> str:
     return f"{said}; {numbers.wrong:,} show another triangle"
 
 
-# As text -------------------------------------------------------------------------------------------------
-
-
 def _link_cells(numbers: BudgetNumbers) -> list[Sequence[str]]:
     """Return each link in words, below a head, beside what was predicted of it, with the ratios."""
     compared = ("predicted", "ratio")
@@ -298,9 +295,6 @@ def command(report: BudgetReport) -> str:
     return shlex.join(words)
 
 
-# As a folder -----------------------------------------------------------------------------------------------
-
-
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
 
@@ -323,10 +317,7 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     changing = [one for one in _radiance_rows(report) if one.max]
     counts = {**geometry.numbers.explained, "unexplained": geometry.numbers.unexplained}
     values = {
-        "scene": report.scene,
-        "aperture": report.aperture,
-        "why": report.why,
-        "settings": report.settings,
+        **{name: getattr(report, name) for name in ("scene", "aperture", "why", "settings")},
         "numbers": geometry.numbers,
         "headline": headline(geometry.numbers),
         "links": [link for link in links if _counts(link)],

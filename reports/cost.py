@@ -418,9 +418,6 @@ def rank(options: Sequence[Option], tolerance_px: float) -> FastestWithin:
     return FastestWithin(tolerance_px=tolerance_px, fastest=tied, ranked=True)
 
 
-# In words ------------------------------------------------------------------------------------------------
-
-
 def answers(options: Sequence[Option], tolerance_px: float = TOLERANCE_PX) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words."""
     loose, strict = (rank(options, share * tolerance_px) for share in (1.0, STRICTER_FRACTION))

@@ -53,8 +53,6 @@ PROCEDURE = (
 
 RENDERERS = ("raster", "reference")  #: names of the renderers whose costs are measured
 
-# Costs ---------------------------------------------------------------------------------------------------
-
 Cost = dict[str, Any]
 """Seconds that an effect adds to an image: median, `spread` and `interval` of differences of pairs, whether
 it is `resolved` from zero, and the median of the image `without` it."""
@@ -70,10 +68,12 @@ def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
     """
     differences, plain = [], []
     for turn in range(repeat + 1):
-        if turn % 2:
-            more, less = _seconds(with_it), _seconds(without_it)
-        else:
-            less, more = _seconds(without_it), _seconds(with_it)
+        taken = {}
+        for image in (with_it, without_it) if turn % 2 else (without_it, with_it):
+            begun = time.perf_counter()
+            image()
+            taken[image] = time.perf_counter() - begun
+        more, less = taken[with_it], taken[without_it]
         if turn:
             differences.append(more - less)
             plain.append(less)
@@ -86,12 +86,6 @@ def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
         "resolved": repeat >= FEWEST_DIFFERENCES and (low > 0 or high < 0),
         "without": statistics.median(plain),
     }
-
-
-def _seconds(image: Image) -> float:
-    start = time.perf_counter()
-    image()
-    return time.perf_counter() - start
 
 
 def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, Cost]:
@@ -289,8 +283,10 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
             }
         )
     counts = [row["sub_apertures"] for row in rows]
-    bounds = ([error_bound(count, one, contrast) for one in areas] for count in EXAMPLE_SUB_APERTURES)
-    errors = [max(some, default=0.0) / LEVEL for some in bounds]
+
+    def levels(count: int) -> float:
+        return max((error_bound(count, one, contrast) for one in areas), default=0.0) / LEVEL
+
     return {
         "rows": rows,
         "near": settings.near,
@@ -299,14 +295,8 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         "contrast": contrast,
         "sub_apertures": None if None in counts else max(filter(None, counts), default=1),
         "cuts": settings.slabs,
-        "band_errors": [
-            {"sub_apertures": count, "levels": levels}
-            for count, levels in zip(EXAMPLE_SUB_APERTURES, errors, strict=True)
-        ],
+        "band_errors": [{"sub_apertures": n, "levels": levels(n)} for n in EXAMPLE_SUB_APERTURES],
     }
-
-
-# As JSON -------------------------------------------------------------------------------------------------
 
 
 def summary(plan: EffectsPlan) -> dict[str, Any]:
@@ -326,14 +316,15 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
     objects = []
     for number, part in enumerate(scene.objects):
         z, rows = part.vertices[:, 2], [row for row in plan.rows if number in row.objects]
-        called = {
-            "number": number,
-            "name": part.name,
-            "heights": (float(z.min()), float(z.max())),
-            "in_sight": any(row.name in cameras for row in rows),
-            "effects": [row.name for row in rows if row.used and row.name not in cameras],
-        }
-        objects.append(called)
+        objects.append(
+            {
+                "number": number,
+                "name": part.name,
+                "heights": (z.min(), z.max()),
+                "in_sight": any(row.name in cameras for row in rows),
+                "effects": [row.name for row in rows if row.used and row.name not in cameras],
+            }
+        )
     # The rasterizer's passes: slabs that have something in them, of the cameras that are used.
     used = {row.name for row in plan.rows if row.used}
     drawn = [slab for slab in plan.slabs if slab.triangles and slab.camera.value in used]
@@ -351,11 +342,8 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
             for kind in kinds
             for slab in drawn
         ],
-        "samples": {
-            "pixel": sampling.supersample**2,
-            "multisample": sampling.multisample,
-            "aperture": sampling.aperture,
-        },
+        "samples": {"pixel": sampling.supersample**2}
+        | {name: getattr(sampling, name) for name in ("multisample", "aperture")},
         "transport": scene.transport,
         "tracer": plan.tracer,
         "image_s": by_renderer("all", "without"),
@@ -366,9 +354,6 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
     }
     ready: dict[str, Any] = json_ready(found)
     return ready
-
-
-# As text -------------------------------------------------------------------------------------------------
 
 
 def table(plan: EffectsPlan) -> str:
@@ -390,8 +375,7 @@ def table(plan: EffectsPlan) -> str:
         content = {0: "empty, skipped", 1: "1 triangle"}.get(slab.triangles, f"{slab.triangles:,} triangles")
         text.append(f"slab {low} to {high} {units} {side} the plate, camera {slab.camera}: {content}")
     kinds = [one["draws"] for one in told["passes"]]
-    samples, transport = told["samples"], told["transport"]
-    asked = [name for name in ("shadows", "interreflection") if transport[name]]
+    samples, asked = told["samples"], [n for n in ("shadows", "interreflection") if told["transport"][n]]
     text += [
         f"passes: {kinds.count('surfaces')} of surfaces, {kinds.count('reflections')} of reflections",
         f"samples: {samples['pixel']} a pixel, {samples['multisample']} of coverage, {samples['aperture']} "

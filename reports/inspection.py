@@ -80,7 +80,7 @@ Layer = tuple[str, str, Mapping[str, Channel]]
 them; all channels of a hogel have one size."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ChannelHead:
     """Name, type (one of `TYPES`) and labels of a channel."""
 
@@ -89,7 +89,7 @@ class ChannelHead:
     labels: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LayerHead:
     """Name, words for people, and channels of a layer."""
 
@@ -122,11 +122,10 @@ class InspectedHogel:
             stream = b"".join((*map(packed.compress, contents), packed.flush()))
         heads = []
         for name, shown, channels in layers:
-            kinds = [
-                ChannelHead(name=one, kind=str(values.dtype), labels=labels)
-                for one, (values, labels) in channels.items()
-            ]
-            heads.append(LayerHead(name=name, words=shown, channels=tuple(kinds)))
+            kinds = (
+                ChannelHead(one, str(values.dtype), labels) for one, (values, labels) in channels.items()
+            )
+            heads.append(LayerHead(name, shown, tuple(kinds)))
         size = (width, height)
         return cls(aperture=aperture.index, size=size, words=words, layers=tuple(heads), stream=stream)
 
@@ -146,9 +145,6 @@ class InspectedHogel:
         if place != len(content):
             raise ValueError(f"{len(content)} bytes are not the channels of {self.size} pixels")
         return found
-
-
-# Channels ------------------------------------------------------------------------------------------------
 
 
 def image_channels(image: HogelImage, scene: Scene | None = None) -> dict[str, Channel]:
@@ -248,9 +244,6 @@ def inspected_figures(
     return InspectedHogel.of(aperture, words, layers)
 
 
-# The page ------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateMap:
     """One number of the hogels of a plate, told in percent where `words` begin with "Share".
@@ -278,7 +271,7 @@ class Inspection:
 
     command: str
     scene: Scene
-    told: tuple[str, ...]  #: sentences about the hogels: what was drawn, and which they are
+    told: str  #: a sentence about the hogels: what was drawn, and which they are
     hogels: Sequence[InspectedHogel]  #: the worst first; no more than `MAX_HOGELS` are shown
     plate_map: PlateMap  #: how bad the hogels of the plate are
 
@@ -381,10 +374,7 @@ def _earlier(folder: Path) -> list[Path]:
 def read_inspection(page: Path) -> list[InspectedHogel]:
     """Return the hogels of a page, with the bits that they were written with.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is no inspection page, or a file beside it is missing.
+    InputError where the file cannot be read or is no inspection page, or a file beside it is missing.
     """
 
     def stream(key: str, file: str | None) -> bytes:

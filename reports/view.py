@@ -379,9 +379,6 @@ def view(
     )
 
 
-# Pictures ----------------------------------------------------------------------------------------------
-
-
 def shown(image: EyeImage) -> Bytes:
     """Return a view as a screen shows it, (H, W, 3); without colors, surfaces are gray by their height."""
     return as_shown(image.color, image.covered, image.position[..., 2])
@@ -394,9 +391,6 @@ def _heights_picture(image: EyeImage, low: float, high: float) -> Bytes:
     share = np.clip((np.where(known, height, low) - low) / (high - low), 0.0, 1.0)
     steps = np.where(known, np.rint(share * (HEIGHT_STEPS - 1)), HEIGHT_STEPS).astype(np.uint32)
     return np.stack((steps >> 8, steps & 255, 0 * steps), axis=-1).astype(np.uint8)
-
-
-# The page and its files ----------------------------------------------------------------------------------
 
 
 def file_names(eyes: int, *, drawn: bool) -> tuple[str, ...]:
@@ -561,9 +555,6 @@ def table(found: SceneView) -> str:
             said += "" if loss.flip is None else f", FLIP {digits(loss.flip)}"
             lines.append(f"eye {number} at {place}, {name:<8}  {said}")
     return "\n".join(lines)
-
-
-# Quilts --------------------------------------------------------------------------------------------------
 
 
 def quilt_names(scene: Scene, tiles: tuple[int, int], *, drawn: bool) -> tuple[str, ...]:

@@ -81,18 +81,21 @@ class Timing:
 
 
 def race(
-    contestants: Mapping[str, Callable[[], object]], repeat: int, done: Callable[[], object] = lambda: None
+    contestants: Mapping[str, Callable[[], object]],
+    repeat: int,
+    done: Callable[[], object] = lambda: None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Return the wall seconds of each contestant; all take turns, so that a slow minute is everybody's.
+    """Return the seconds of each contestant by a clock; all take turns, so that a slow minute is everybody's.
 
     Each runs once to warm up and then `repeat` times, at least 1; `done` is called after every run.
     """
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
         for name, run in contestants.items():
-            begun = time.perf_counter()
+            begun = clock()
             run()
-            taken = time.perf_counter() - begun
+            taken = clock() - begun
             done()
             if turn:
                 seconds[name].append(taken)

@@ -90,10 +90,7 @@ def default_nears(frustum: Frustum) -> tuple[float, ...]:
 def settings_of(frustum: Frustum, options: ReportOptions) -> tuple[DoubleFrustum, ...]:
     """Return all settings of a report, each once: geometry by geometry, and all nears of a buffer in turn.
 
-    Raises
-    ------
-    InputError
-        Settings that make no sense for the frustum.
+    InputError where settings make no sense for the frustum.
     """
     nears = tuple(dict.fromkeys(default_nears(frustum) if options.nears is None else options.nears))
     buffers = tuple(dict.fromkeys(DEFAULT_DEPTHS if options.depths is None else options.depths))
@@ -449,9 +446,6 @@ def can_be_judged(rows: Sequence[Measurement]) -> bool:
     """Return whether there is a pixel that some setting could show wrongly."""
     shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
     return shown and any(row.comparison.judged for row in rows)
-
-
-# In words ------------------------------------------------------------------------------------------------
 
 
 def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True) -> str:

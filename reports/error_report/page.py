@@ -75,11 +75,16 @@ def grouped_figure(
 
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure:
     """Draw near, in fractions of the reach, a measured number, and its closed form, dashed."""
-    nears, measured, predicted = zip(*points, strict=True) if points else ((), (), ())
+    nears = [near for near, _, _ in points]
     marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
-    data = [
-        {"x": nears, "y": [value or None for value in values], "hovertemplate": _HOVER + "%{y:.3g}", **drawn}
-        for values, drawn in ((measured, marked), (predicted, _CLOSED_FORM))
+    data: list[Figure] = [
+        {
+            "x": nears,
+            "y": [one[place] or None for one in points],
+            "hovertemplate": _HOVER + "%{y:.3g}",
+            **drawn,
+        }
+        for place, drawn in enumerate((marked, _CLOSED_FORM), start=1)
     ]
     return _log_figure(data, title)
 
@@ -282,7 +287,9 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     (width, height), (toward, behind) = scene.frustum.resolution, scene.frustum.reach
     kind = "recentered" if scene.frustum.recentered else "centered"
     culled = "" if sweep.options.cull is Cull.NONE else ", faces turned away from the viewer culled"
+    shown = ("best", "apertures", "auto", "rows", "decided_by", "versions", "devices", "reduction")
     values = {
+        **{name: getattr(sweep, name) for name in shown},
         "scene": scene,
         "fit": scene_fit(scene),
         "frustum": f"{kind} frustum, {width} x {height} pixels, reaching {toward:g} {scene.units} toward the "
@@ -291,24 +298,16 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "sentence": sentence,
         "coverage": sweep.coverage_sentence,
         "can_be_judged": best.can_be_judged(sweep.rows),
-        "best": sweep.best,
         "command": command,
         "near_range": best.near_range,
         "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
         "confidence": CONFIDENCE,
         "per_depth": best.best_per_depth(sweep.rows),
-        "apertures": sweep.apertures,
-        "auto": sweep.auto,
         "scouted_lines": FILM_PIXELS**2,
         "settings_count": len({row.settings for row in sweep.rows}),
-        "rows": sweep.rows,
         "certainty": _certainty_table(sweep),
-        "decided_by": sweep.decided_by,
         "certified": sweep.decided_by == CERTIFIED,
         "alone": _alone_figures(sweep),
-        "versions": sweep.versions,
-        "devices": sweep.devices,
-        "reduction": sweep.reduction,
         "images": images,
         "height_range": images.height_range(scene, reach),
         "shading": sweep.light,
@@ -352,11 +351,9 @@ def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
                 "geometry": sweep.geometries.index(geometry_of(row.settings)),
                 "depth": row.settings.depth_label,
                 "near": row.settings.near,
-                "comparison": row.comparison,
-                "predicted": row.predicted,
+                **{name: getattr(row, name) for name in ("comparison", "predicted", "times_s")},
                 "predicted_surface": row.predicted.surface_fraction if row.predicted else None,
                 "ratio": row.measured_over_predicted,
-                "times_s": row.times_s,
                 "parts_s": {"raster": {"gpu": row.gpu_s}},
                 "pictures": {name: keep(encoded) for name, encoded in row.pictures.items()},
                 "causes": {cause.name: cause.surface for cause in row.causes},
@@ -440,9 +437,6 @@ def _alone_figures(sweep: Sweep) -> list[dict[str, Any]]:
         for name, color in images.ALONE_COLORS.items()
         if truth.alone is not None and name in truth.marks
     ]
-
-
-# Camera geometries side by side ------------------------------------------------------------------------
 
 
 def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, Figure]:

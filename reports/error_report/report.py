@@ -319,7 +319,7 @@ class ReportFiles:
     @property
     def places(self) -> dict[str, Path]:
         """Paths of all files by their kind."""
-        return {"html": self.html, "json": self.json, "parquet": self.parquet, "inspection": self.inspection}
+        return {kind: getattr(self, kind) for kind in ("html", "json", "parquet", "inspection")}
 
 
 def default_folder(scene: Scene) -> Path:
@@ -335,10 +335,8 @@ def make_report(
 
     They go into the folder `out`, by default `default_folder`, where no file appears before all are complete.
 
-    Raises
-    ------
-    InputError
-        A setting that makes no sense, nothing to measure or to see, an unwritable folder, no OpenGL.
+    InputError where a setting makes no sense, there is nothing to measure or to see, the folder cannot be
+    written, or there is no OpenGL.
     """
     options = options or ReportOptions()
     given = scene.default_apertures() if options.apertures is None else options.apertures
@@ -355,16 +353,13 @@ def make_report(
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
         command = provenance.raster_command(scene, best.aperture, best.settings)
         staging.write(FILES[0], render_page(measured, said, command))
-        shares = [
-            (*row.aperture.index, row.surface_fraction)
-            for row in measured.rows
-            if row.settings == best.settings
-        ]
+        chosen_rows = [row for row in measured.rows if row.settings == best.settings]
+        shares = [(*row.aperture.index, row.surface_fraction) for row in chosen_rows]
         drawn = f"near {digits(best.settings.near)}, {best.settings.depth_label}"
         inspection = Inspection(
             command="report",
             scene=scene,
-            told=(f"The apertures of the report, drawn with its best setting: {drawn}.",),
+            told=f"The apertures of the report, drawn with its best setting: {drawn}.",
             hogels=measured.inspected,
             plate_map=PlateMap.of(scene.plate, "Share of wrong surfaces", shares),
         )
@@ -376,11 +371,9 @@ def make_report(
             staging.commit()
     notes = [measured.coverage_sentence, measured.left_out_sentence]
     notes += measured.light.sentences() if measured.light else ()
+    kinds = zip(("html", "json", "parquet", "inspection"), FILES, strict=True)
     return ReportFiles(
-        html=staging.out / FILES[0],
-        json=staging.out / FILES[1],
-        parquet=staging.out / FILES[2],
-        inspection=staging.out / PAGE,
+        **{kind: staging.out / name for kind, name in kinds},
         best=best,
         sentence=said,
         command=command,
@@ -440,11 +433,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
             "best_per_depth": [recommended(best) for best in best_per_depth(measured.rows)],
             "best_per_geometry": [recommended(best) for best in best_per_geometry(measured.rows)],
             "rows": [
-                {
-                    "aperture": row.aperture.index,
-                    **json_object(row.numbers(reach)),
-                    "causes": row.causes,
-                }
+                {"aperture": row.aperture.index, **json_object(row.numbers(reach)), "causes": row.causes}
                 for row in measured.rows
             ],
             # Where a tracer alone made the truths, there is nothing to compare it with.

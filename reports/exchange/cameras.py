@@ -55,10 +55,7 @@ def write_cameras(
     For `blender` it is the crossed frustum itself, which needs no settings; the apertures are those that its
     script renders unless it is told others.
 
-    Raises
-    ------
-    InputError
-        Settings are missing or make no sense, or the folder cannot be written.
+    InputError where settings are missing or make no sense, or the folder cannot be written.
     """
     chosen = choice(Renderer, renderer, "--for")
     if chosen is Renderer.BLENDER:

@@ -213,10 +213,7 @@ def convert(
 
     Layouts are named, or `zarr`; None for what the source looks like, and for `zarr` by the name of `out`.
 
-    Raises
-    ------
-    InputError
-        The source cannot be read in this layout, or nothing can be written at `out`.
+    InputError where the source cannot be read in this layout, or nothing can be written at `out`.
     """
     source, out, options = Path(source), Path(out), options or ConversionOptions()
     target = write_as or (ZARR if out.suffix.lower() == ZARR_SUFFIX else None)

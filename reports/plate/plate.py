@@ -128,21 +128,13 @@ def write_plate(  # noqa: PLR0913 - one keyword for each option of the command
     order in which their apertures are named, by `engine`. Killed at any moment it loses no finished block;
     called again it goes on with the others and ends with the arrays of a run that was not disturbed.
 
-    Parameters
-    ----------
-    block
-        Columns and rows of hogels that are stored together, 1 x 1 for chunks without shards; None for those
-        of a store that exists, and for a new one as many as `BLOCK_BYTES` hold.
-    judge
-        Whether every hogel is traced too, and its measures are stored beside its pixels.
-    check
-        Whether every hogel that is there is read in full; what is damaged is drawn again.
+    A `block` is the columns and rows of hogels that are stored together, 1 x 1 for chunks without shards;
+    None for those of a store that exists, and for a new one as many as `BLOCK_BYTES` hold. `judge` says
+    whether every hogel is traced too, and its measures are stored beside its pixels; `check`, whether every
+    hogel that is there is read in full, and drawn again where it is damaged.
 
-    Raises
-    ------
-    InputError
-        See `source_of` and `open_store`; the block is none; no scheduler answers, or a worker has another
-        device than the one that began the plate.
+    InputError: see `source_of` and `open_store`; or the block is none, no scheduler answers, or a worker has
+    another device than the one that began the plate.
     """
     content, out, part = content or PlateContent(), Path(out), engine.part
     asked = scene.plate.apertures() if apertures is None else apertures

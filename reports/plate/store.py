@@ -518,10 +518,7 @@ def camera_of(store: Any, column: int, row: int) -> HogelCamera:
     shear k and the half-extent t. It has the settings that the plate was drawn with. The store is a folder,
     or the plate as `zarr.open_group` or `xarray.open_zarr` opens it.
 
-    Raises
-    ------
-    InputError
-        There is no plate, or no such hogel on it.
+    InputError where there is no plate, or no such hogel on it.
     """
     in_folder = isinstance(store, str | Path)
     said = said_by(Path(store)) if in_folder else store.attrs.get(ATTRIBUTE)

@@ -157,10 +157,10 @@ class Survey(Shown):
         if chosen is not None and len(self.settings) > 1:
             with_what = f" with near {digits(chosen.near)}, the best of {len(self.settings)}"
         if extent.everything:
-            counted = (
+            part = (
                 f"{share.beyond:,} of the {extent.hogels:,} hogels ({percent(share.beyond / extent.hogels)})"
             )
-            said = f"{counted} {'is' if share.beyond == 1 else 'are'} {self.judged_by}{with_what}"
+            said = f"{part} {'is' if share.beyond == 1 else 'are'} {self.judged_by}{with_what}"
         elif share.share_beyond_at_most is None:
             said = (
                 f"{share.beyond:,} of the {extent.judged:,} hogels judged so far, of {extent.hogels:,}, "
@@ -254,7 +254,7 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
         inspected = inspection.Inspection(
             command="survey",
             scene=found.scene,
-            told=(f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",),
+            told=f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",
             hogels=[one.inspected for _, one in pictured if one.inspected is not None],
             plate_map=PlateMap(words=words_of(name).capitalize(), cells=maps[name])
             if name
@@ -345,7 +345,7 @@ def depth_figure(found: Survey) -> Plot | None:
         for word, values, dash in curves:
             shown = zip(values.tolist(), tally.depth_pixels > 0, strict=True)
             heights = [value if is_shown and value > 0 else None for value, is_shown in shown]
-            drawn += [height for height in heights if height is not None]
+            drawn += filter(None, heights)
             lines.append(
                 {
                     "x": names,

@@ -109,10 +109,7 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     not disturbed but for one column: the index of `device` is that of the worker that took the block, so
     that with several GPUs it depends on who was free.
 
-    Raises
-    ------
-    InputError
-        The scene, settings or folder are not usable, or the folder holds something else.
+    InputError where the scene, settings or folder are not usable, or the folder holds something else.
     """
     one_of(scene, Scene, "scene")
     chosen, engine = chosen or Chosen(), engine or Engine()

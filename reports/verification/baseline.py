@@ -213,6 +213,11 @@ class Baseline:
         return next((one for one in (Change.WORSE, Change.BETTER, Change.SAME) if one in there), Change.NEW)
 
     @property
+    def compared(self) -> bool:
+        """Whether anything was accepted that the present measures could be compared with."""
+        return self.change is not Change.NEW
+
+    @property
     def passed(self) -> bool:
         """Whether nothing got worse and new hogels keep to the limits, or all was approved."""
         return self.approved or (self.change is not Change.WORSE and not self.new_beyond_limits)
@@ -368,7 +373,7 @@ def _changes(
 def _notes(held: Baseline, everything: Sequence[Run], options: BaselineOptions) -> Iterator[str]:
     """Yield what may be misunderstood otherwise."""
     run, told = held.run, []
-    if held.new_hogels and (held.change is not Change.NEW or held.not_judged_hogels):
+    if held.new_hogels and (held.compared or held.not_judged_hogels):
         beyond = f", {held.new_beyond_limits:,} of them beyond the limits" if held.new_beyond_limits else ""
         told.append(f"{counted(held.new_hogels, 'hogel')} not accepted before{beyond}")
     if held.not_judged_hogels:

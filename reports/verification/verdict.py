@@ -453,7 +453,7 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
             inspected = inspection.Inspection(
                 command="verify",
                 scene=found.scene,
-                told=(f"The worst hogels of {found.source}, as they were found.",),
+                told=f"The worst hogels of {found.source}, as they were found.",
                 hogels=found.inspected,
                 plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
             )

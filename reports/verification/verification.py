@@ -146,10 +146,7 @@ def verify(
     `source` is files named by {i} and {j}, a place of files, or a function of scene and aperture; single
     fields of `VerifyOptions` may be given by name.
 
-    Raises
-    ------
-    InputError
-        The scene, the source or an option is not usable, or none of the apertures sees any object.
+    InputError where the scene, the source or an option is not usable, or no aperture sees any object.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
     asked = replace(options or VerifyOptions(), **fields)
@@ -524,10 +521,7 @@ def verify_on(
     Parts are kept in `out`, None for a folder of this machine's that is gone afterwards; `told` is called
     with notes in words. Returns None where other parts of a job array are not finished yet.
 
-    Raises
-    ------
-    InputError
-        As from `verify`; or there is no folder that others see, or the folder holds something else.
+    InputError as from `verify`, and where there is no folder that others see, or it holds something else.
     """
     if out is None and (engine.scheduler is not None or not engine.part.everything):
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")

@@ -180,7 +180,7 @@ def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     monkeypatch.setattr(inspection_page, "MAX_PAGE_BYTES", 0)
     map_ = PlateMap.of(scene.plate, "nothing", [])
     write_inspection(
-        tmp_path, Inspection(command="verify", scene=scene, told=(), hogels=hogels, plate_map=map_)
+        tmp_path, Inspection(command="verify", scene=scene, told="", hogels=hogels, plate_map=map_)
     )
     opened.goto((tmp_path / PAGE).as_uri())
     wait_for(opened, hogels[0])

@@ -47,7 +47,7 @@ def hogels(inspected: Inspected, command: str) -> list[InspectedHogel]:
 def inspection(scene: Scene, shown: list[InspectedHogel]) -> Inspection:
     """Return what a page shows of hogels of a plate of which nothing else is known."""
     nothing = PlateMap.of(scene.plate, "nothing", [])
-    return Inspection(command="verify", scene=scene, told=(), hogels=shown, plate_map=nothing)
+    return Inspection(command="verify", scene=scene, told="", hogels=shown, plate_map=nothing)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
