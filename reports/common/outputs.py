@@ -17,7 +17,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
@@ -39,7 +38,7 @@ def json_ready(value: Any) -> Any:
 
     A dataclass becomes an object of its fields. NaN and infinity become None, and numpy scalars numbers.
     """
-    if isinstance(value, np.generic | np.ndarray):
+    if hasattr(value, "tolist"):  # NumPy's, which the command line does not load for its complaints
         value = value.tolist()
     elif isinstance(value, Path | StrEnum):
         value = str(value)

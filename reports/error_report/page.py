@@ -75,7 +75,7 @@ def grouped_figure(
 
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure:
     """Draw near, in fractions of the reach, a measured number, and its closed form, dashed."""
-    nears = [near for near, _, _ in points]
+    nears, hover = [near for near, _, _ in points], _HOVER + "%{y:.3g}"
     marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
     data: list[Figure] = [
         {
