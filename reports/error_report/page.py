@@ -75,15 +75,10 @@ def grouped_figure(
 
 def pair_figure(points: Sequence[tuple[float, float, float]], title: str) -> Figure:
     """Draw near, in fractions of the reach, a measured number, and its closed form, dashed."""
-    nears, hover = [near for near, _, _ in points], _HOVER + "%{y:.3g}"
     marked = {"name": "measured", "mode": "lines+markers", "line": {"color": COLORS[1], "width": 2}}
+    shared = {"x": [near for near, _, _ in points], "hovertemplate": _HOVER + "%{y:.3g}"}
     data: list[Figure] = [
-        {
-            "x": nears,
-            "y": [one[place] or None for one in points],
-            "hovertemplate": _HOVER + "%{y:.3g}",
-            **drawn,
-        }
+        {**shared, "y": [one[place] or None for one in points], **drawn}
         for place, drawn in enumerate((marked, _CLOSED_FORM), start=1)
     ]
     return _log_figure(data, title)
