@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.colors import unlabel_rgb
 
+from xfrustum.compare.attribution import radiance_budget
 from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
-from xfrustum.compare.attribution.radiance_budget import (
-    RadianceBudget,
-    RadianceLink,
-    make_radiance_budget,
-    steps,
-)
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import CULLING, Chain, make_chain
 from xfrustum.compare.prediction.predict import CROSSES, FEW, MIN_PIXELS
@@ -28,21 +23,11 @@ from xfrustum.reports.common.provenance import aperture_option
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
-from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene, notebook
 from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.notebook import (
-    Figure,
-    Shown,
-    Table,
-    aligned,
-    as_shown,
-    digits,
-    marked,
-    percent,
-)
 from xfrustum.scenes.notebook import png as notebook_png
 
 CHAIN = {
@@ -86,7 +71,7 @@ SHOWN, EMPTY = (128, 128, 128, 90), (128, 128, 128, 14)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class BudgetReport(Shown):
+class BudgetReport(notebook.Shown):
     """The error of one image, charged to its causes."""
 
     scene: Scene
@@ -94,7 +79,7 @@ class BudgetReport(Shown):
     settings: DoubleFrustum
     chain: Chain  #: images from the truth to what was drawn
     geometry: Budget  #: every wrong pixel, charged to one link of the chain
-    radiance: RadianceBudget  #: the error of color, link by link
+    radiance: radiance_budget.RadianceBudget  #: the error of color, link by link
     why: str = ""  #: reason for which the aperture was chosen; empty where it was given
 
     @property
@@ -119,31 +104,36 @@ class BudgetReport(Shown):
         for row in _radiance_rows(self):
             values = (getattr(row, name) for name in columns)
             rows.append((row.name, *("-" if value is None else f"{value:.3g}" for value in values)))
-        return f"{table(self.geometry)}\n{aligned(rows)}"
+        return f"{table(self.geometry)}\n{notebook.aligned(rows)}"
 
     def _said(self) -> str:
-        settings = f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        settings = (
+            f"near {notebook.digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        )
         return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
 
-    def _tables(self) -> Sequence[Table]:
+    def _tables(self) -> Sequence[notebook.Table]:
         head, *rows = _link_cells(self.geometry.numbers)
         counts = self.geometry.explanation.counts()
         rounding = ", ".join(f"{count:,} {name}" for name, count in counts.items())
-        return (Table(head=head, rows=rows, numbers=True), Table(rows=[("wrong by rounding", rounding)]))
-
-    def _figures(self) -> Sequence[Figure]:
-        drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
-        shown = as_shown(drawn.color, drawn.covered, drawn.height)
-        marks = marked(shown, wrong, self.geometry.moved)
         return (
-            Figure(
+            notebook.Table(head=head, rows=rows, numbers=True),
+            notebook.Table(rows=[("wrong by rounding", rounding)]),
+        )
+
+    def _figures(self) -> Sequence[notebook.Figure]:
+        drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
+        shown = notebook.as_shown(drawn.color, drawn.covered, drawn.height)
+        marks = notebook.marked(shown, wrong, self.geometry.moved)
+        return (
+            notebook.Figure(
                 caption="wrong surfaces red, displacement blue (full at 1 px)", content=notebook_png(marks)
             ),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class AutoBudget(Shown):
+class AutoBudget(notebook.Shown):
     """A budget at each of the apertures that were chosen for a plate, in their order."""
 
     budgets: tuple[BudgetReport, ...]
@@ -161,8 +151,8 @@ class AutoBudget(Shown):
         said = (f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets)
         return f"{len(self.budgets)} apertures; " + "; ".join(said)
 
-    def _tables(self) -> Sequence[Table]:
-        return (Table(rows=[(one.place, one.why, one.geometry._said()) for one in self.budgets]),)
+    def _tables(self) -> Sequence[notebook.Table]:
+        return (notebook.Table(rows=[(one.place, one.why, one.geometry._said()) for one in self.budgets]),)
 
 
 def auto_budget(
@@ -189,9 +179,9 @@ def budget(
     aperture = scene.plate.middle if aperture is None else aperture
     settings.check_against(scene.frustum)
     charged, chain = budget_of(scene, aperture, settings)
-    total = steps(scene)
+    total = radiance_budget.steps(scene)
     with progress_bar(total, "radiance", "image", shown=progress and total > 0) as bar:
-        radiance = make_radiance_budget(scene, chain, bar.update)
+        radiance = radiance_budget.make_radiance_budget(scene, chain, bar.update)
     return BudgetReport(
         scene=scene, aperture=aperture, settings=settings, chain=chain, geometry=charged, radiance=radiance
     )
@@ -211,10 +201,13 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
 IN_ALL = "in all"  #: name of the radiance error as a whole, beside its links
 
 
-def _radiance_rows(report: BudgetReport) -> tuple[RadianceLink, ...]:
+def _radiance_rows(report: BudgetReport) -> tuple[radiance_budget.RadianceLink, ...]:
     """Return what each link adds to the radiance error, and the error as a whole."""
     numbers = report.radiance.numbers
-    return (*numbers.links, RadianceLink(name=IN_ALL, **vars(numbers.total), standard_error=None))
+    return (
+        *numbers.links,
+        radiance_budget.RadianceLink(name=IN_ALL, **vars(numbers.total), standard_error=None),
+    )
 
 
 def _radiance_file(name: str) -> str:
@@ -229,7 +222,7 @@ def _counts(link: LinkNumbers) -> bool:
 def headline(numbers: BudgetNumbers) -> str:
     """Say how many pixels show the wrong surface and why, and how many another triangle."""
     wrong, most = sum(link.surface for link in numbers.links), max(numbers.links, key=lambda one: one.surface)
-    share = percent(wrong / max(numbers.judged, 1))
+    share = notebook.percent(wrong / max(numbers.judged, 1))
     cause = f", {most.surface:,} of them by the {most.name}" if wrong else ""
     said = f"{wrong:,} of {numbers.judged:,} judged pixels ({share}) show the wrong surface{cause}"
     return f"{said}; {numbers.wrong:,} show another triangle"
@@ -259,7 +252,7 @@ def table(geometry: Budget) -> str:
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
     notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
-        f"{headline(numbers)}\n{aligned(_link_cells(numbers))}\n{notes}"
+        f"{headline(numbers)}\n{notebook.aligned(_link_cells(numbers))}\n{notes}"
         f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
@@ -281,7 +274,7 @@ def _three_digits(value: float | None) -> str:
     """Write a number with three digits, and all digits of thousands of pixels."""
     if value is None:
         return "-"
-    return f"{value:,.0f}" if value >= 1000 else digits(value)
+    return f"{value:,.0f}" if value >= 1000 else notebook.digits(value)
 
 
 def command(report: BudgetReport) -> str:

@@ -17,13 +17,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.extent import depth_bins, require_seen
-from xfrustum.compare.prediction.band_limiting import (
-    LEVEL,
-    blurs,
-    contrast_of,
-    error_bound,
-    sub_apertures_for,
-)
+from xfrustum.compare.prediction import band_limiting
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
 from xfrustum.reports.common.outputs import json_ready, progress_bar
@@ -244,7 +238,7 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     first slab is fitted to its cut. Cameras of the other slabs stand in the aperture.
     """
     film, screen = np.array(scene.frustum.resolution), scene.frustum.screen
-    corner, contrast = math.hypot(*film) / 2, contrast_of(scene, [aperture])
+    corner, contrast = math.hypot(*film) / 2, band_limiting.contrast_of(scene, [aperture])
     fitted = settings.fitted_height(scene.frustum) if settings.slabs else None
     sheared = 0.0
     if screen is not None:
@@ -267,7 +261,7 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
         back, near = (settings.near, settings.near) if low == 0 else (0.0, low)
         w = np.array([one.farthest + back])
         separation = smallest_separation(w, near, high + back, settings.depth, settings.mapping)
-        widest, least = blurs(scene, one)
+        widest, least = band_limiting.blurs(scene, one)
         areas.append(widest)
         rows.append(
             {
@@ -279,13 +273,16 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
                 "shear_px": sheared * moved,
                 "separation": float(separation[0]),
                 "blur_px": (least, max(widest)),
-                "sub_apertures": sub_apertures_for(widest, contrast),
+                "sub_apertures": band_limiting.sub_apertures_for(widest, contrast),
             }
         )
     counts = [row["sub_apertures"] for row in rows]
 
     def levels(count: int) -> float:
-        return max((error_bound(count, one, contrast) for one in areas), default=0.0) / LEVEL
+        return (
+            max((band_limiting.error_bound(count, one, contrast) for one in areas), default=0.0)
+            / band_limiting.LEVEL
+        )
 
     return {
         "rows": rows,

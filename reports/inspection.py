@@ -28,6 +28,7 @@ from xfrustum.compare.metrics.error_maps import displacement, judged_pixels
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.scout import plate_cells
 from xfrustum.scenes import Aperture, Certainty, DoubleFrustum, HogelImage, InputError, Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.files.exr import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE, stored_planes
@@ -51,10 +52,6 @@ MAX_INSPECTED_PIXELS = 1 << 22
 Chromium of at most 2^29 - 24 characters. The channels of truth, image and errors take 103 bytes a pixel, 137
 characters, which is 7 % too many for 2^22 pixels. Numbers of triangles, objects and certainty are 20 of these
 bytes, and half of them, the upper ones, are always zero and take no room."""
-
-MAX_MAP_CELLS = 120
-"""Largest number of cells along a side of a map; a cell of a larger plate stands for several hogels. On the
-page a map is some 360 pixels wide, so that a cell has at least three."""
 
 STATE, CORRECTED, LINK, ROUNDING = "state", "state.corrected", "cause", "rounding"
 """Names of the channels of errors that have labels."""
@@ -257,12 +254,8 @@ class PlateMap:
     @classmethod
     def of(cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]) -> PlateMap:
         """Make a map of hogels by column and row."""
-        columns, rows = (min(count, MAX_MAP_CELLS) for count in plate.hogels)
-        cells = np.full((rows, columns), np.nan)
-        for column, row, value in values:
-            place = row * rows // plate.hogels[1], column * columns // plate.hogels[0]
-            cells[place] = np.fmax(cells[place], value)
-        return cls(words=words, cells=cells)
+        every = np.reshape(list(values), (-1, 3))
+        return cls(words=words, cells=plate_cells(plate.hogels, every[:, :2], every[:, 2])[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,16 +8,7 @@ from dataclasses import dataclass, replace
 import scipy
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.eye.loss import (
-    Collector,
-    DepthShift,
-    Views,
-    collected,
-    disparity,
-    film_parts,
-    hogels_of,
-    renderer_loss,
-)
+from xfrustum.compare.eye import loss
 from xfrustum.compare.eye.noticeable import Display, Viewer, blur_arcmin, eyes_apart, replay_noise_arcsec
 from xfrustum.compare.planning.plan import Plan, PlatePlanner, depth_buffers
 from xfrustum.compare.planning.plan import plan as plan_apertures
@@ -252,7 +243,7 @@ class Replayed:
     #: Largest difference of the changes of disparity of two points, or of one and the plate's border, from
     #: the 1st to the 99th percentile; None where both eyes are shown no point
     disparity_change_arcsec: float | None
-    depth: DepthShift | None  #: By how much farther away than they are points are seen, scene units
+    depth: loss.DepthShift | None  #: By how much farther away than they are points are seen, scene units
     #: Share of both eyes' judged pixels with a wrong surface, and share of those right with exact depth
     wrong: float
     depth_wrong: float
@@ -274,7 +265,7 @@ class ReplayWorkbench:
         film = (columns, max(1, round(columns * height / width)))
         middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
         self._views = [
-            Views(
+            loss.Views(
                 true=self._reference.true_view(eye, shaded=False),
                 replayed=self._reference.replayed(eye, shaded=False),
                 drawn=None,
@@ -292,7 +283,7 @@ class ReplayWorkbench:
     @property
     def hogels(self) -> int:
         """Number of hogels that the eyes are shown."""
-        return len(hogels_of(view.taken for view in self._views))
+        return len(loss.hogels_of(view.taken for view in self._views))
 
     def measure(
         self, settings: DoubleFrustum, done: Callable[[int], object] = lambda hogels: None
@@ -308,7 +299,7 @@ class ReplayWorkbench:
         wrong = self._wrong(views)
         judged = sum(one.size for one in wrong)
         by_depth = sum(int((a & ~b).sum()) for a, b in zip(wrong, self._control[1], strict=True))
-        _, pair = disparity(self._reference, *views)
+        _, pair = loss.disparity(self._reference, *views)
         assert pair is not None
         change = pair.change_arcsec
         return Replayed(
@@ -321,18 +312,18 @@ class ReplayWorkbench:
             judged=judged,
         )
 
-    def _drawn(self, settings: DoubleFrustum, done: Callable[[int], object]) -> list[Views]:
-        collectors = [Collector(self._scene, view.eye, view.taken, settings) for view in self._views]
-        hogels = Drawing(self._scene, settings).hogels(film_parts(view.taken for view in self._views))
-        images = collected(hogels, collectors)
+    def _drawn(self, settings: DoubleFrustum, done: Callable[[int], object]) -> list[loss.Views]:
+        collectors = [loss.Collector(self._scene, view.eye, view.taken, settings) for view in self._views]
+        hogels = Drawing(self._scene, settings).hogels(loss.film_parts(view.taken for view in self._views))
+        images = loss.collected(hogels, collectors)
         done(self.hogels)
         return [replace(view, drawn=image) for view, image in zip(self._views, images, strict=True)]
 
-    def _wrong(self, views: Sequence[Views]) -> list[Mask]:
+    def _wrong(self, views: Sequence[loss.Views]) -> list[Mask]:
         """Return the judged pixels that show a wrong surface, for each eye."""
         found = []
         for view in views:
-            maps = renderer_loss(self._reference, view, numbered=True)
+            maps = loss.renderer_loss(self._reference, view, numbered=True)
             assert maps.wrong is not None
             found.append(maps.wrong[maps.judged])
         return found

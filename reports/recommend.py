@@ -412,7 +412,8 @@ def limits_figure(found: Recommendation) -> Figure:
 def map_figure(found: Recommendation) -> Figure:
     """Draw the largest near that each hogel allows over the plate, on a logarithmic color scale."""
     plate, units = found.scene.plate, found.scene.units
-    values, looked = plate_cells(plate, found.scouted.apertures, found.hogel_limits, np.fmin)
+    places = [one.index for one in found.scouted.apertures]
+    values, looked = plate_cells(plate.hogels, places, found.hogel_limits, np.fmin)
     title = f"largest near that keeps {found.requirement.tolerance_px:g} px, {units}"
     figure = plate_map(plate, values, title, known=looked, logarithmic=True)
     figure["data"][0] |= {"colorscale": "Viridis", "reversescale": True}

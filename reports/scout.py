@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 
 from xfrustum.compare.scout import FILM_PIXELS, MAX_APERTURES, AutoApertures, scout
 from xfrustum.reports.common.figure_style import Figure, styled, titled
 from xfrustum.reports.common.outputs import progress_bar
-from xfrustum.scenes import Aperture, Plate, Scene
+from xfrustum.scenes import Plate, Scene
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.notebook import digits
 
@@ -79,8 +80,9 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
     nearest[nothing] = outlines[nothing] = np.nan
     # A surface in the aperture itself, at 0, has the color of the smallest other length.
     nearest = np.maximum(nearest, min(nearest[nearest > 0], default=1.0))
-    nearest, looked = plate_cells(plate, auto.scout.apertures, nearest, np.fmin)
-    outlines, _ = plate_cells(plate, auto.scout.apertures, outlines, np.fmax)
+    places = [one.index for one in auto.scout.apertures]
+    nearest, looked = plate_cells(plate.hogels, places, nearest, np.fmin)
+    outlines, _ = plate_cells(plate.hogels, places, outlines)
     marks = [(one.aperture.index, one.why) for one in auto.chosen]
     title = f"nearest visible |z|, {auto.scout.scene.units}"
     heights = plate_map(plate, nearest, title, known=looked, logarithmic=True)
@@ -92,16 +94,15 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
 
 
 def plate_cells(
-    plate: Plate, apertures: Sequence[Aperture], values: Floats, worst: np.ufunc
+    hogels: tuple[int, int], places: ArrayLike, values: ArrayLike, worst: np.ufunc = np.fmax
 ) -> tuple[Floats, Mask]:
-    """Return values (A,) of some apertures on the cells of a map (rows, columns), and which cells have one.
+    """Return values (A,) of some hogels on the cells of a map (rows, columns), and which cells have one.
 
-    `worst` is `np.fmin` or `np.fmax`: of apertures in the same cell, the one whose value counts.
+    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same cell, the
+    one whose value counts.
     """
-    cells = tuple(min(count, MAX_MAP_CELLS) for count in plate.hogels)
-    columns, rows = (
-        np.array([one.index for one in apertures]).T * np.array([cells]).T // np.array([plate.hogels]).T
-    )
+    cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
+    columns, rows = (np.reshape(places, (-1, 2)).astype(np.int64) * cells // hogels).T
     shown, looked = np.full(cells[::-1], np.nan), np.zeros(cells[::-1], dtype=bool)
     worst.at(shown, (rows, columns), values)
     looked[rows, columns] = True

@@ -21,16 +21,7 @@ from tqdm import tqdm
 
 from xfrustum.interrupts import delayed
 from xfrustum.scenes import InputError
-from xfrustum.scenes.disk.durable import (
-    Aside,
-    put,
-    put_folder,
-    remove_abandoned,
-    scratch_folder,
-    sync_folder,
-    write_file,
-    written_into,
-)
+from xfrustum.scenes.disk import durable
 
 
 def json_ready(value: Any) -> Any:
@@ -85,7 +76,7 @@ class Staging:
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out, self.names = out, names
         self._place = Path(os.path.realpath(out))
-        self._aside: Aside | None = None
+        self._aside: durable.Aside | None = None
 
     def __enter__(self) -> Self:
         # Beside its place and on the same file system, else the rename would be a copy.
@@ -99,8 +90,8 @@ class Staging:
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")
             # Where a run has put them that found no folder.
-            remove_abandoned(self._place.parent)
-            self._aside = Aside(host, folder=True)
+            durable.remove_abandoned(self._place.parent)
+            self._aside = durable.Aside(host, folder=True)
             # With the permissions that new folders get; the one aside is for nobody else.
             self.folder = self._aside.path / "out"
             self.folder.mkdir()
@@ -116,10 +107,10 @@ class Staging:
         """Move the staged files to `out` and return their paths, sorted by name."""
         with refused(f"--out {self.out}: cannot put files there", "choose another place"), delayed():
             files = sorted(self.folder.iterdir())
-            if not put_folder(self.folder, self._place):
+            if not durable.put_folder(self.folder, self._place):
                 for file in files:
-                    put(file, self._place / file.name)
-                sync_folder(self._place)
+                    durable.put(file, self._place / file.name)
+                durable.sync_folder(self._place)
         return tuple(self.out / file.name for file in files)
 
     def __exit__(
@@ -159,14 +150,14 @@ def check_writable_file(path: Path, option: str = "--out") -> None:
     folder = Path(os.path.realpath(path)).parent
     with refused(f"{option} {path}: cannot write in {folder}", "choose another place"):
         _check_kind(path, f"{option} {path}")
-        with Aside(scratch_folder() if written_into(path) else folder):
+        with durable.Aside(durable.scratch_folder() if durable.written_into(path) else folder):
             pass
 
 
 def write_output(path: Path, content: bytes, option: str = "--out") -> None:
     """Write the file that an option names, whole or not at all; InputError where that cannot be."""
     with refused(f"{option} {path}: cannot write"):
-        write_file(path, content)
+        durable.write_file(path, content)
 
 
 @contextmanager
@@ -183,7 +174,7 @@ def refused(what: str, advice: str = "free some space or choose another place") 
 def _check_kind(path: Path, where: str, which: str = "") -> None:
     """Raise InputError where a name belongs to what is no file and cannot be written into."""
     try:
-        written_into(path)
+        durable.written_into(path)
     except InputError as error:
         what = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{where}: {which + ' ' if which else ''}{what}") from error

@@ -2,7 +2,6 @@
 
 best    What a report sweeps, one row of it, and which depth buffer and nears are best, in a sentence
 images  Pictures for people: encoded, small, with scales that stay the same over a whole report
-light   What a report says about light beside its rows: effects, the eye vector, what a rasterizer misses
 page    The page: one HTML file with its pictures, its figures and plotly.js inside
 report  `xfrustum report`: draws and judges every setting at every aperture, and writes what it found
 """

@@ -1,6 +1,7 @@
 """`xfrustum report`: rasterizes and judges every setting at every aperture, and writes what it found.
 
-Its index.html, report.json and measurements.parquet appear together or not at all.
+Its index.html, report.json and measurements.parquet appear together or not at all. Beside its rows a report
+says of light: which effects are drawn, what the bent eye vector costs, and what a rasterizer misses.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ import math
 import re
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,18 @@ import pyarrow.parquet as pq
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.metrics.error_maps import CONFIDENCE, PixelSet
-from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.metrics.radiance import STEP, LeftOutNumbers, measure_left_out
+from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted_eye_error
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.compare.scout import AutoApertures
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference, plain
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
-from xfrustum.reference.plain import CERTIFIED, Decision, open_reference
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, progress_bar
 from xfrustum.reports.common.records import table_of
+from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.best import (
     Measurement,
@@ -43,7 +48,6 @@ from xfrustum.reports.error_report.best import (
     sentence,
     settings_of,
 )
-from xfrustum.reports.error_report.light import LightReport, measure_light
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.inspection import (
     MAX_HOGELS,
@@ -56,10 +60,143 @@ from xfrustum.reports.inspection import (
     write_inspection,
 )
 from xfrustum.reports.scout import scout_record
-from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError
-from xfrustum.scenes.model.effects import chosen
+from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.effects import Decision, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.notebook import counted, digits
+from xfrustum.scenes.notebook import counted, digits, percent
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeError:
+    """What the bent eye vector costs at one near plane: root mean squares over points and channels.
+
+    `predicted` by closed form, at the truth's surface points; `measured` at the points that the device drew,
+    with its float32 arithmetic.
+    """
+
+    near: float
+    predicted: float
+    measured: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissedLight:
+    """The light that a rasterizer misses in one aperture's image."""
+
+    aperture: Aperture
+    numbers: LeftOutNumbers
+    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth without.
+    picture: str
+    difference: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LightReport:
+    """What a report says about light beside its rows."""
+
+    scene: Scene
+    names: str  #: of the effects, as `--effects` takes them
+    #: For every effect: whether the scene calls for it, and why.
+    decisions: tuple[Decision, ...]
+    #: Whether the rasterizer's images with all effects and with those called for are the same, bit by bit.
+    same_bits: bool
+    #: Error by near; empty where no highlight and no reflection is drawn.
+    eye: tuple[EyeError, ...]
+    #: Missed light by aperture; empty where no light transport is asked for.
+    missed: tuple[MissedLight, ...]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The numbers as report.json has them."""
+        return {
+            "effects": self.names,
+            "decisions": self.decisions,
+            "same_bits": self.same_bits,
+            "sampling": self.scene.sampling,
+            "eye_vector": self.eye,
+            "left_out": [
+                {"aperture": part.aperture.index, **json_object(part.numbers)} for part in self.missed
+            ],
+        }
+
+    def sentences(self) -> Iterator[str]:
+        """Say in words how much light is missed."""
+        pixels = self.scene.frustum.resolution[0] * self.scene.frustum.resolution[1]
+        for part in self.missed:
+            numbers = part.numbers
+            yield (
+                f"Aperture {part.aperture.column},{part.aperture.row}: light transport changes "
+                f"{numbers.pixels:,} pixels ({percent(numbers.pixels / pixels)}), "
+                f"{numbers.darker:,} of them to darker; rms {digits(numbers.rms)} in radiance, "
+                f"after noise of {digits(numbers.rms_noise)} is taken off."
+            )
+
+
+def measure_light(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    *,
+    effects: str = "auto",
+    progress: bool = False,
+) -> LightReport | None:
+    """Measure what a report says about light beside its rows; None where a scene says nothing of light.
+
+    Light that is missed is measured at all apertures of the report, everything else at the first one.
+    """
+    if not is_shaded(scene):
+        return None
+    first, drawn, asked = apertures[0], [], Question(settings=(settings[0],))
+    for names in ("auto", "all"):
+        with Rasterizer(scene, effects=chosen(scene, names, question=asked)) as rasterizer:
+            image = rasterizer.render(first, settings[0], normals=False)
+            arrays = (image.color, image.triangle, image.position)
+            drawn.append([array.tobytes() for array in arrays if array is not None])
+    shows_eye = bool(needed(scene) & {Effect.SPECULAR, Effect.REFLECTION})
+    nears = sorted({one.near for one in settings}, reverse=True) if shows_eye else []
+    lit = apertures if scene.transport.simulated else []
+    eye, missed = [], []
+    steps = len(nears) + 2 * len(lit) * scene.sampling.aperture
+    with progress_bar(steps, "light", "measurement", shown=progress) as bar:
+        if nears:
+            once, shader = replace(scene, sampling=Sampling()), Shader(scene)
+            surfaces = Reference(once).trace(first)
+            with Rasterizer(once) as rasterizer:
+                for near in nears:
+                    # With a depth buffer that loses nothing.
+                    exact = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+                    shown = rasterizer.render(first, exact, normals=False)
+                    errors = (
+                        predicted_eye_error(scene, surfaces, near),
+                        measured_eye_error(shader, shown),
+                    )
+                    predicted, measured = (
+                        float(np.sqrt(np.mean(one**2))) if one.size else 0.0 for one in errors
+                    )
+                    eye.append(EyeError(near=near, predicted=predicted, measured=measured))
+                    bar.update()
+        for aperture in lit:
+            left_out = measure_left_out(scene, aperture, bar.update)
+            truth = Reference(scene).trace(aperture, Sampling())
+            full = (left_out.without + left_out.difference.mean).astype(np.float32)
+            missed.append(
+                MissedLight(
+                    aperture=aperture,
+                    numbers=left_out.numbers,
+                    picture=address(images.picture(replace(truth, color=full))),
+                    difference=address(images.radiance_map(left_out.difference.mean)),
+                )
+            )
+    return LightReport(
+        scene=scene,
+        names=effects,
+        decisions=decide(scene),
+        same_bits=drawn[0] == drawn[1],
+        eye=tuple(eye),
+        missed=tuple(missed),
+    )
+
 
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
@@ -156,7 +293,7 @@ class Sweep:
     def cost_sentence(self) -> str:
         """What measuring took, in words."""
         truths = counted(len(self.truths), "certified truth")
-        if self.decided_by != CERTIFIED:
+        if self.decided_by != plain.CERTIFIED:
             truths = f"{counted(len(self.truths), 'picture')} by {self.decided_by} alone"
         frames = counted(len(self.rows), "raster frame")
         return (
@@ -180,11 +317,11 @@ def sweep(
     options, begun = options or ReportOptions(), time.perf_counter()
     # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
-    decision = Decision(by=options.decided_by, tracer=options.tracer)
+    decision = plain.Decision(by=options.decided_by, tracer=options.tracer)
     width, height = scene.frustum.resolution
     pixels = width * height * len(apertures) * len(settings)
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
-    with Judge(scene, reference=open_reference(scene, decision, effects), effects=effects) as judge:
+    with Judge(scene, reference=plain.open_reference(scene, decision, effects), effects=effects) as judge:
         seconds = defaultdict(float, prepare=time.perf_counter() - begun)
         found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
         rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
@@ -226,7 +363,7 @@ def _measure(
 ) -> tuple[dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth]]:
     """Draw and judge every setting at every aperture; add up the seconds of each stage."""
     scene, rows, truths = judge.scene, {}, {}
-    tracers = TracersAlone(scene) if judge.reference.decided_by == CERTIFIED else None
+    tracers = TracersAlone(scene) if judge.reference.decided_by == plain.CERTIFIED else None
     shaded = is_shaded(scene)
     # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
     wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
@@ -349,7 +486,7 @@ def make_report(
         measured = sweep(scene, apertures, settings, options)
         best, frustum = measured.best, scene.frustum
         said = sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
-        if measured.decided_by != CERTIFIED:
+        if measured.decided_by != plain.CERTIFIED:
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
         command = provenance.raster_command(scene, best.aperture, best.settings)
         staging.write(FILES[0], render_page(measured, said, command))

@@ -20,26 +20,8 @@ from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.disk.input_files import check_allowed
-from xfrustum.scenes.files.layouts import (
-    LAYOUTS,
-    PICTURE_SUFFIXES,
-    Naming,
-    Pixels,
-    PlateShape,
-    layout_for,
-    layouts_named,
-)
+from xfrustum.scenes.files import layouts, plate_files
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
-from xfrustum.scenes.files.plate_files import (
-    PARAMETERS_FILE,
-    FileSet,
-    PlateRows,
-    Target,
-    empty_row,
-    find_files,
-    plate_with_levels,
-    write_files,
-)
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
 LAYOUT_ATTRIBUTE = "xfrustum:converted"  # of converted groups, says from what; drawn ones have another
@@ -58,7 +40,7 @@ def is_group(place: Path) -> bool:
 
 
 @dataclass(kw_only=True, eq=False)
-class GroupRows(PlateRows):
+class GroupRows(plate_files.PlateRows):
     """The pixels of a plate in a Zarr group; numbers of triangles as in `--encoding triangle-id`."""
 
     place: Path
@@ -81,7 +63,7 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
         raise InputError(f"{place}: array {chosen} is not that of a plate")
     rows, columns, height, width = (int(count) for count in stored.shape[:4])
-    shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
+    shape = layouts.PlateShape(hogels=(columns, rows), resolution=(width, height))
     largest = max(math.prod(stored.shape[2:]), math.prod(stored.chunks), math.prod(stored.shards or ()))
     check_allowed(place, largest * stored.dtype.itemsize, f"one hogel or chunk of {chosen}")
     floating = stored.dtype.kind == "f"
@@ -89,8 +71,8 @@ def open_plate(place: Path, array: PlateArray | None) -> GroupRows:
     if dtype not in (np.uint8, np.float16, np.float32):
         raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
 
-    def row(number: int) -> Pixels:
-        pixels = empty_row(found)
+    def row(number: int) -> layouts.Pixels:
+        pixels = plate_files.empty_row(found)
         for column in range(columns):
             try:
                 hogel: Any = stored[number, column]
@@ -127,7 +109,7 @@ def missing_hogels(rows: GroupRows) -> int:
 
 
 def write_group(
-    plate: PlateRows,
+    plate: plate_files.PlateRows,
     place: Path,
     array: PlateArray,
     description: dict[str, object],
@@ -160,7 +142,7 @@ def packed(triangle: Numbers) -> Bytes:
     return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
 
 
-def unpacked(pixels: Pixels) -> Numbers:
+def unpacked(pixels: layouts.Pixels) -> Numbers:
     """Return the numbers that pixels (.., 3) stand for: the inverse of `packed`."""
     red, green, blue = (pixels[..., channel].astype(np.int32) for channel in range(3))
     return (red << 16 | green << 8 | blue) - np.int32(1)
@@ -222,7 +204,7 @@ def convert(
             "say with --to in which layout to write; only names that end in .zarr say it themselves"
         )
     array = None if options.array is None else choice(PlateArray, options.array, "array")
-    plate: PlateRows
+    plate: plate_files.PlateRows
     missing: tuple[str, ...] = ()
     if read_as == ZARR or (read_as is None and is_group(source)):
         plate = group = open_plate(source, array)
@@ -246,14 +228,16 @@ def convert(
     )
     if target == ZARR:
         return _into_group(done, plate, array or PlateArray.COLOR, progress=progress)
-    done = replace(done, written_as=layouts_named(target)[0].name)
+    done = replace(done, written_as=layouts.layouts_named(target)[0].name)
     return _into_files(done, plate, options, progress=progress)
 
 
-def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> FileSet:
+def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> plate_files.FileSet:
     """Return the files of a whole plate; InputError where some are missing or lie beyond it."""
-    shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
-    found = find_files(source, shape, LAYOUTS if read_as is None else layouts_named(read_as))
+    shape = None if options.hogels is None else layouts.PlateShape(hogels=options.hogels, resolution=(1, 1))
+    found = plate_files.find_files(
+        source, shape, layouts.LAYOUTS if read_as is None else layouts.layouts_named(read_as)
+    )
     if found.missing:
         raise InputError(
             f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
@@ -268,12 +252,14 @@ def _files_at(source: Path, read_as: str | None, options: ConversionOptions) -> 
     return found
 
 
-def _into_group(done: Conversion, plate: PlateRows, array: PlateArray, *, progress: bool) -> Conversion:
+def _into_group(
+    done: Conversion, plate: plate_files.PlateRows, array: PlateArray, *, progress: bool
+) -> Conversion:
     source, out = done.source, done.out
     if array is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
-        plate = plate_with_levels(plate, BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
+        plate = plate_files.plate_with_levels(plate, BYTE_LEVELS if array is PlateArray.TRIANGLE else None)
     if out.exists() or out.is_symlink():
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
     columns, rows = plate.shape.hogels
@@ -292,23 +278,23 @@ def _into_group(done: Conversion, plate: PlateRows, array: PlateArray, *, progre
 
 
 def _into_files(
-    done: Conversion, plate: PlateRows, options: ConversionOptions, *, progress: bool
+    done: Conversion, plate: plate_files.PlateRows, options: ConversionOptions, *, progress: bool
 ) -> Conversion:
     out, shape = done.out, plate.shape
-    single = done.written_as in ONE_PICTURE and out.suffix.lower() in PICTURE_SUFFIXES
+    single = done.written_as in ONE_PICTURE and out.suffix.lower() in layouts.PICTURE_SUFFIXES
     suffix = out.suffix.lower() if single else options.suffix
-    layout = layout_for(done.written_as, suffix)
+    layout = layouts.layout_for(done.written_as, suffix)
     # What follows in the names of quilts is their own.
     stem = out.stem.partition("_qs")[0] if layout.name == "quilt" else out.stem
-    naming = Naming(
+    naming = layouts.Naming(
         suffix=suffix or layout.suffix,
         stem=stem if single else "",
         aspect=options.aspect,
         tiles=options.tiles,
     )
 
-    def named(naming: Naming) -> bool:  # `pleno` has no other files than .ppm
-        name = Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
+    def named(naming: layouts.Naming) -> bool:  # `pleno` has no other files than .ppm
+        name = plate_files.Target(layout=layout, naming=naming).file_name(next(layout.indices(shape)), shape)
         return layout.read_name(name) is not None
 
     floating = replace(naming, suffix=".exr")
@@ -316,11 +302,11 @@ def _into_files(
         naming = floating
     if not named(naming):
         raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
-    target = Target(layout=layout, naming=naming)
+    target = plate_files.Target(layout=layout, naming=naming)
     files, losses = layout.file_count(shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
         with progress_bar(files, "convert", "file", shown=progress) as bar:
-            write_files(plate, target, staging.folder, bar.update)
+            plate_files.write_files(plate, target, staging.folder, bar.update)
         if layout.name == "hci":
             # The part of a parameters.cfg that the pictures decide.
             (columns, rows), (width, height) = shape.hogels, shape.resolution
@@ -329,7 +315,7 @@ def _into_files(
                 f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
                 f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
             )
-            (staging.folder / PARAMETERS_FILE).write_text(parameters, encoding="ascii")
+            (staging.folder / plate_files.PARAMETERS_FILE).write_text(parameters, encoding="ascii")
         written = staging.commit()
     notes = (*done.notes, *target.notes(shape))
     return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
@@ -377,11 +363,11 @@ class LaidOutPlate:
                 f"--out {self.out}: files in a layout hold one image of each hogel, and no measures; "
                 f"let the name end in {ZARR_SUFFIX}, and the Zarr group with all of them stays"
             )
-        shape = PlateShape(hogels=scene.plate.hogels, resolution=scene.frustum.resolution)
-        for layout in layouts_named(self.layout):
+        shape = layouts.PlateShape(hogels=scene.plate.hogels, resolution=scene.frustum.resolution)
+        for layout in layouts.layouts_named(self.layout):
             # A layout that has no place for such a plate says so here.
-            layout.stem(next(layout.indices(shape)), shape, Naming())
-        single = self.layout in ONE_PICTURE and self.files.suffix.lower() in PICTURE_SUFFIXES
+            layout.stem(next(layout.indices(shape)), shape, layouts.Naming())
+        single = self.layout in ONE_PICTURE and self.files.suffix.lower() in layouts.PICTURE_SUFFIXES
         check_writable_folder(self.files.absolute().parent if single else self.files)
 
     def write(self, scene: Scene) -> Conversion:

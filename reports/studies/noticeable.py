@@ -14,14 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.eye.noticeable import (
-    STEREO_ACUITY_ARCSEC,
-    Display,
-    Viewer,
-    finest_separation,
-    resolved_crack,
-    stereo_change_arcsec,
-)
+from xfrustum.compare.eye import noticeable
 from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
@@ -56,7 +49,7 @@ class Cell:
     mapping: DepthMapping
     pivot: Pivot
 
-    viewer = property(lambda self: Viewer(distance=self.distance))
+    viewer = property(lambda self: noticeable.Viewer(distance=self.distance))
     seat = property(lambda self: (self.scene, self.pitch, self.distance))
     case = property(lambda self: (*self.seat, self.pivot, self.depth, self.mapping))  # everything but near
 
@@ -105,7 +98,7 @@ class Row(Replay, Cell):
     @property
     def offset_seen(self) -> bool:
         """Whether the viewer notices the near offset, whatever the depth buffer does: by depth or a crack."""
-        by_depth = self.stereo_arcsec > STEREO_ACUITY_ARCSEC
+        by_depth = self.stereo_arcsec > noticeable.STEREO_ACUITY_ARCSEC
         return by_depth or (self.crack_arcmin or 0.0) > self.crack_hidden_arcmin
 
 
@@ -186,10 +179,10 @@ def _displacements(name: str, near: float, pivot: Pivot) -> Any:
 
 def predicted(cell: Cell) -> Row:
     """Return what closed forms say of a cell."""
-    scouted, display, settings = _scouted(cell.scene), Display.of(cell.opened()), cell.settings
+    scouted, display, settings = _scouted(cell.scene), noticeable.Display.of(cell.opened()), cell.settings
     content, frustum = seen_content(scouted), scouted.scene.frustum
-    hidden_by, hidden, width = resolved_crack(cell.viewer, display, settings)
-    resolved = finest_separation(content.farthest, cell.viewer, display)
+    hidden_by, hidden, width = noticeable.resolved_crack(cell.viewer, display, settings)
+    resolved = noticeable.finest_separation(content.farthest, cell.viewer, display)
     assert resolved is not None
     moved = _displacements(cell.scene, cell.near, cell.pivot)
     median, worst = float(np.median(moved)), float(moved.max())
@@ -200,7 +193,7 @@ def predicted(cell: Cell) -> Row:
         ordered.append(float(smallest_separation(w, cell.near, far, cell.depth, cell.mapping)))
     return Row(
         **vars(cell),
-        stereo_arcsec=stereo_change_arcsec(content, cell.viewer, display, settings),
+        stereo_arcsec=noticeable.stereo_change_arcsec(content, cell.viewer, display, settings),
         crack_arcmin=width if content.through else None,
         crack_hidden_arcmin=hidden,
         crack_hidden_by=hidden_by,
@@ -290,7 +283,7 @@ def record(files: StudyFiles) -> dict[str, Any]:
 def sentence(rows: Sequence[Row]) -> str:
     """Say the result in one sentence."""
     usual = min({row.distance for row in rows}, key=lambda distance: abs(distance - USUAL_DISTANCE))
-    viewer = Viewer(distance=usual)
+    viewer = noticeable.Viewer(distance=usual)
     # L^2/n of the rule without its small second-order term.
     metres = 2 * viewer.eyes_apart_mm / math.radians(viewer.stereo_acuity_arcsec / 3600) / 1000
     return (
@@ -301,7 +294,7 @@ def sentence(rows: Sequence[Row]) -> str:
 
 def rule_near(distance: float) -> float:
     """Return the largest near whose gap at the plate changes disparity by no more than stereo acuity, mm."""
-    viewer = Viewer(distance=distance)
+    viewer = noticeable.Viewer(distance=distance)
     acuity, apart = math.radians(viewer.stereo_acuity_arcsec / 3600), viewer.eyes_apart_mm
     return acuity * distance**2 / (apart + math.hypot(apart, acuity * distance))
 
@@ -332,7 +325,7 @@ def thresholds(rows: Sequence[Row]) -> list[dict[str, Any]]:
         stereo = {}
         for distance in dict.fromkeys(row.distance for row in own):
             some = [row for row in own if row.distance == distance]
-            stereo[f"{distance:g}"] = largest_near(some, "stereo_arcsec", STEREO_ACUITY_ARCSEC)
+            stereo[f"{distance:g}"] = largest_near(some, "stereo_arcsec", noticeable.STEREO_ACUITY_ARCSEC)
         pixels = {name: largest_near(own, name, TOLERANCE_PX) for name in ("pixels_worst", "pixels_median")}
         found.append({"scene": scene, "pivot": pivot, "stereo": stereo, **pixels})
     return found

@@ -28,7 +28,7 @@ from xfrustum.reports.common.templates_environment import address
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, picture
 from xfrustum.reports.inspection import DRAWN, InspectedHogel, inspected_frame
 from xfrustum.reports.parts import Parts
-from xfrustum.reports.scout import MAX_MAP_CELLS
+from xfrustum.reports.scout import plate_cells
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.reports.verification.verdict import Hogel, Limits
 from xfrustum.reports.verification.verification import Run
@@ -199,7 +199,6 @@ class Tally:
 
     def __init__(self, hogels: tuple[int, int]) -> None:
         self._hogels = hogels
-        self._cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
         self.judged = self.beyond = 0
         self.worst: list[WorstHogel] = []  #: the worst first
         #: By column: (rows, columns) of cells, the largest value in each; NaN where there is none
@@ -232,13 +231,12 @@ class Tally:
             (*self.worst, *found),
             key=lambda h: (not h.beyond, -h.badness, -(h.surface_fraction or 0.0), h.aperture[::-1]),
         )[:WORST_HOGELS]
-        places = zip((lines, columns), self._cells[::-1], self._hogels[::-1], strict=True)
-        place = tuple(index * cells // count for index, cells, count in places)
+        places = np.stack((columns, lines), axis=-1)
         for name in rows.column_names:
             cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
             if cause or name in MAP_COLUMNS:
-                cells = self.maps.setdefault(name, np.full(self._cells[::-1], np.nan))
-                np.fmax.at(cells, place, _numbers(rows, name))
+                cells, _ = plate_cells(self._hogels, places, _numbers(rows, name))
+                self.maps[name] = np.fmax(self.maps.get(name, np.nan), cells)
         self._moved_px.append(np.maximum(moved[np.isfinite(moved)], MIN_SHOWN_PX))
         if "depth_pixels" in rows.column_names:
             names = ("pixels", "squares_px2", "max_px")

@@ -14,16 +14,8 @@ from xfrustum.compare.sampling import GrowingSample, clean_sample, risk_of_claim
 from xfrustum.reports.blocks import Engine, open_workers
 from xfrustum.reports.common.outputs import check_writable_folder, json_ready, progress_bar
 from xfrustum.reports.parts import Parts, scene_description
+from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.answer import FILES, Extent, Survey, write_survey
-from xfrustum.reports.survey.rows import (
-    DrawnJob,
-    ForeignJob,
-    HogelBlock,
-    Tally,
-    add_rows,
-    hogels_per_block,
-    shown_hogel,
-)
 from xfrustum.reports.verification.sources import ForeignRenderer
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.arguments import one_of, real
@@ -72,16 +64,16 @@ class Hogels:
         else:
             sample = GrowingSample(plate=scene.plate, first=first, seed=chosen.seed)
             looks = 1 if chosen.until is None else sample.looks
-        size = hogels_per_block(first, scene.frustum, settings)
+        size = rows.hogels_per_block(first, scene.frustum, settings)
         return cls(plate=scene.plate, sample=sample, looks=looks, size=size)
 
-    def blocks(self, look: int, first: int) -> list[HogelBlock]:
+    def blocks(self, look: int, first: int) -> list[rows.HogelBlock]:
         """Return the blocks that a look adds, numbered from the first on; the last may have fewer hogels."""
         whole = range(math.prod(self.plate.hogels))
         places: Sequence[int] = whole if self.sample is None else self.sample.new_places(look).tolist()
         begins = range(0, len(places), self.size)
         return [
-            HogelBlock(number=number, places=places[begin : begin + self.size])
+            rows.HogelBlock(number=number, places=places[begin : begin + self.size])
             for number, begin in enumerate(begins, first)
         ]
 
@@ -121,22 +113,22 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     require_seen(scene, scene.plate.apertures())
     parts = Parts(out=out.absolute(), name=ROWS)
     common: dict[str, Any] = {"scene": scene, "parts": parts, "tolerance_px": tolerance_px}
-    job: DrawnJob | ForeignJob
+    job: rows.DrawnJob | rows.ForeignJob
     several: tuple[DoubleFrustum | None, ...]
     if isinstance(settings, ForeignRenderer):
         renderer = settings.with_layout(scene, told)
         state = renderer.state(scene.plate.apertures())
-        job, several = ForeignJob(renderer=renderer, state=state, **common), (None,)
+        job, several = rows.ForeignJob(renderer=renderer, state=state, **common), (None,)
         work: dict[str, Any] = {"images": renderer.description, "state of the images": state}
     else:
         drawn = _each(settings, scene)
-        job, several = DrawnJob(settings=drawn, tracer=tracer, **common), drawn
+        job, several = rows.DrawnJob(settings=drawn, tracer=tracer, **common), drawn
         work = {"settings": drawn, "tracer": job.tracer, "max_wrong": MAX_WRONG}
     hogels = Hogels.of(scene, chosen, len(several))
     work |= {"scene": scene_description(scene), "tolerance_px": tolerance_px, "hogels": hogels}
     parts.open(json_ready(work))
 
-    begun, found = time.perf_counter(), [Tally(scene.plate.hogels) for _ in several]
+    begun, found = time.perf_counter(), [rows.Tally(scene.plate.hogels) for _ in several]
     blocks, sample = hogels.blocks(0, 0), hogels.sample
 
     def answer(look: int, *, complete: bool) -> Survey:
@@ -170,13 +162,13 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
             parts.tell_damaged((block.number for block in mine), told)
             workers.make(job, mine, bar)
             finished = blocks if engine.part.everything else list(filter(job.finished, blocks))
-            add_rows(found, (parts.read(block.number) for block in finished))
+            rows.add_rows(found, (parts.read(block.number) for block in finished))
             surveyed = answer(look, complete=len(finished) == len(blocks))
             if surveyed.decided:
                 break
         if surveyed.extent.complete:
             worst = surveyed.tallies[surveyed.best].worst
-            pictures = [workers.ask(job, shown_hogel, one.aperture, surveyed.best) for one in worst]
+            pictures = [workers.ask(job, rows.shown_hogel, one.aperture, surveyed.best) for one in worst]
             surveyed = answer(look, complete=True)
             write_survey(surveyed, list(zip(worst, pictures, strict=True)), parts.out)
     return surveyed

@@ -55,22 +55,14 @@ from xfrustum.reports.verification.verdict import (
     Pictured,
     Verification,
     WorstHogels,
+    places_of,
     with_correction_tested,
 )
-from xfrustum.reports.verification.where import places_of
 from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.files import layouts
 from xfrustum.scenes.files.foreign_images import Encoding
-from xfrustum.scenes.files.layouts import (
-    CUBEVI_TILES,
-    LAYOUTS,
-    Index,
-    Layout,
-    Pixels,
-    PlateShape,
-    tiled_views,
-)
 from xfrustum.scenes.files.plate_files import FileSet, find_files
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
@@ -345,27 +337,27 @@ def with_layout_named(
     )
 
 
-def other_readings(stated: FileSet, told: PlateShape) -> Iterator[FileSet]:
+def other_readings(stated: FileSet, told: layouts.PlateShape) -> Iterator[FileSet]:
     """Yield other layouts in which the same files form the plate that is told."""
-    for layout in (*LAYOUTS, *(other for each in LAYOUTS for other in mistaken(each))):
+    for layout in (*layouts.LAYOUTS, *(other for each in layouts.LAYOUTS for other in mistaken(each))):
         with suppress(InputError):
             found = find_files(stated.place, told, (layout,)) if layout != stated.layout else stated
             if found is not stated and found.shape == told and not found.missing:
                 yield found
 
 
-def mistaken(layout: Layout) -> tuple[Layout, ...]:
+def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
     """Return what others take for a layout: numbers in the other order, and views from the other side."""
 
-    def other_side(one: Layout, *, downward: bool) -> Layout:
-        def view(pixels: Pixels, _: Index, tiles: Index) -> Pixels:
-            return tiled_views(pixels, tiles or CUBEVI_TILES, downward=downward)
+    def other_side(one: layouts.Layout, *, downward: bool) -> layouts.Layout:
+        def view(pixels: layouts.Pixels, _: layouts.Index, tiles: layouts.Index) -> layouts.Pixels:
+            return layouts.tiled_views(pixels, tiles or layouts.CUBEVI_TILES, downward=downward)
 
         before, after = ("bottom left", "top left") if downward else ("top left", "bottom left")
         return replace(one, view=view, words=one.words.replace(before, after))
 
     numbers = layout.stated if layout.name == "quilt" else tuple(layout.numbers)
-    exchanged: tuple[Layout, ...] = ()
+    exchanged: tuple[layouts.Layout, ...] = ()
     if len(numbers) == 2:
         first, second = numbers
         pattern = layout.pattern.replace(f"<{first}>", "<swapped>").replace(f"<{second}>", f"<{first}>")

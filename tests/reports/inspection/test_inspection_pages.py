@@ -12,7 +12,6 @@ from xfrustum import open_scene
 from xfrustum.reports import inspection as inspection_page
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.inspection import (
-    MAX_MAP_CELLS,
     PAGE,
     InspectedHogel,
     Inspection,
@@ -22,6 +21,7 @@ from xfrustum.reports.inspection import (
     replacing_inspection,
     write_inspection,
 )
+from xfrustum.reports.scout import MAX_MAP_CELLS
 from xfrustum.scenes import Scene
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Plate

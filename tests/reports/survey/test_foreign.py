@@ -13,7 +13,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, Scene, open_scene, verify, write_image, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import LaidOutPlate
-from xfrustum.reports.inspection import MAX_MAP_CELLS
+from xfrustum.reports.scout import MAX_MAP_CELLS
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
