@@ -13,24 +13,7 @@ import numpy as np
 from PIL import Image
 from pydantic import TypeAdapter, ValidationError
 
-from xfrustum.compare.eye.loss import (
-    DEFAULT_COLOR,
-    SHIFT_PX,
-    Collector,
-    Disparity,
-    DrawnHogel,
-    Loss,
-    LossMaps,
-    Views,
-    collected,
-    disparity,
-    display_loss,
-    drawn_hogels,
-    film_parts,
-    hogels_of,
-    pixels_per_degree,
-    renderer_loss,
-)
+from xfrustum.compare.eye import loss
 from xfrustum.compare.eye.noticeable import moves_rigidly
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
@@ -86,7 +69,7 @@ class Source(Protocol):
     name: str  #: The renderer, or where its hogels lie, for people
     settings: DoubleFrustum | None  #: Settings of the cameras that drew them; None where they are not known
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Yield hogels by column and row, in order; only pixels in the part of each film mean anything."""
         ...
 
@@ -106,12 +89,12 @@ class Drawing:
         self.settings = self._how = settings
         self.name = f"near {settings.near:g} {scene.units}, {settings.depth_label}"
         self._scene = replace(scene, sampling=Sampling())
-        self._content = PlateContent(color=DEFAULT_COLOR, ids=True, effects=effects)
+        self._content = PlateContent(color=loss.DEFAULT_COLOR, ids=True, effects=effects)
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Draw the hogels."""
         with PlateRenderer(self._scene, self._how, self._content) as renderer:
-            yield from drawn_hogels(renderer, parts)
+            yield from loss.drawn_hogels(renderer, parts)
 
 
 class StoredPlate:
@@ -140,7 +123,7 @@ class StoredPlate:
         if COLOR not in self._arrays or any(a.shape[:4] != expected for a in self._arrays.values()):
             raise InputError(f"--plate {path}: its arrays are damaged; draw the plate again")
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Read the hogels; InputError where some have not been drawn, or cannot be read."""
         missing = [i for i in parts if not self._plate.finished(self._scene.plate.aperture(*i))]
         if missing:
@@ -155,7 +138,7 @@ class StoredPlate:
                 raise InputError(
                     f"--plate {self._path}: hogel {column},{row} is damaged; xfrustum plate --check mends it"
                 ) from error
-            yield DrawnHogel(index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
+            yield loss.DrawnHogel(index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
 
 
 class Images:
@@ -167,7 +150,7 @@ class Images:
         self._scene = scene
         self._files = Files(pattern=pattern, reference=Reference(scene), encoding=encoding)
 
-    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[loss.DrawnHogel]:
         """Read the files; InputError where one is missing or cannot be read."""
         apertures = [self._scene.plate.aperture(*index) for index in parts]
         self._files.check(apertures)
@@ -184,7 +167,7 @@ class Images:
             # Colors alone do not say which surfaces they show, as `verify` tells it.
             said = (image.triangle != NOTHING) | (image.object != NOTHING)
             named = image.color is None or bool(said.any())
-            yield DrawnHogel(
+            yield loss.DrawnHogel(
                 index=aperture.index,
                 color=image.color,
                 triangle=image.triangle if named else None,
@@ -202,14 +185,14 @@ class EyeRecord:
 
     eye: tuple[float, float, float]  #: Its position, scene units
     pixels_per_degree: float  #: Pixels of its film in a degree of its view
-    display: Loss  #: The loss of the true view by replaying it (A against B)
-    renderer: Loss | None  #: What the renderer's hogels lose besides (B against C)
+    display: loss.Loss  #: The loss of the true view by replaying it (A against B)
+    renderer: loss.Loss | None  #: What the renderer's hogels lose besides (B against C)
 
     @property
-    def losses(self) -> dict[str, Loss]:
+    def losses(self) -> dict[str, loss.Loss]:
         """The losses that are known, by whose they are."""
         both = {"display": self.display, "renderer": self.renderer}
-        return {name: loss for name, loss in both.items() if loss is not None}
+        return {name: lost for name, lost in both.items() if lost is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,8 +201,8 @@ class PairRecord:
 
     left: int
     right: int
-    display: Disparity
-    renderer: Disparity | None
+    display: loss.Disparity
+    renderer: loss.Disparity | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,9 +221,9 @@ class SceneView(Shown):
     """Pictures of all eyes, their losses pixel by pixel (no renderer's where none is judged), and numbers."""
 
     scene: Scene
-    views: tuple[Views, ...]
-    display: tuple[LossMaps, ...]
-    renderer: tuple[LossMaps, ...]
+    views: tuple[loss.Views, ...]
+    display: tuple[loss.LossMaps, ...]
+    renderer: tuple[loss.LossMaps, ...]
     record: ViewRecord
     #: Distance by which everything is seen farther from the plate than it is, scene units; None where that is
     #: not one distance, or where the cameras are not known
@@ -259,7 +242,7 @@ class SceneView(Shown):
         parts = []
         for name, shows in (("display", "the display shows"), ("renderer", f"{self.record.source} besides")):
             losses = [eye.losses[name] for eye in self.record.eyes if name in eye.losses]
-            known = [loss.fraction for loss in losses if loss.fraction is not None]
+            known = [lost.fraction for lost in losses if lost.fraction is not None]
             if losses:
                 share = f"up to {percent(max(known))}" if known else "an unknown share of"
                 parts.append(f"{shows} {share} wrong surfaces")
@@ -272,9 +255,9 @@ class SceneView(Shown):
         head = (first, "pixels per degree", "lost by", "wrong surfaces", "displacement 99 %, arcmin")
         rows = []
         for one in self.record.eyes:
-            for name, loss in one.losses.items():
-                wrong = "unknown" if loss.fraction is None else percent(loss.fraction)
-                moved = loss.displacement_arcmin
+            for name, lost in one.losses.items():
+                wrong = "unknown" if lost.fraction is None else percent(lost.fraction)
+                moved = lost.displacement_arcmin
                 place = ", ".join(map(digits, one.eye)), digits(one.pixels_per_degree)
                 by = name if name == "display" else self.record.source or ""
                 rows.append((*place, by, wrong, "-" if moved is None else digits(moved.p99)))
@@ -329,18 +312,19 @@ def view(
     if not eyes:
         raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
     chosen = tuple(eyes) if stereo is None else stereo_eyes(eyes, stereo)
-    sharpness = [pixels_per_degree(scene, eye) for eye in chosen]  # refuses eyes before anything is traced
+    # Eyes are refused before anything is traced.
+    sharpness = [loss.pixels_per_degree(scene, eye) for eye in chosen]
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in chosen]
     drawn: Sequence[EyeImage | None] = [None] * len(chosen)
     numbered, gap = False, None  # whether the hogels say which surfaces they show
     if source is not None:
         settings, both = source.settings, zip(chosen, takes, strict=True)
-        collectors = [Collector(scene, eye, taken, settings) for eye, taken in both]
-        parts = film_parts(takes)
+        collectors = [loss.Collector(scene, eye, taken, settings) for eye, taken in both]
+        parts = loss.film_parts(takes)
         with progress_bar(len(parts), "hogels", "hogel", shown=progress) as bar:
             bar.iterable = source.hogels(parts)
-            drawn = collected(bar, collectors)
+            drawn = loss.collected(bar, collectors)
         numbered = any(collector.numbered for collector in collectors)
         if settings is not None and not settings.slabs and settings.offset is not Offset.NONE:
             rigid = moves_rigidly(scene.frustum, settings) and settings.fitted_height(scene.frustum) is None
@@ -349,11 +333,11 @@ def view(
     with progress_bar(len(chosen), "eyes", "eye", shown=progress) as bar:
         for eye, taken, image in zip(chosen, takes, drawn, strict=True):
             true, replayed = reference.true_view(eye), reference.replayed(eye)
-            views.append(Views(true=true, replayed=replayed, drawn=image, taken=taken))
+            views.append(loss.Views(true=true, replayed=replayed, drawn=image, taken=taken))
             bar.update()
-    display = tuple(display_loss(reference, seen) for seen in views)
+    display = tuple(loss.display_loss(reference, seen) for seen in views)
     judged = [seen for seen in views if seen.drawn is not None]
-    renderer = tuple(renderer_loss(reference, seen, numbered=numbered) for seen in judged)
+    renderer = tuple(loss.renderer_loss(reference, seen, numbered=numbered) for seen in judged)
     records = tuple(
         EyeRecord(
             eye=eye.position,
@@ -365,14 +349,14 @@ def view(
     )
     pairs = []
     for left in range(0, 0 if stereo is None else len(views), 2):
-        by_display, by_renderer = disparity(reference, views[left], views[left + 1])
+        by_display, by_renderer = loss.disparity(reference, views[left], views[left + 1])
         pairs.append(PairRecord(left=left, right=left + 1, display=by_display, renderer=by_renderer))
     record = ViewRecord(
         eyes=records,
         stereo=tuple(pairs),
         units=scene.units,
         source=None if source is None else source.name,
-        hogels=len(hogels_of(takes)),
+        hogels=len(loss.hogels_of(takes)),
     )
     return SceneView(
         scene=scene, views=tuple(views), display=display, renderer=renderer, record=record, gap=gap
@@ -435,9 +419,9 @@ def _page(found: SceneView) -> str:
     for number, some in enumerate(pictures):
         losses = {}
         for name, picture in {"display": "replayed", "renderer": "drawn"}.items():
-            for loss in getattr(found, name)[number : number + 1]:
+            for lost in getattr(found, name)[number : number + 1]:
                 # A dimmed view on which wrong surfaces are red and displaced points blue.
-                marks = marked(shown(some[picture]), loss.wrong, loss.displacement_arcmin / SEEN_ARCMIN)
+                marks = marked(shown(some[picture]), lost.wrong, lost.displacement_arcmin / SEEN_ARCMIN)
                 losses[name] = address(png(marks))
         encoded = {
             name: {
@@ -471,16 +455,16 @@ def _page(found: SceneView) -> str:
     return html_page("view.html.j2", values)
 
 
-def _color_sentence(loss: Loss) -> list[str]:
+def _color_sentence(lost: loss.Loss) -> list[str]:
     """Return how much of a difference of colors that name no surface is shading; nothing for other images."""
-    if loss.fraction is not None or loss.color_fraction is None:
+    if lost.fraction is not None or lost.color_fraction is None:
         return []
-    said = f"Its colors differ in {percent(loss.color_fraction)} of the pixels"
-    if loss.shading is None:
+    said = f"Its colors differ in {percent(lost.color_fraction)} of the pixels"
+    if lost.shading is None:
         return [f"{said}."]
     reasons = "that is shading (lights, materials or the encoding of colors) and no displacement"
-    nowhere = f"have a color that the replayed truth has nowhere within {SHIFT_PX} px"
-    return [f"{said}; at least {percent(loss.shading)} of these {nowhere}: {reasons}."]
+    nowhere = f"have a color that the replayed truth has nowhere within {loss.SHIFT_PX} px"
+    return [f"{said}; at least {percent(lost.shading)} of these {nowhere}: {reasons}."]
 
 
 def _sentences(found: SceneView) -> list[str]:
@@ -488,10 +472,10 @@ def _sentences(found: SceneView) -> list[str]:
     eyes, units, told = found.record.eyes, found.record.units, []
     for name in eyes[0].losses:
         losses = [eye.losses[name] for eye in eyes]
-        loss = max(losses, key=lambda one: one.fraction or 0.0)
+        lost = max(losses, key=lambda one: one.fraction or 0.0)
         parts = []
-        if loss.fraction is not None:
-            parts.append(f"loses {percent(loss.fraction)} of the pixels to wrong surfaces")
+        if lost.fraction is not None:
+            parts.append(f"loses {percent(lost.fraction)} of the pixels to wrong surfaces")
         moved = [one.displacement_arcmin.p99 for one in losses if one.displacement_arcmin is not None]
         if moved:
             parts.append(f"moves 99 % of the others by at most {digits(max(moved))} arc minutes")
@@ -499,10 +483,10 @@ def _sentences(found: SceneView) -> list[str]:
         if looks:
             parts.append(f"looks different by FLIP {digits(max(looks))}")
         where = "" if len(losses) == 1 else f" (the worst of {len(losses)} eyes)"
-        unknown = f"; {UNKNOWN}: the hogels name none" if loss.fraction is None else ""
-        lost = ", ".join(parts) or "loses nothing that can be told"
-        told.append(f"The {name} {lost}{where}{unknown}.")
-        told += _color_sentence(loss)
+        unknown = f"; {UNKNOWN}: the hogels name none" if lost.fraction is None else ""
+        whole = ", ".join(parts) or "loses nothing that can be told"
+        told.append(f"The {name} {whole}{where}{unknown}.")
+        told += _color_sentence(lost)
     if found.renderer and any(eye.display.displacement_arcmin for eye in eyes):
         moves = [[one.displacement_arcmin for one in eye.losses.values()] for eye in eyes]
         pairs = [(a.p99, b.p99) for a, b in moves if a is not None and b is not None]
@@ -547,12 +531,12 @@ def table(found: SceneView) -> str:
     lines = _sentences(found)
     for number, eye in enumerate(found.record.eyes):
         place = ",".join(f"{value:g}" for value in eye.eye)
-        for name, loss in eye.losses.items():
-            said = UNKNOWN if loss.fraction is None else f"wrong {percent(loss.fraction)}"
-            moved = loss.displacement_arcmin
+        for name, lost in eye.losses.items():
+            said = UNKNOWN if lost.fraction is None else f"wrong {percent(lost.fraction)}"
+            moved = lost.displacement_arcmin
             if moved is not None:
                 said += f", displaced {digits(moved.p50)}' p50, {digits(moved.p99)}' p99"
-            said += "" if loss.flip is None else f", FLIP {digits(loss.flip)}"
+            said += "" if lost.flip is None else f", FLIP {digits(lost.flip)}"
             lines.append(f"eye {number} at {place}, {name:<8}  {said}")
     return "\n".join(lines)
 

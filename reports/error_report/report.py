@@ -493,14 +493,14 @@ def make_report(
         chosen_rows = [row for row in measured.rows if row.settings == best.settings]
         shares = [(*row.aperture.index, row.surface_fraction) for row in chosen_rows]
         drawn = f"near {digits(best.settings.near)}, {best.settings.depth_label}"
-        inspection = Inspection(
+        inspected = Inspection(
             command="report",
             scene=scene,
             told=f"The apertures of the report, drawn with its best setting: {drawn}.",
             hogels=measured.inspected,
             plate_map=PlateMap.of(scene.plate, "Share of wrong surfaces", shares),
         )
-        write_inspection(staging.folder, inspection)
+        write_inspection(staging.folder, inspected)
         content = report_content(measured, said, command)
         staging.write(FILES[1], content)
         write_parquet(measured, staging.folder / FILES[2])

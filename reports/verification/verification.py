@@ -40,14 +40,7 @@ from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.blocks import Engine, Job, Session, Workers, open_workers
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.parts import Parts
-from xfrustum.reports.verification.sources import (
-    ForeignRenderer,
-    LaidOut,
-    Problem,
-    Renderer,
-    Source,
-    shape_of,
-)
+from xfrustum.reports.verification import sources
 from xfrustum.reports.verification.verdict import (
     MAX_SHOWN_HOGELS,
     Hogel,
@@ -107,11 +100,12 @@ class VerifyOptions:
             judging = replace(judging, color_tolerance=real(self.max_color))
         return Limits(wrong=self.max_wrong, displacement_px=self.max_displacement_px, judging=judging)
 
-    def renderer(self, source: str | Renderer | None) -> ForeignRenderer:
+    def renderer(self, source: str | sources.Renderer | None) -> sources.ForeignRenderer:
         """Return where images come from: files of a pattern or place, or a function; else the command."""
         names = ("command", "encoding", "layout", "near", "timeout_s")
+        stated: dict[str, Any] = {name: getattr(self, name) for name in names}
         accept = (self.accept,) if isinstance(self.accept, str) else tuple(self.accept)
-        return ForeignRenderer(source=source, accept=accept, **{name: getattr(self, name) for name in names})
+        return sources.ForeignRenderer(source=source, accept=accept, **stated)
 
     def asked(self, scene: Scene) -> Sequence[Aperture]:
         """Return the apertures that are judged, each once; InputError where none sees any object."""
@@ -129,7 +123,7 @@ class VerifyOptions:
 
 def verify(
     scene: Scene | str,
-    source: str | Renderer | None = None,
+    source: str | sources.Renderer | None = None,
     options: VerifyOptions | None = None,
     **fields: Any,
 ) -> Verification:
@@ -148,7 +142,7 @@ def verify(
     with renderer.opened(reference) as images:
         images.check(apertures)
 
-        def verified(one: Source) -> Verification:
+        def verified(one: sources.Source) -> Verification:
             run = Run(renderer=renderer, reference=reference, source=one, asked=apertures, limits=limits)
             return run.verified(channels=asked.channels, progress=asked.progress)
 
@@ -173,12 +167,12 @@ class Question:
 class Run:
     """One verification under way; images of the sample are kept until they are judged."""
 
-    renderer: ForeignRenderer
+    renderer: sources.ForeignRenderer
     reference: Reference
-    source: Source
+    source: sources.Source
     asked: Sequence[Aperture]
     limits: Limits
-    kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
+    kept: dict[Aperture, HogelImage | sources.Problem] = field(default_factory=dict)
 
     def verified(self, *, channels: bool, progress: bool) -> Verification:
         """Diagnose a sample, judge every hogel, and return the verification."""
@@ -209,7 +203,7 @@ class Run:
             self.kept[aperture] = self._had(aperture)
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-        of_views = isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels
+        of_views = isinstance(self.source, sources.LaidOut) and not self.source.files.layout.in_hogels
         evidence = Evidence(
             reference=self.reference, images=images, nominal=nominal, judging=self.limits.judging
         )
@@ -241,17 +235,17 @@ class Run:
             worst.add(aperture, *figures)
         return worst.kept[0] if worst.kept else None
 
-    def _had(self, aperture: Aperture) -> HogelImage | Problem:
+    def _had(self, aperture: Aperture) -> HogelImage | sources.Problem:
         try:
             return self.source.image(aperture)
-        except Problem as problem:
+        except sources.Problem as problem:
             return problem
 
     def _judged(
-        self, question: Question, aperture: Aperture, image: HogelImage | Problem
+        self, question: Question, aperture: Aperture, image: HogelImage | sources.Problem
     ) -> tuple[Hogel, FiguresPair | None]:
         """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
-        if isinstance(image, Problem):
+        if isinstance(image, sources.Problem):
             return Hogel(aperture=aperture, problem=str(image)), None
         encoding, model = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
@@ -307,16 +301,17 @@ explain what is wrong (`compare.diagnosis.diagnosis`)."""
 
 
 def with_layout_named(
-    found: Verification, source: Source, verified: Callable[[Source], Verification]
+    found: Verification, source: sources.Source, verified: Callable[[sources.Source], Verification]
 ) -> Verification:
     """Return a verification that names the layout of the files if it is another than the stated one.
 
     The layout is then a fault, and the corrected figures are those of the other reading.
     """
     named = {fault.fault for fault in found.diagnosis.faults}
-    if not isinstance(source, LaidOut) or found.passed or (named and named <= CONVENTIONAL_FAULTS):
+    if not isinstance(source, sources.LaidOut) or found.passed or (named and named <= CONVENTIONAL_FAULTS):
         return found
-    others = (replace(source, files=files) for files in other_readings(source.files, shape_of(found.scene)))
+    readings = other_readings(source.files, sources.shape_of(found.scene))
+    others = (replace(source, files=files) for files in readings)
     right = next((one for one in others if _is_right(one, found)), None)
     if right is None:
         return found
@@ -370,13 +365,13 @@ def mistaken(layout: layouts.Layout) -> tuple[layouts.Layout, ...]:
     return (other_side(layout, downward=False),) if layout.name == "cubevi" else exchanged
 
 
-def _is_right(source: LaidOut, found: Verification) -> bool:
+def _is_right(source: sources.LaidOut, found: Verification) -> bool:
     """Return whether nearly all claims of a few hogels in another reading hold, whatever the other faults."""
     reference, nominal, wrong, shown = source.reference, DrawnModel(), 0, 0
     for hogel in found.hogels[:: max(1, len(found.hogels) // MAX_TRIED_HOGELS)][:MAX_TRIED_HOGELS]:
         try:
             image = source.image(hogel.aperture)
-        except Problem:
+        except sources.Problem:
             return False
         points = shown_points(reference.scene, nominal, image)
         figures = judge(reference, nominal, image, points, found.limits.judging, explained=False)
@@ -406,7 +401,7 @@ class VerifyJob(Job):
     """A verification, as it travels to workers; `state` is the digest of the files that images depend on."""
 
     scene: Scene
-    renderer: ForeignRenderer
+    renderer: sources.ForeignRenderer
     limits: Limits
     state: str
     asked: Sequence[Aperture]
@@ -521,7 +516,7 @@ def verify_on(
     renderer.nominal(scene)
     asked = options.asked(scene)
     with renderer.opened(Reference(scene)) as images:
-        if isinstance(images, LaidOut):
+        if isinstance(images, sources.LaidOut):
             raise InputError(
                 "--workers, --scheduler and --part judge files that a pattern names, or a --command: name "
                 "the files with {i} and {j}, or leave these options out"
