@@ -12,6 +12,7 @@ from xfrustum.reports.common.provenance import unexamined_truth
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import image_size, read_image
+from xfrustum.scenes.notebook import aligned
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
 FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))  #: names of the files that may be written
@@ -133,5 +134,4 @@ def table(comparison: Comparison) -> str:
             lines["looks different"] = f"FLIP {color.flip:.3g}  SSIM {ssim}"
         if color.noise is not None:
             lines["beyond noise, 1/255"] = f"{color.noise.differ:,} pixels"
-    width = max(map(len, lines))
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in lines.items())
+    return aligned(list(lines.items()), str.ljust)

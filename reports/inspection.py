@@ -329,23 +329,17 @@ def _rendered(
     return html_page("inspect.html.j2", values, nonce=nonce)
 
 
-def remove_inspection(folder: Path) -> None:
-    """Remove the page of an earlier run from a folder, and the files beside it."""
-    for path in _earlier(folder):
-        path.unlink(missing_ok=True)
-
-
 @contextmanager
-def replacing_inspection(folder: Path) -> Iterator[None]:
-    """Remove the files beside the page of an earlier run that the page that takes its place does not need.
+def replacing_inspection(folder: Path, *, kept: bool = True) -> Iterator[None]:
+    """Remove what an earlier run has left beside the page that takes its place, or all where there is none.
 
-    They are removed when the block has ended, which puts the new page there; none are where it fails.
+    It is removed when the block has ended, which puts the new page there; nothing is where it fails.
     """
-    before = _earlier(folder)[1:]
+    page, before = folder / PAGE, _earlier(folder)
     yield
-    page = (folder / PAGE).read_text(encoding="utf-8") if before else ""
-    for path in before:
-        if f'"{path.name}"' not in page:
+    text = page.read_text(encoding="utf-8") if kept and before else ""
+    for path in before[1 if kept else 0 :]:
+        if f'"{path.name}"' not in text:
             path.unlink(missing_ok=True)
 
 

@@ -180,11 +180,7 @@ def table(
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    draw = (
-        raster_command(scene, apertures[0], settings)
-        if made.plate is None
-        else plate_command(scene, settings)
-    )
+    draw = plate_command(scene, settings) if made.plate else raster_command(scene, apertures[0], settings)
     return "\n".join([*lines, _answer(made, apertures, requirement, exceeded), "", draw])
 
 
@@ -205,9 +201,8 @@ def _answer(
     elif not made.within and requirement.met_by(made.measured) and not requirement.missed_by(worst):
         # What the reason began with is all that is amiss.
         answer = "Without these apertures the plan holds, measured at "
-    moved = (
-        f"by {worst.displacement_p99_px:.3g} px" if math.isfinite(worst.displacement_p99_px) else "undefined"
-    )
+    p99 = worst.displacement_p99_px
+    moved = f"by {p99:.3g} px" if math.isfinite(p99) else "undefined"
     sentences = [
         f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
         f"{worst.aperture.column},{worst.aperture.row}, displaced {moved}, "
@@ -392,8 +387,8 @@ def planned_record(
     rays = None
     if display.millimeters is not None:
         rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
-    measured, noise, with_cuts, noticed = None, None, None, {}
-    beyond: tuple[str, ...] = ()
+    measured = noise = with_cuts = None
+    noticed, beyond = dict[str, float](), tuple[str, ...]()
     if settings is not None:
         noticed = {name: there for name, (there, _, _) in requirement.noticed(settings).items()}
         workbench = ReplayWorkbench(scene, viewer)

@@ -93,13 +93,10 @@ def trace_to_file(
                 counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
-    numbers = {name: counted[name] for name in ("judged", "embree", "mitsuba")}
-    return {
-        "file": Path(path),
-        "decided_by": "certified",
-        "certainty": {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
-        "alone": None if alone is None else numbers,
-    }
+    names = ("judged", "embree", "mitsuba")
+    certainty = {kind.name.lower(): counted[kind.name.lower()] for kind in Certainty}
+    numbers = None if alone is None else {name: counted[name] for name in names}
+    return {"file": Path(path), "decided_by": "certified", "certainty": certainty, "alone": numbers}
 
 
 def trace_transported(

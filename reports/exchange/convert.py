@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import zarr
 
-from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar
+from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
 from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group, told
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
@@ -264,16 +264,14 @@ def _into_group(
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
     columns, rows = plate.shape.hogels
     described: dict[str, object] = {"source": str(source), "layout": done.read_as}
-    try:
-        with (
-            Aside(out.absolute().parent, folder=True) as aside,
-            progress_bar(columns * rows, "convert", "hogel", shown=progress) as bar,
-        ):
-            made = aside.path / "group"
-            write_group(plate, made, array, described, bar.update)
-            made.rename(out)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
+    with (
+        refused(f"{out}: cannot be written", "choose another place"),
+        Aside(out.absolute().parent, folder=True) as aside,
+        progress_bar(columns * rows, "convert", "hogel", shown=progress) as bar,
+    ):
+        made = aside.path / "group"
+        write_group(plate, made, array, described, bar.update)
+        made.rename(out)
     return replace(done, files=columns * rows)
 
 

@@ -213,8 +213,7 @@ def replay(cells: Sequence[Cell], pixels: int = PIXELS) -> Iterator[Replay]:
     """Yield the replays of some cells of one seat, whose true views are traced once."""
     scene = cells[0].opened()
     workbench = ReplayWorkbench(scene, cells[0].viewer, film_columns(scene.plate.size, pixels))
-    for cell in cells:
-        shown = workbench.measure(cell.settings)
+    for shown in (workbench.measure(cell.settings) for cell in cells):
         yield Replay(
             replayed_stereo_arcsec=shown.disparity_change_arcsec,
             replayed_points=shown.matched,
@@ -244,11 +243,9 @@ def make_study(
     sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
     check_folder(out, "noticeable")
     cells = list(study.cells())
-    rows = []
     with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
-        for cell in cells:
-            rows.append(predicted(cell))
-            bar.update()
+        bar.iterable = cells
+        rows = list(map(predicted, bar))
     chosen = sorted(
         study.replayed(cells, rows), key=lambda i: (cells[i].seat, cells[i].pivot, -cells[i].near)
     )
@@ -340,8 +337,7 @@ def quarters(rows: Sequence[Row]) -> list[dict[str, float]]:
     for distance in sorted({row.distance for row in rows}):
         own = [row for row in rows if row.distance == distance and row.near <= row.pitch / 4]
         kept = {(row.scene, row.pivot, row.pitch, row.near): row.offset_seen for row in own}
-        near, failed = rule_near(distance), sum(kept.values())
-        counts = {"kept": len(kept), "failed": failed}
+        near, counts = rule_near(distance), {"kept": len(kept), "failed": sum(kept.values())}
         found.append({"distance": distance, "near": near, "pitch": 4 * near, **counts})
     return found
 

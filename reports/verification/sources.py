@@ -73,7 +73,8 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
         parsed = [part[1:] for part in string.Formatter().parse(template) if part[1] is not None]
     except ValueError as error:
         raise InputError(f"{what} {template!r}: {error}; write {{{{ for a brace") from error
-    if unknown := sorted({str(name) for name, _, _ in parsed} - set(allowed)):
+    names = {str(name) for name, _, _ in parsed}
+    if unknown := sorted(names - set(allowed)):
         known = ", ".join(f"{{{name}}}" for name in allowed)
         raise InputError(f"{what} {template!r}: {{{unknown[0]}}} is not one of {known}")
     for name, form, conversion in parsed:
@@ -87,7 +88,7 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
                 f"{what} {template!r}: {{{asked}}} is no way to write {{{name}}}; "
                 "write the name alone, or such as {i:03d} and {x:.6f}"
             ) from error
-    return {str(name) for name, _, _ in parsed}
+    return names
 
 
 def as_given(text: str, named_from: Path | None) -> str:
@@ -223,13 +224,9 @@ class Function(Source):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
         # The function is taken at its word about which aperture its image answers for. It may draw all hogels
         # into the same arrays, and the next one while this one is judged.
-        return HogelImage(
-            camera=self.reference.camera(aperture),
-            triangle=image.triangle.copy(),
-            object=image.object.copy(),
-            position=image.position.copy(),
-            color=None if image.color is None else image.color.copy(),
-        )
+        copies = {name: getattr(image, name).copy() for name in ("triangle", "object", "position")}
+        color = None if image.color is None else image.color.copy()
+        return HogelImage(camera=self.reference.camera(aperture), color=color, **copies)
 
 
 @dataclass(kw_only=True, eq=False)

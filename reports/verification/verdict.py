@@ -530,12 +530,9 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
                 plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
             )
             inspection.write_inspection(staging.folder, inspected)
-        with inspection.replacing_inspection(out):
-            written = staging.commit()
-    if not found.inspected:
-        # That of an earlier run would show other images than the page beside it.
-        inspection.remove_inspection(out)
-    return written
+        # The inspection page of an earlier run would show other images than the page beside it.
+        with inspection.replacing_inspection(out, kept=bool(found.inspected)):
+            return staging.commit()
 
 
 MAP_CLASSES = (

@@ -17,7 +17,6 @@ from xfrustum.reports.inspection import (
     Inspection,
     PlateMap,
     read_inspection,
-    remove_inspection,
     replacing_inspection,
     write_inspection,
 )
@@ -142,7 +141,8 @@ def test_a_page_that_somebody_else_wrote_names_nothing_that_is_removed(tmp_path:
     (tmp_path / "inspect-0x0.js").write_text('takeStream("00","")')
     with replacing_inspection(tmp_path):
         pass
-    remove_inspection(tmp_path)
+    with replacing_inspection(tmp_path, kept=False):
+        pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["inspect-0x0.js", PAGE]
 
 
