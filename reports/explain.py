@@ -123,9 +123,6 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
         return {by: cost(image(by, *one), image(by, *other), plan.repeat) for by in renderers}
 
 
-# What a scene calls for ----------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One effect, or a setting of the scene: whether it is used, and the fact that decided it."""
@@ -226,9 +223,6 @@ def explain(
             costs[name] = _costs(plan, name, effects)
             bar.update()
     return replace(plan, costs=costs)
-
-
-# What bounds errors at each depth --------------------------------------------------------------------------
 
 
 def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
@@ -437,9 +431,6 @@ def _time(found: Cost | None) -> str:
 
 def _duration(seconds: float) -> str:
     return f"{digits(seconds)} s" if abs(seconds) >= 1 else f"{digits(1e3 * seconds)} ms"
-
-
-# For a viewer --------------------------------------------------------------------------------------------
 
 
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:

@@ -226,9 +226,6 @@ def _filled(text: str) -> str:
     return textwrap.fill(kept, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " ")
 
 
-# What a viewer notices of a plan ---------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
     """What two eyes are shown of drawn hogels, measured."""

@@ -60,8 +60,6 @@ CONE_DEGREES = 40.0
 
 MAX_TILES = 1 << 10  #: largest number of tiles of a quilt
 
-# Where hogels come from ------------------------------------------------------------------------------------
-
 
 class Source(Protocol):
     """Hogels of a scene, by any renderer."""
@@ -174,9 +172,6 @@ class Images:
                 object=image.object if named else None,
                 position=image.position,
             )
-
-
-# What eyes see -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

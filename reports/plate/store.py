@@ -18,7 +18,7 @@ import json
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,11 +34,11 @@ from zarr.codecs import ZstdCodec
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.common.outputs import Staging, refused
-from xfrustum.reports.common.records import table_of
+from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.parts import differences_words
-from xfrustum.reports.plate.sources import PLACES, SOURCE, JudgedPlateHogel, MeasuredHogel
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, Frustum, HogelCamera, InputError
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
@@ -62,6 +62,32 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
     Channel.CERTAINTY: ("u1", int(Certainty.UNEXAMINED), ("v", "u"), _CERTAINTY),
 }
 """Type, value of what is missing, dimensions and meaning of each image; the type of color is asked for."""
+
+
+SOURCE = "source"
+"""Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
+
+
+PLACES = ("column", "row", "x", "y")
+"""Columns of a table of measures that say which hogel a row is about; all others are measures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredHogel:
+    """One hogel, its place on the plate, its aperture's in scene units, and what `compare --json` tells."""
+
+    column: int
+    row: int
+    x: float
+    y: float
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedPlateHogel(PlateHogel):
+    """A hogel's images with its measures."""
+
+    measured: MeasuredHogel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,16 +21,7 @@ from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
-from xfrustum.reports.survey.rows import (
-    DEPTH_ENDS,
-    FRACTION,
-    MAP_COLUMNS,
-    P99,
-    SURFACE,
-    ShownHogel,
-    Tally,
-    WorstHogel,
-)
+from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
 
@@ -42,7 +33,7 @@ class Share:
     judged: int
     beyond: int
     share_beyond_at_most: float | None
-    worst: WorstHogel | None
+    worst: rows.WorstHogel | None
 
     @property
     def record(self) -> dict[str, Any]:
@@ -103,7 +94,7 @@ class Survey(Shown):
 
     scene: Scene
     settings: tuple[DoubleFrustum | None, ...]  #: a single None for a plate of another renderer
-    tallies: tuple[Tally, ...]  #: all rows of each setting
+    tallies: tuple[rows.Tally, ...]  #: all rows of each setting
     extent: Extent
     tolerance_px: float  #: displacement beyond which a hogel is counted
     limit: float | None  #: largest share of such hogels, if one was asked for
@@ -209,16 +200,16 @@ class Survey(Shown):
         return f"{self.scene.name!r}, {self.sentence}"
 
     def _tables(self) -> Sequence[Table]:
-        rows = []
+        lines = []
         for one, share in self.shares:
             name = one and f"near {digits(one.near)} {self.scene.units}, {one.depth_label}"
             counts = (f"{share.judged:,}", f"{share.beyond:,}")
-            rows.append((name or "as found", *counts, share.bound_words, share.worst_words))
+            lines.append((name or "as found", *counts, share.bound_words, share.worst_words))
         head = ("settings", "judged", "beyond", "share beyond, at most", "worst hogel")
-        return (Table(head=head, rows=rows, numbers=True),)
+        return (Table(head=head, rows=lines, numbers=True),)
 
     def _figures(self) -> Sequence[Figure]:
-        found = self.tallies[self.best].maps.get(P99)
+        found = self.tallies[self.best].maps.get(rows.P99)
         if found is None or not np.isfinite(found).any():
             return ()
         largest = digits(float(np.nanmax(found)))
@@ -240,7 +231,7 @@ FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 MARKED_HOGELS = 3  # of the worst, on the map of displacement: more would cover it
 DISTRIBUTION_MARGIN = 3.0  # by which the axis of displacement reaches beyond the smallest and largest value
 
-Pictured = Sequence[tuple[WorstHogel, ShownHogel]]  # the worst hogels with their pictures
+Pictured = Sequence[tuple[rows.WorstHogel, rows.ShownHogel]]  # the worst hogels with their pictures
 
 
 def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ...]:
@@ -249,7 +240,7 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
         staging.write(PAGE, render_page(found, pictured))
         staging.write(DATA, found.record)
         settings, maps = found.settings[found.best], found.tallies[found.best].maps
-        name = next((one for one in (P99, SURFACE, FRACTION) if one in maps), None)
+        name = next((one for one in (rows.P99, rows.SURFACE, rows.FRACTION) if one in maps), None)
         drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
         inspected = inspection.Inspection(
             command="survey",
@@ -290,8 +281,8 @@ def map_figures(found: Survey) -> list[Plot]:
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {found.scene.units}" if name == "height_rms" else "")
-            figure = plate_map(found.scene.plate, values, words, logarithmic=name == P99)
-            if name == P99:
+            figure = plate_map(found.scene.plate, values, words, logarithmic=name == rows.P99)
+            if name == rows.P99:
                 worst = [(one.aperture, "one of the worst") for one in tally.worst[:MARKED_HOGELS]]
                 mark(figure, found.scene.plate, worst, labels=1)
             figures.append(figure)
@@ -300,8 +291,8 @@ def map_figures(found: Survey) -> list[Plot]:
 
 def words_of(column: str) -> str:
     """Return a column in words: those of causes by their names."""
-    if column in MAP_COLUMNS:
-        return MAP_COLUMNS[column]
+    if column in rows.MAP_COLUMNS:
+        return rows.MAP_COLUMNS[column]
     cause = column.removeprefix("cause_").removesuffix("_surface").replace("_", " ")
     return f"wrong surfaces by {cause}, pixels"
 
@@ -335,7 +326,7 @@ def depth_figure(found: Survey) -> Plot | None:
     if not any(tally.depth_pixels.any() for tally in found.tallies):
         return None
     reach, lines, drawn = found.scene.frustum.longest_reach, [], list[float]()
-    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(DEPTH_ENDS)]
+    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(rows.DEPTH_ENDS)]
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         color, marker = look(number)
         label = "" if settings is None or len(found.settings) == 1 else f"near {digits(settings.near)}: "

@@ -23,8 +23,7 @@ from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, t
 from tests.support.long_tail import thinned
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
-from xfrustum.reports.plate.plate import PlateFiles, layout_of, write_plate
-from xfrustum.reports.plate.sources import source_of
+from xfrustum.reports.plate.plate import PlateFiles, layout_of, source_of, write_plate
 from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes import InputError
 
