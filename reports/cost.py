@@ -79,6 +79,11 @@ class CostReport(Shown):
         """The cheapest options within the tolerance and within a fifth of it."""
         return answers(self.options, self.tolerance_px)
 
+    @property
+    def answer(self) -> str:
+        """Which option to take, in one sentence."""
+        return answer(self.options, self.tolerance_px)
+
     def _said(self) -> str:
         column, row = self.aperture.index
         return (
@@ -132,7 +137,7 @@ class CostReport(Shown):
                     }
                     for one in self.answers
                 ],
-                "answer": answer(self.options, self.tolerance_px),
+                "answer": self.answer,
                 "upload_s": self.upload_s,
                 "machine": self.machine,
                 "versions": self.versions,
@@ -530,14 +535,13 @@ def cost_table(measured: CostReport) -> str:
     rows = [one.cells for one, best in _ascending(measured.options) if best]
     told = [one.sentence for one in measured.answers]
     front = aligned([("on the Pareto front", *COLUMNS), *rows])
-    return "\n".join([*told, "", front, "", answer(measured.options, measured.tolerance_px)])
+    return "\n".join([*told, "", front, "", measured.answer])
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
     """Write index.html and cost.json to a folder, all or nothing; InputError where that cannot be."""
     values = {
         "cost": measured,
-        "answer": answer(measured.options, measured.tolerance_px),
         "confidence": CONFIDENCE,
         "rows": _ascending(measured.options),
         "figure": trade_off_figure(measured.options, measured.tolerance_px),

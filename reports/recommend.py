@@ -28,20 +28,11 @@ from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout
 from xfrustum.raster import require_room
+from xfrustum.reports import planning
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import plate_command, versions
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.planning import (
-    FILM_COLUMNS,
-    LINE_CHARACTERS,
-    PlannedRecord,
-    planned,
-    planned_record,
-    planner_of,
-    replayed_plan,
-    scouted_plate,
-)
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats
@@ -68,7 +59,7 @@ class EyeAnswer:
 
     plan: Plan
     requirement: EyeRequirement
-    record: PlannedRecord
+    record: planning.PlannedRecord
 
     @property
     def limit(self) -> NearLimit | None:
@@ -283,22 +274,22 @@ def recommend(
     """
     # The plans are measured by drawing them, but only after searches that trace and predict for long.
     require_room(scene)
-    scouted = scouted_plate(scene, progress)
+    scouted = planning.scouted_plate(scene, progress)
     requirement = Requirement() if tolerance_px is None else Requirement(tolerance_px=tolerance_px)
     eyes = None
     if viewer is not None:
-        asked = eye_requirement(scouted, viewer, eye_pixel=scene.plate.size[0] / FILM_COLUMNS)
-        made = planned(scouted, asked, choices, sample, progress)
-        record = planned_record(scene, made, asked, progress=progress)
-        eyes = EyeAnswer(plan=replayed_plan(made, record), requirement=asked, record=record)
+        asked = eye_requirement(scouted, viewer, eye_pixel=scene.plate.size[0] / planning.FILM_COLUMNS)
+        made = planning.planned(scouted, asked, choices, sample, progress)
+        record = planning.planned_record(scene, made, asked, progress=progress)
+        eyes = EyeAnswer(plan=planning.replayed_plan(made, record), requirement=asked, record=record)
     # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for pixels orders.
     judging = requirement if eyes is None or tolerance_px is not None else eyes.requirement
-    views = planner_of(scouted, requirement).first_views()
+    views = planning.planner_of(scouted, requirement).first_views()
     found = Recommendation(
         scene=scene,
         scouted=scouted,
         requirement=requirement,
-        pixels=planned(scouted, requirement, choices, sample, progress),
+        pixels=planning.planned(scouted, requirement, choices, sample, progress),
         eyes=eyes,
         pixels_count=tolerance_px is not None,
         buffers=(),
@@ -313,7 +304,7 @@ def recommend(
 def table(found: Recommendation) -> str:
     """Return the answer as text: the paragraph, what each judge allows, and the commands."""
     units, kept = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
-    filled = textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False)
+    filled = textwrap.fill(kept, planning.LINE_CHARACTERS, break_on_hyphens=False)
     lines = [filled.replace("\N{NO-BREAK SPACE}", " "), ""]
     lines += aligned(
         [("", f"near from, {units}", f"up to, {units}", ""), *(one.cells for one in _allowed(found))]
