@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.diagnosis.depth_faults import REACH, find_depth_buffer, reach_guess
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
@@ -33,7 +34,7 @@ from xfrustum.compare.diagnosis.faults import (
 )
 from xfrustum.compare.diagnosis.film_faults import films_of
 from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
-from xfrustum.compare.diagnosis.hogel_faults import hogel_guesses, outlying
+from xfrustum.compare.diagnosis.hogel_faults import MIN_OUTLYING_FRACTION, hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register, with_near
 from xfrustum.compare.diagnosis.scene_faults import scene_guesses
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
@@ -163,7 +164,7 @@ class Evidence:
 
     def wrong(self, model: DrawnModel, *, explained: bool = False) -> int:
         """Return the number of pixels that are wrong by a guess; if `explained`, without a known cause."""
-        return int(self._wrong(model, explained=explained).sum())
+        return int(self.mask(model, explained=explained).sum())
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
@@ -173,10 +174,10 @@ class Evidence:
         the shares among all pixels and among those in which images show something the smaller counts: a guess
         under which nothing is seen explains black pixels, but not what images show.
         """
-        asked = self._wrong(self.nominal)
+        asked = self.mask(self.nominal)
         if not asked.any():
             return None
-        left, covered = self._wrong(model, explained=True), self._covered
+        left, covered = self.mask(model, explained=True), self._covered
         counts = [(np.sum(asked & here), np.sum(left & here)) for here in (np.ones_like(covered), covered)]
         return float(min(max(0.0, 1.0 - after / before) if before else 1.0 for before, after in counts))
 
@@ -189,13 +190,13 @@ class Evidence:
         """Return whether pixels that are right as asked for stay right by a guess, rounding excused."""
         # Only numbers of triangles tell rounding from errors; in other images the share alone decides.
         named = [bool((image.triangle != NOTHING).any()) for image in self.tested]
-        before, after = self._wrong(self.nominal)[named], self._wrong(model)[named]
-        spoiled = self._wrong(model, explained=True)[named] & ~before
+        before, after = self.mask(self.nominal)[named], self.mask(model)[named]
+        spoiled = self.mask(model, explained=True)[named] & ~before
         return bool(spoiled.sum() <= MAX_SPOILED_FRACTION * (before & ~after).sum())
 
     def pays(self, model: DrawnModel, simpler: DrawnModel | None = None) -> bool:
         """Return whether a guess makes more pixels right than a simpler one, or than what was asked for."""
-        mine, other = self._wrong(model), self._wrong(simpler or self.nominal)
+        mine, other = self.mask(model), self.mask(simpler or self.nominal)
         gained, lost = int((other & ~mine).sum()), int((mine & ~other).sum())
         return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
@@ -226,7 +227,7 @@ class Evidence:
             del left[best]
         return ()
 
-    def _wrong(self, model: DrawnModel, *, explained: bool = False) -> Mask:
+    def mask(self, model: DrawnModel, *, explained: bool = False) -> Mask:
         """Return the wrong pixels (N, H, W) by a guess; if `explained`, those without a known cause."""
         if (model, explained) not in self.known:
             reference, judging, turned = self.reference, self.judging, model.applied
@@ -383,7 +384,7 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
         means = f"{_counted(len(evidence.tested), 'hogel')}, in which nothing is wrong"
         found = Diagnosis(model=evidence.nominal, means=means)
-    found = _with_film(evidence, found)
+    found = _with_depth(evidence, _with_film(evidence, found))
     pictures = [one for one in evidence.images if one.color is not None]
     if not pictures or not found.model.plain or {*SHADINGS} & {*found_in(found.model)}:
         return found
@@ -462,7 +463,11 @@ def _with_other_faults(
     evidence: Evidence, claims: Claims | None, fits: Sequence[GeometryFit], found: Diagnosis
 ) -> Diagnosis:
     """Return a diagnosis with faults that are no conventions, where they explain what it leaves."""
-    guesses = (hogel_guesses(evidence, claims, fits), scene_guesses(evidence, claims, fits))
+    guesses = (
+        hogel_guesses(evidence, claims, fits),
+        filter(None, (reach_guess(evidence, fit) for fit in fits)),
+        scene_guesses(evidence, claims, fits),
+    )
     for guess, more in chain.from_iterable(guesses):
         named = {one for one, _ in (*guess.model.shows, *guess.model.offsets)}
         odd = [image for image in evidence.images if image.camera.aperture.index in named]
@@ -477,6 +482,25 @@ def _with_other_faults(
             others = (replace(fault, explains=share) for fault in more)
             return Diagnosis(model=model, faults=(*_named(evidence, known), *others), means=found.means)
     return found
+
+
+def _with_depth(evidence: Evidence, found: Diagnosis) -> Diagnosis:
+    """Return a diagnosis that names a coarse depth buffer, where that explains what all else leaves wrong.
+
+    The order of drawing excuses such pixels one by one; here it must say what each of them shows. Surfaces
+    that are lost at the clear value look like those beyond a shorter reach.
+    """
+    others = [fault for fault in found.faults if fault.fault not in REACH]
+    plain = replace(found.model, reach=None)
+    left, pixels = evidence.wrong(plain), sum(image.triangle.size for image in evidence.tested)
+    guess = find_depth_buffer(evidence, plain) if left > MIN_OUTLYING_FRACTION * pixels else None
+    if guess is None or evidence.wrong(guess[0]) > (1 - MIN_EXPLAINED_FRACTION) * left:
+        return found
+    if not evidence.pays(guess[0], found.model):
+        return found
+    share = evidence.share(guess[0])
+    faults = tuple(replace(fault, explains=share) for fault in (*others, guess[1]))
+    return replace(found, model=guess[0], faults=faults, does_not_explain=())
 
 
 def _with_film(evidence: Evidence, found: Diagnosis) -> Diagnosis:

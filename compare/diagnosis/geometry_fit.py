@@ -272,7 +272,8 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
     """Find the simplest guess about conventions and geometry under which claims of several hogels hold.
 
     A single hogel leaves order and pitch open. `nominal` is the renderer by its author's statements. A
-    `simple` fit has at most one group of numbers off nominal, and is nominal where no such guess holds.
+    `simple` fit has a lens and one group of numbers off nominal at most, and is nominal where no such guess
+    holds.
     """
     fitting = _Fitting(scene=claims.scene, nominal=nominal)
     few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
@@ -283,10 +284,9 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
         # Step 2: search the conventions, and try guesses with at most one group off nominal.
         starts = fitting.starts(few)
         found = fitting.simplest(some, starts, range(2), NOISE_FACTOR * SNAP_PX)
+        found = found or fitting.bent(some, starts)
         if not found and simple:
             found = [(nominal, ())]
-        if not found:
-            found = fitting.bent(some, starts)
         if not found:
             # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
             # for the simplest guess.
@@ -322,6 +322,12 @@ def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -
 def fit_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> DrawnModel:
     """Return a guess with some groups of numbers fitted to claims, and all else as it is."""
     return _Fitting(scene=claims.scene, nominal=model).fitted(claims, model, groups)
+
+
+def interval_alone(claims: Claims, model: DrawnModel, groups: Sequence[str]) -> tuple[Floats, Floats]:
+    """Return the lowest and highest values (P,) of some groups of numbers under which claims hold as well."""
+    _, low, high = _interval(claims, model, places(*groups), _noise(claims, model))
+    return low, high
 
 
 def _misfit(claims: Claims, model: DrawnModel, cap: float = 1.0) -> float:

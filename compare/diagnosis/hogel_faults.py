@@ -17,6 +17,8 @@ from xfrustum.compare.diagnosis.geometry_fit import (
     Claims,
     GeometryFit,
     fit_alone,
+    fit_geometry,
+    interval_alone,
     outside_px,
 )
 from xfrustum.compare.diagnosis.scene_faults import MAX_PART_NOISE_PX, MIN_PART_CLAIMS, Guess
@@ -43,6 +45,9 @@ MAX_TRIED_APERTURES, MAX_FAILED_HOGELS = 12, 3
 # Shifts of odd rows and columns that are tried, in pixels, and share of their claims that must hold.
 TRIED_SHIFTS_PX, MIN_HELD_FRACTION = (1, -1, 2, -2), 0.95
 
+# Groups of numbers that all apertures share, beside offsets of their own.
+SHARED_GROUPS = ("near", "fov", "shift")
+
 MAX_TOLD = 10
 """Largest number of hogels that are named in words."""
 
@@ -55,6 +60,14 @@ def hogel_guesses(evidence: Evidence, claims: Claims | None, fits: Sequence[Geom
         # Pitch and offsets that a fit found may stand for the mean of the apertures' own: nominal ones first.
         for fit in few[::-1] if search is _with_offsets else few:
             found = search(evidence, claims, fit)
+            if found is not None:
+                yield found
+    # Odd lines that mislead every fit of all claims leave those of the even lines as they are.
+    for axis in (0, 1) if claims is not None else ():
+        assert claims is not None
+        fit = fit_geometry(claims.chosen(claims.pixel[:, axis] % 2 == 0), evidence.nominal, simple=True)
+        if fit.noise_px <= MAX_PART_NOISE_PX and fit.model != evidence.nominal:
+            found = _with_odd_lines(evidence, claims, fit)
             if found is not None:
                 yield found
 
@@ -155,6 +168,17 @@ def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
         return None
     unmoved = {"pitch": nominal.pitch, "aperture_offset": nominal.aperture_offset}
     model = replace(fit.model, **unmoved, scene_offset=nominal.scene_offset)  # type: ignore[arg-type]
+    # What all apertures share has one value under which all hogels' claims hold, each with its own offset.
+    shared = [name for name in SHARED_GROUPS if getattr(model, name) != getattr(nominal, name)]
+    if shared:
+        free = (*shared, "aperture-offset")
+        each = [claims.chosen((claims.hogel == one).all(axis=1)) for one in np.unique(claims.hogel, axis=0)]
+        fits = [fit_alone(of.thinned(MAX_FITTED_CLAIMS // 2), model, free) for of in each]
+        ends = np.array([interval_alone(of, one, free) for of, one in zip(each, fits, strict=True)])
+        fit = replace(fit, low=ends[:, 0].max(axis=0), high=ends[:, 1].min(axis=0))
+        middle = np.median([one.parameters for one in fits], axis=0).clip(fit.low, fit.high)
+        middle[places("aperture-offset")] = 0.0
+        model = model.with_parameters(middle)
     smallest = float(smallest_named(scene)[places("aperture-offset")].max())
     for image in evidence.images:
         index = image.camera.aperture.index

@@ -481,7 +481,7 @@ class _Compared:
         if by in COLOR_ONLY:
             answer = pictures.reference_colors(reference, question, answer)
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
-        shown = judged_pixels(answer) & (answer.covered | covered)
+        shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
         if by == "color":
             differs = pictures.colors_differ(answer, turned, judging.tolerance(question, image))
         elif by in ("coverage", "outlines"):

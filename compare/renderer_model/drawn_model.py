@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.renderer_model.changed_scene import SceneChange
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
@@ -44,8 +44,8 @@ class Kind(Enum):
 
 
 Index = tuple[int, int]
-OTHER_FIELDS = ("changes", "shows", "offsets", "odd_lines")
-"""Fields of `DrawnModel` of mistakes of the scene, of single hogels and of rows."""
+OTHER_FIELDS = ("changes", "shows", "offsets", "odd_lines", "reach", "depth")
+"""Fields of `DrawnModel` of mistakes of the scene, of single hogels, of rows and of depth."""
 
 GROUPS: dict[str, tuple[str, Kind]] = {
     "shift": ("xy", Kind.PIXELS),
@@ -243,6 +243,25 @@ class Film:
         return np.stack((kx + x * tx, ky + y * ty, np.full_like(x, -1.0)), axis=-1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DepthBuffer:
+    """A depth buffer that is too coarse: surfaces are stored at one depth, and the order of drawing decides.
+
+    It is 16 bits deep in the standard mapping. What it shows depends on the product of near plane and number
+    of steps alone, wherever near is small against all distances.
+    """
+
+    near: float  # distance of the near plane, scene units; w is this, and the distance from the plate
+    last_wins: bool = False  # whether equal depths pass the test, so that the triangle drawn last wins
+    cleared: bool = False  # whether surfaces that are stored at the clear value are lost
+
+    def stored(self, distance: Floats, reach: float) -> Floats:
+        """Return the whole steps that are stored of surfaces at distances from the plate."""
+        n, f = self.near, self.near + reach
+        return np.asarray(np.rint((2**DEPTH_BITS - 1) * f * distance / ((distance + n) * reach)))
+
+
+DEPTH_BITS = 16  # of a `DepthBuffer`
 RADIUS = "radius"  # Value of `Film.angles`
 EVEN = Film()
 """The film on which pixels are spaced evenly, as they should be."""
@@ -292,12 +311,15 @@ class DrawnModel:
     odd_lines: tuple[int, int] | None = None
     normals: Normals = Normals.RIGHT
     film: Film = EVEN
+    # Heights toward the viewer and behind the plate beyond which nothing is drawn; None for the scene's.
+    reach: tuple[float, float] | None = None
+    depth: DepthBuffer | None = None  # the depth buffer, where it shows
 
     @property
     def plain(self) -> bool:
         """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
         whole = not self.back_missing and self.culled is Culled.NONE
-        return whole and self.front is Front.FARTHEST and self.overlaid
+        return whole and self.front is Front.FARTHEST and self.overlaid and self.depth is None
 
     @property
     def one_pencil(self) -> bool:
@@ -351,6 +373,15 @@ class DrawnModel:
         shifted[odd] = np.roll(picture[odd], sign * px, axis=1 - axis)
         return shifted
 
+    def kept(self, upright: Mask) -> Mask:
+        """Return those of some pixels (H, W), upright, that pictures have: shifted lines push some out."""
+        if self.odd_lines is None:
+            return upright
+        (axis, px), found = self.odd_lines, np.ones_like(self.orientation.applied(upright))
+        gone, odd = slice(px, None) if px < 0 else slice(px), slice(1, None, 2)
+        found[(odd, gone) if axis == 0 else (gone, odd)] = False
+        return np.asarray(upright & self.upright(found))
+
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the guess has it."""
         own = dict(self.offsets).get(aperture.index, (0.0, 0.0))
@@ -380,7 +411,7 @@ class DrawnModel:
         crossed = replace(crossed, shear=(kx * factor, ky * factor), half_extent=half_extent)
         fitted = abs(frustum.screen.height) if self.fit is Fit.SCREEN and frustum.screen else None
         drawn = stepped_back(crossed, side * near, pivot=self.pivot, fitted=fitted)
-        viewer, back = frustum.reach
+        viewer, back = self.reach or frustum.reach
         first, last = {1: (near, near + back), -1: (-near - viewer, -near), 0: (-viewer, back)}[side]
         # A shifted sampling point is a shear of the film: u grows to the right, v up.
         (width, height), (right, down), (tx, ty) = frustum.resolution, camera.shift, drawn.half_extent

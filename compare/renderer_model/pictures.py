@@ -1,6 +1,8 @@
 """Images that a guess about a renderer makes of a scene: traced and decided like the truth, and colored."""
 
-from dataclasses import replace
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +12,7 @@ from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
     Culled,
+    DepthBuffer,
     DrawnModel,
     Film,
     Front,
@@ -23,7 +26,7 @@ from xfrustum.reference.lines.lines import Pencil, pixel_places
 from xfrustum.reference.lines.triangles import distance_to_triangles, facing, plane_places, triangle_normals
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.scenes.arrays import Floats, Mask, Singles
+from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.frustum import Frustum, Screen
@@ -44,8 +47,12 @@ CAMERA_DISTANCE_PER_REACH = 1e-6
 # doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach.
 TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 
-Layers = dict[tuple[Pencil, bool, Culled, Film], Layer]
-"""Layers of cameras, by their lines, whether the nearest surface won, the faces left out, and the film."""
+# Largest number of surfaces along a line that a coarse depth buffer is thought to choose among, and step
+# behind each from which the next one is looked for, as a part of the reach: some roundings of float32.
+MAX_SURFACES, STEP_PER_REACH = 64, 1e-6
+
+Layers = dict[tuple[Pencil, bool, Culled, Film, DepthBuffer | None], Layer]
+"""Layers of cameras, by lines, whether the nearest surface won, faces left out, film and depth buffer."""
 
 
 def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
@@ -59,11 +66,14 @@ def drawn(reference: Reference, model: DrawnModel, aperture: Aperture, known: La
 
     def shown(side: int, *, nearest: bool = False) -> Layer:
         pencil = model.pencil(scene, aperture, side)
-        key = (pencil, nearest, model.culled, model.film)
-        if key not in known and model.film == EVEN:
+        key = (pencil, nearest, model.culled, model.film, model.depth)
+        if key not in known and model.film == EVEN and model.depth is None:
             known[key] = layer(scene, pencil, nearest=nearest, culled=model.culled)
         elif key not in known:
-            known[key] = _layer_through(model.film, reference, pencil, nearest=nearest)
+            # A ray tracer draws; no faces are culled.
+            most = 1 if model.depth is None else MAX_SURFACES
+            surfaces = Surfaces.of(reference, pencil, model.film, nearest=nearest, most=most)
+            known[key] = surfaces.layer(model.depth)
         return known[key]
 
     if model.plain and model.one_pencil:
@@ -101,24 +111,75 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
     return Layer(companions=np.stack((row, column, number), axis=1), **arrays)
 
 
-def _layer_through(film: Film, reference: Reference, pencil: Pencil, *, nearest: bool) -> Layer:
-    """Return what a ray tracer finds along a camera's lines where a film is not even; no faces are culled."""
-    directions, center = film.directions(pencil), np.asarray(pencil.center)
-    rays, (low, high) = directions.reshape(-1, 3), pencil.s_range
-    begin, sign = (high, -1.0) if nearest else (low, 1.0)
-    triangle = reference.tracer.first_hits(center + begin * rays, sign * rays)
-    s = np.full(len(rays), np.nan)
-    met = triangle != NOTHING
-    corners = reference.scene.triangles[triangle[met]]
-    s[met] = plane_places(corners, triangle_normals(corners), center, rays[met])
-    met[met] = (low <= s[met]) & (s[met] <= high)
-    shape = directions.shape[:2]
-    return Layer(
-        triangle=np.where(met, triangle, NOTHING).astype(np.int32).reshape(shape),
-        certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
-        companions=np.zeros((0, 3), dtype=np.int64),
-        position=(center + np.where(met, s, np.nan)[:, None] * rays).reshape(directions.shape),
-    )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surfaces:
+    """Surfaces along the lines of one camera, the first ones first, (K, N)."""
+
+    pencil: Pencil
+    directions: Floats  # (H, W, 3) of the lines
+    triangle: Numbers  # `NOTHING` behind the last one
+    s: Floats
+
+    @classmethod
+    def of(
+        cls,
+        reference: Reference,
+        pencil: Pencil,
+        film: Film,
+        *,
+        nearest: bool = False,
+        most: int = MAX_SURFACES,
+    ) -> Surfaces:
+        """Find so many surfaces at most, one behind the other; with `nearest`, from the end of the lines."""
+        directions, center, (low, high) = film.directions(pencil), np.asarray(pencil.center), pencil.s_range
+        rays, corners = directions.reshape(-1, 3), reference.scene.triangles
+        start, sign = (high, -1.0) if nearest else (low, 1.0)
+        step = STEP_PER_REACH * reference.scene.frustum.longest_reach
+        active, begin = np.arange(len(rays)), np.full(len(rays), start)
+        found: list[tuple[Numbers, Floats]] = []
+        while len(active) and len(found) < most:
+            number, s = np.full(len(rays), NOTHING, dtype=np.int32), np.zeros(len(rays))
+            hit = reference.tracer.first_hits(
+                center + begin[active, None] * rays[active], sign * rays[active]
+            )
+            active, hit = active[hit != NOTHING], hit[hit != NOTHING]
+            there = corners[hit]
+            place = plane_places(there, triangle_normals(there), center, rays[active])
+            met = (low <= place) & (place <= high)
+            active = active[met]
+            number[active], s[active] = hit[met], place[met]
+            begin[active] = sign * np.maximum(sign * begin[active], sign * s[active]) + sign * step
+            found.append((number, s))
+        numbers, places = (np.stack(one) for one in zip(*found, strict=True))
+        return cls(pencil=pencil, directions=directions, triangle=numbers, s=places)
+
+    def shown(self, buffer: DepthBuffer) -> tuple[Numbers, Floats]:
+        """Return triangle and s (N,) of the surfaces that a depth buffer keeps, triangles drawn in order."""
+        low, high = sorted(map(abs, self.pencil.s_range))
+        # C keeps the smallest depth, and is cleared to the largest; C* the reverse.
+        side, clear = (-1, 0.0) if self.pencil.s_range[1] <= 0 else (1, high - low)
+        none = self.triangle == NOTHING
+        stored = side * buffer.stored(np.maximum(np.abs(self.s) - low, 0.0), high - low)
+        if buffer.cleared:
+            none |= stored == side * buffer.stored(np.array(clear), high - low)
+        stored = np.where(none, np.inf, stored)
+        tied = (stored == stored.min(axis=0)) & ~none
+        drawn = np.where(tied, self.triangle, NOTHING if buffer.last_wins else np.iinfo(np.int32).max)
+        place = (drawn.argmax(axis=0) if buffer.last_wins else drawn.argmin(axis=0))[None]
+        number, s = (np.take_along_axis(one, place, axis=0)[0] for one in (self.triangle, self.s))
+        return np.where(tied.any(axis=0), number, NOTHING), s
+
+    def layer(self, buffer: DepthBuffer | None) -> Layer:
+        """Return what a depth buffer keeps; the first surfaces without one."""
+        number, s = (self.triangle[0], self.s[0]) if buffer is None else self.shown(buffer)
+        shape = self.directions.shape[:2]
+        s = np.where(number == NOTHING, np.nan, s).reshape(*shape, 1)
+        return Layer(
+            triangle=number.reshape(shape),
+            certainty=np.full(shape, Certainty.UNEXAMINED, dtype=np.uint8),
+            companions=np.zeros((0, 3), dtype=np.int64),
+            position=np.asarray(self.pencil.center) + s * self.directions,
+        )
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:

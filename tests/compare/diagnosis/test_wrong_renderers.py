@@ -45,12 +45,9 @@ NOT_YET_NAMED = frozenset(
         "stale-block",
         "late",
         "odd-columns",
-        "odd-rows",
         "three-quarters-nearest",
         "three-quarters-bilinear",
         "object-twice",
-        "starved",
-        "clipped",
     ]
 ) | {"+".join(pair) for pair in PAIRS if "flat-normals" not in pair}
 """Renderers of which no pass and no false cause are asked for, but not yet that their mistakes are named."""
