@@ -21,6 +21,8 @@ from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from tests.support.long_tail import thinned
+from tests.support.scene_file import film, named, part
+from xfrustum.cli.main import main
 from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, layout_of, source_of, write_plate
@@ -235,15 +237,14 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     assert tree(out) == tree(whole)
 
 
-def started(out: Path, *more: str) -> subprocess.Popen[str]:
-    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
-    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out), *more]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
 def at_once(out: Path, count: int) -> list[dict[str, Any]]:
     """Start as many processes on one plate and return what they say."""
-    processes = [started(out) for _ in range(count)]
+    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
+    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out)]
+    processes = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(count)
+    ]
     told = [process.communicate() for process in processes]
     assert [(process.returncode, error) for process, (_, error) in zip(processes, told, strict=True)] == [
         (0, "")
@@ -266,9 +267,13 @@ def test_four_processes_on_one_new_plate_make_the_same_as_one(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_killed_workers_change_no_byte_of_a_plate(tmp_path: Path) -> None:
-    at_once(tmp_path / "one.zarr", 1)
-    out, chance, kills = tmp_path / "killed.zarr", random.Random(5), 0
-    run = started(out, "--workers", "2")
+    path, out, chance, kills = tmp_path / "boxes.toml", tmp_path / "killed.zarr", random.Random(5), 0
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes") + film((40, 32), (7, 5), (16, 16), (60, 60), (60, 60)) + objects)
+    words = ["plate", str(path), "--near", "0.5", "--ids", "--block", "2x2", "--quiet"]
+    assert main([*words, "--out", str(tmp_path / "one.zarr")]) == 0
+    command = [sys.executable, "-m", "xfrustum", *words, "--out", str(out), "--workers", "2"]
+    run = subprocess.Popen(command, stderr=subprocess.PIPE)
     while run.poll() is None:
         with suppress(psutil.NoSuchProcess):
             workers = psutil.Process(run.pid).children()
