@@ -35,6 +35,7 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.interrupts import delayed
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.reports.common.outputs import Staging, refused
 from xfrustum.reports.common.records import named_columns, table_of
@@ -456,7 +457,8 @@ def open_store(out: Path, layout: Layout, description: Mapping[str, Any], *, fre
         raise InputError(f"--out {out}: its measures belong into {table}, which is no folder; move that away")
     if not out.exists():
         try:
-            with Staging(out) as staging:
+            # Zarr writes from a thread of its own, which would go on making files after an interrupt.
+            with Staging(out) as staging, delayed():
                 _make(LocalStore(staging.folder), layout, wanted)
                 # No folder that holds something is replaced by this: another process may have been faster.
                 staging.folder.rename(out.resolve())
