@@ -47,6 +47,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     OTHER_FIELDS,
     DrawnModel,
     Film,
+    Front,
     Recentering,
     field_of,
     screen_lengths,
@@ -273,6 +274,8 @@ def find_composition(
         and (model.film == EVEN or not any("culled" in one.fields for one in way))
         and (FLAT not in way or reference.scene.surface.vertex_normals is not None)
     ]
+    # One half at least is there.
+    ways = [way for way in ways if not (way.back_missing and way.front is Front.MISSING)]
     wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for shown, made in (_compared(reference, ways, image) for image in images):
         wrong += [_differing(picture, shown) for picture in made]
