@@ -24,7 +24,7 @@ from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charg
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers, compare_images
 from xfrustum.compare.metrics.error_maps import PixelErrors, pixel_errors
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
-from xfrustum.compare.prediction.predict import Prediction, Predictor
+from xfrustum.compare.prediction.predict import LinkedPrediction, Prediction, Predictor
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
@@ -281,7 +281,7 @@ class _Cameras:
 
     aperture: Aperture
     truth: Future[Timed[HogelImage]]  #: with the seconds of tracing
-    predictor: Future[Predictor] | None  #: None without causes
+    predicted: Future[Timed[list[LinkedPrediction]]] | None  #: for all of the settings; None without causes
     settings: list[DoubleFrustum]
     first: Future[Timed[Drawn]]  #: the frame with the first of the settings, and the seconds
     #: With causes the chain up to R0, with all that budgets of these frames share; else errors of the first
@@ -337,6 +337,11 @@ class _Loop(Generic[Result]):
         def predicting(truth: Future[Timed[HogelImage]]) -> Predictor:
             return Predictor(truth.result()[0], self._reference, self._subpixel_bits)
 
+        def predict(
+            predictor: Future[Predictor], settings: list[DoubleFrustum]
+        ) -> Timed[list[LinkedPrediction]]:
+            return _timed(partial(predictor.result().predict_each, settings))
+
         for aperture in apertures:
             one_of(aperture, Aperture, "aperture")
             truth = self._tracing.submit(trace, aperture)
@@ -347,20 +352,22 @@ class _Loop(Generic[Result]):
                 for settings in of_near:
                     first = self._draw(aperture, settings[0], color=color)
                     shared: Future[ChainStart] | Future[PixelErrors] | None = None
+                    predicted = None
                     if predictor:
+                        predicted = self._judging.submit(predict, predictor, settings)
                         exact = with_exact_depth(settings[0])
                         last = first if exact == settings[0] else self._draw(aperture, exact, color=False)
                         chain_of = partial(
                             traced_models, self._reference, aperture, exact, traced, shaded=False
                         )
                         models = self._tracing.submit(chain_of)
-                        shared = self._judging.submit(self._start, exact, predictor, truth, models, last)
+                        shared = self._judging.submit(self._start, truth, models, last)
                     elif len(settings) > 1:
                         shared = self._judging.submit(self._beside, truth, first)
                     yield _Cameras(
                         aperture=aperture,
                         truth=truth,
-                        predictor=predictor,
+                        predicted=predicted,
                         settings=settings,
                         first=first,
                         shared=shared,
@@ -379,14 +386,11 @@ class _Loop(Generic[Result]):
 
     def _start(
         self,
-        exact: DoubleFrustum,
-        predictor: Future[Predictor],
         truth: Future[Timed[HogelImage]],
         models: Future[tuple[HogelImage, ...]],
         last: Future[Timed[Drawn]],
     ) -> ChainStart:
-        """Return the chain up to R0, and find in this thread all that budgets and predictions share."""
-        predictor.result().without_depth(exact)
+        """Return the chain up to R0, and find in this thread all that budgets share."""
         images = (truth.result()[0], *models.result(), last.result()[0].image)
         start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
         start.find_shared()
@@ -402,7 +406,6 @@ class _Loop(Generic[Result]):
         """Compare a frame with the truth, predict its errors, charge its wrong pixels, and finish it."""
         (truth, trace_s), (drawn, raster_s) = cameras.truth.result(), drawing.result()
         shared = cameras.shared.result() if cameras.shared else None
-        predictor = cameras.predictor.result() if cameras.predictor else None
         begun = time.perf_counter()
         comparison = compare_images(
             truth,
@@ -412,11 +415,11 @@ class _Loop(Generic[Result]):
             perceptual=self._wanted.perceptual,
             beside=shared.exact if isinstance(shared, ChainStart) else shared,
         )
-        compared = predicted = done = time.perf_counter()
-        prediction = budget = None
-        if predictor and isinstance(shared, ChainStart):
-            prediction, links = predictor.predict_links(setting)
-            predicted = time.perf_counter()
+        compared = done = time.perf_counter()
+        prediction, budget, predict_s = None, None, 0.0
+        if cameras.predicted and isinstance(shared, ChainStart):
+            predicted, predict_s = cameras.predicted.result()
+            prediction, links = predicted[cameras.settings.index(setting)]
             budget = charged(shared, comparison.errors, (prediction, links))
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this time
             done = time.perf_counter()
@@ -432,8 +435,8 @@ class _Loop(Generic[Result]):
                 trace=trace_s,
                 raster=raster_s,
                 compare=compared - begun,
-                predict=predicted - compared,
-                causes=done - predicted,
+                predict=predict_s / len(cameras.settings),
+                causes=done - compared,
             ),
             gpu_s=drawn.times["draw"].gpu_s,
         )

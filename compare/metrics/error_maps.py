@@ -144,10 +144,12 @@ def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Float
 
 def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
     """Return the displacement of all pixels, (2, H W), NaN where no surface off the plate is shown."""
-    found = np.full((2, raster.triangle.size), np.nan)
-    pixels = np.flatnonzero(raster.off_plate)
-    found[:, pixels] = shifts_at(raster, camera, pixels)
-    return found
+    # Whole arrays: to pick the pixels that show something would take longer than to compute all of them.
+    x, y, z = (np.asarray(raster.position[..., axis], dtype=np.float64) for axis in range(3))
+    columns, rows = places_off_center(x, y, np.where(raster.off_plate, z, np.nan), true_lines(camera))
+    columns -= np.arange(columns.shape[1])
+    rows -= np.arange(rows.shape[0])[:, None]
+    return np.stack((columns, rows)).reshape(2, -1)
 
 
 def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
@@ -396,7 +398,9 @@ def _errors_beside(
     """Return the errors of an image, judged again only where it differs from one that was judged."""
     pixels = differing_pixels(beside.raster, raster)
     if not pixels.size:
-        return replace(beside, raster=raster, changed=pixels)
+        found = replace(beside, raster=raster, changed=pixels)
+        vars(found).update(moved=beside.moved, height=beside.height)
+        return found
     before, after, judged = truth.at(pixels), raster.at(pixels), beside.judged.reshape(-1)[pixels][None]
     points = DrawnPoints.of(after, np.flatnonzero(after.off_plate))
     places, shown = points.places(true_lines(truth.camera)), pixels[points.pixels]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from statistics import NormalDist
 from typing import assert_never
 
@@ -228,75 +228,100 @@ def depth_wrong_share(
     has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it. Pixels that linear
     depth gets wrong too are subtracted, as if they were the same pixels.
     """
+    return depth_wrong_shares(stacks, frustum, [settings], unlucky=unlucky)[0]
+
+
+def depth_wrong_shares(
+    stacks: Stacks, frustum: Frustum, settings: Sequence[DoubleFrustum], *, unlucky: bool = False
+) -> list[float]:
+    """Return the `depth_wrong_share` of each of some settings, which differ in their depth buffers alone."""
     # Linear D32F depth stands for a depth buffer that adds no error of its own.
-    control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
-    expected = 0.0
+    expected = np.zeros(len(settings))
     for camera in stacks.distance:
-        own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
+        own = [slab for slab in slabs(frustum, settings[0]) if slab.camera is camera]
         distance, gap = stacks.distance[camera], stacks.gap[camera]
         earlier = None if stacks.earlier is None or unlucky else stacks.earlier[camera]
         wrong = chances(own, distance, (gap, earlier), settings, order)
         # The chance under linear depth, which few pixels need, is subtracted.
-        at = np.flatnonzero(wrong)
+        at = np.flatnonzero(wrong.any(axis=0))
         some = gap[at], None if earlier is None else earlier[at]
-        anyway = chances(own, distance[at], some, control, order)
-        expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
-    return expected / stacks.judged if stacks.judged else 0.0
+        anyway = chances(own, distance[at], some, [control], order)
+        expected += np.maximum(wrong.take(at, axis=1) - anyway, 0.0).sum(axis=1)
+    return [float(one) / max(stacks.judged, 1) for one in expected]
 
 
 def chances(
-    own: Sequence[Slab], distance: Floats, gaps: Gaps, settings: DoubleFrustum, order: float = 1.0
+    own: Sequence[Slab], distance: Floats, gaps: Gaps, settings: Sequence[DoubleFrustum], order: float = 1.0
 ) -> Floats:
-    """Return the chance (N,) of each surface to be shown wrongly by the slabs of its camera.
+    """Return the chance of each surface to be shown wrongly by the slabs of its camera, (settings, N).
 
     `distance` and `gaps` are as in `Stacks`; `order` is the ratio of the misordered share to that of an
     unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
     gap, earlier = gaps
-    least = np.full(len(distance), np.inf)
+    least = np.full((len(settings), len(distance)), np.inf)
     for slab in own:
         inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
         some = gap[inside], None if earlier is None else earlier[inside]
         chance = _chance(slab, distance[inside], some, settings, order)
-        least[inside] = np.minimum(least[inside], chance)
+        for row, found in zip(least, chance, strict=True):
+            row[inside] = np.minimum(row[inside], found)
     return np.where(np.isfinite(least), least, 0.0)
 
 
-def _chance(slab: Slab, distance: Floats, gaps: Gaps, settings: DoubleFrustum, order: float) -> Floats:
-    """Return the chance of each surface of one slab to be shown wrongly."""
-    mapping, (gap, earlier) = settings.mapping, gaps
-    known = _table(slab, settings.depth, mapping)
+def _chance(
+    slab: Slab, distance: Floats, gaps: Gaps, settings: Sequence[DoubleFrustum], order: float
+) -> Floats:
+    """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
+    gap, earlier = gaps
     # Lost: the depth, with the error of one surface, comes within half a step of the clear value. The buffer
     # of C is cleared to its far value, that of C* to its near value.
     w, clear = distance + slab.step, slab.far if slab.camera is Camera.C else slab.near
-    apart = _difference(w, np.abs(clear - w), clear, slab, mapping)
-    wrong = np.zeros_like(w)
-    at, row = known.in_doubt(w, apart)
-    wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
     # Order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest surface, and
     # the next one lies closer to the camera. Pairs in different slabs are not compared.
-    misordered = np.zeros_like(w)
-    for some, ends in ((gap, _COIN),) if earlier is None else ((gap, _LATER), (earlier, _EARLIER)):
-        paired = np.flatnonzero(np.isfinite(some))
-        own, other = w[paired], w[paired] + (some[paired] if slab.camera is Camera.C else -some[paired])
-        seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
-        paired = paired[seen]
-        apart = _difference(own[seen], some[paired], other[seen], slab, mapping)
-        close, row = known.in_doubt(own[seen], apart)
-        at, difference, step, error = paired[close], apart[close], known.step[row], known.error[row]
-        chance = order * _misordered(difference, step, error, ends)
-        if earlier is not None and STEP[settings.depth]:
-            sharp = error < MAX_SHARP_ERROR * step
-            # C keeps the smaller depth and C* the larger one, or the reverse where the mapping falls with w.
-            falls = (mapping is DepthMapping.REVERSED) != (slab.camera is Camera.C_STAR)
-            place = stored_depth(w[at[sharp]], slab.near, slab.far, mapping)[0]
-            last = 1 / STEP[settings.depth] - 1  # the largest stored number, which stands for one
-            places = (-last if falls else last) * place, last * difference[sharp]
-            chance[sharp] = _misordered_steps(places, error[sharp] / step[sharp] * np.sqrt(0.5), ends)
-        misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
-    # Only a surface that is not lost can be misordered; the two chances are taken as independent.
-    return np.asarray(wrong + (1 - wrong) * misordered)
+    kinds = [(gap, _COIN)] if earlier is None else [(gap, _LATER), (earlier, _EARLIER)]
+    pairs: list[tuple[Floats, Floats, Floats | float]] = []
+    paired = []
+    for some, _ in kinds:
+        other = w + (some if slab.camera is Camera.C else -some)
+        paired.append(at := np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far)))
+        pairs.append((w[at], some[at], other[at]))
+    pairs.append((w, np.abs(clear - w), clear))
+    # Most of the time goes into arrays that do not depend on the buffer.
+    apart = cache(lambda kind, mapping: _difference(*pairs[kind], slab, mapping))
+    found = np.zeros((len(settings), w.size))
+    for wrong, buffer in zip(found, settings, strict=True):
+        depth, mapping = buffer.depth, buffer.mapping
+        known, alike = _table(slab, depth, mapping), _ALIKE.get(mapping, mapping)
+        at, row = known.in_doubt(w, lost := apart(-1, alike))
+        wrong[at] = ndtr((known.step[row] / 2 - lost[at]) / (known.error[row] * np.sqrt(0.5)))
+        misordered = np.zeros_like(w)
+        for kind, (_, ends) in enumerate(kinds):
+            own, difference = pairs[kind][0], apart(kind, alike)
+            close, row = known.in_doubt(own, difference)
+            difference, step, error = difference[close], known.step[row], known.error[row]
+            # Where the error is small beside a fixed step, it counts where depths lie between steps.
+            sharp = (error < MAX_SHARP_ERROR * step) & (ends != _COIN) & (STEP[depth] > 0)
+            chance = np.empty_like(difference)
+            chance[~sharp] = order * _misordered(difference[~sharp], step[~sharp], error[~sharp], ends)
+            if sharp.any():
+                # C keeps the smaller depth and C* the larger one, or the reverse where the mapping falls.
+                falls = (mapping is DepthMapping.REVERSED) != (slab.camera is Camera.C_STAR)
+                place = stored_depth(own[close[sharp]], slab.near, slab.far, mapping)[0]
+                last = 1 / STEP[depth] - 1  # the largest stored number, which stands for one
+                places = (-last if falls else last) * place, last * difference[sharp]
+                chance[sharp] = _misordered_steps(places, error[sharp] / step[sharp] * np.sqrt(0.5), ends)
+            at = paired[kind][close]
+            misordered[at] = np.maximum(misordered[at], np.minimum(chance, 1.0))
+        # Only a surface that is not lost can be misordered; the two chances are taken as independent.
+        np.add(wrong, (1 - wrong) * misordered, out=wrong)
+    return found
+
+
+_ALIKE = {DepthMapping.GL: DepthMapping.STANDARD, DepthMapping.REVERSED: DepthMapping.STANDARD}
+"""Mappings whose depths are as far apart as those of another one."""
 
 
 def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:

@@ -12,7 +12,7 @@ from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     Stacks,
-    depth_wrong_share,
+    depth_wrong_shares,
     float32_spacing,
     slabs,
     smallest_separation,
@@ -103,6 +103,9 @@ class LinkPrediction:
     surface_pixels: float | None  #: judged pixels with a wrong surface that are charged to the link
 
 
+LinkedPrediction = tuple[Prediction, tuple[LinkPrediction, ...]]
+
+
 class Predictor:
     """All closed forms for the true image of one aperture."""
 
@@ -127,24 +130,25 @@ class Predictor:
         self._rounding_px = (
             float(spacing / (pixel * np.median(self._points.depth))) if self._points.depth.size else 0.0
         )
-        self._without_depth: dict[DoubleFrustum, tuple[Prediction, tuple[LinkPrediction, ...]]] = {}
 
-    def predict_links(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+    def predict_links(self, settings: DoubleFrustum) -> LinkedPrediction:
         """Return the errors to be expected, and those of each link of the chain in order of `links_of`."""
-        prediction, links = self.without_depth(settings)
-        share = depth_wrong_share(self._stacks, self._frustum, settings)
-        depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
-        prediction = replace(prediction, depth=share, separation=self._separations(settings))
-        return replace(prediction, reasons=self._reasons(settings, prediction)), (*links, depth)
+        return self.predict_each([settings])[0]
 
-    def without_depth(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
-        """Return the same without errors of depth: found once for the depth buffers of the same cameras."""
-        exact = with_exact_depth(settings)
-        if exact not in self._without_depth:
-            self._without_depth[exact] = self._predicted(exact)
-        return self._without_depth[exact]
+    def predict_each(self, settings: Sequence[DoubleFrustum]) -> list[LinkedPrediction]:
+        """Return `predict_links` of settings that differ in their depth buffers alone: they share most."""
+        prediction, links = self._predicted(with_exact_depth(settings[0]))
+        found = []
+        for one, share in zip(
+            settings, depth_wrong_shares(self._stacks, self._frustum, settings), strict=True
+        ):
+            depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
+            whole = replace(prediction, depth=share, separation=self._separations(one))
+            found.append((replace(whole, reasons=self._reasons(one, whole)), (*links, depth)))
+        return found
 
-    def _predicted(self, settings: DoubleFrustum) -> tuple[Prediction, tuple[LinkPrediction, ...]]:
+    def _predicted(self, settings: DoubleFrustum) -> LinkedPrediction:
+        """Return the same without errors of depth."""
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
         swept = self._silhouettes.charged_pixels(chain)
         outside = outside_shares(self._all_points, self._frustum, chain)

@@ -108,19 +108,19 @@ def setting_pictures(
 
 def picture(image: HogelImage, reduction: int = 1) -> bytes:
     """Encode the color image as WebP in sRGB, transparent where there is no surface."""
-    shown, alpha = image.covered, LEVELS * image.covered
-    linear = np.full((np.count_nonzero(shown), 3), _UNTEXTURED_GRAY)
+    share = image.covered.astype(np.float64)
+    linear = np.full((*share.shape, 3), _UNTEXTURED_GRAY)
     if image.color is not None:
-        linear = np.fmin(np.fmax(image.color[shown], 0.0), 1.0)  # NaN is black
+        linear = np.fmin(np.fmax(image.color, 0.0), 1.0)  # NaN is black
     if reduction > 1:
-        block, whole = (reduction, reduction, 1), np.zeros((*shown.shape, 3))
-        whole[shown] = linear
-        share = block_reduce(shown.astype(np.float64), block[:2], np.mean)
-        shown, alpha = share > 0, np.rint(LEVELS * share)
-        linear = block_reduce(whole, block, np.mean)[shown] / share[shown, None]
-    pixels = np.zeros((*shown.shape, 4), dtype=np.uint8)
-    pixels[shown, :3] = _ENCODED[np.rint(linear * (len(_ENCODED) - 1)).astype(np.intp)]
-    pixels[..., 3] = alpha
+        block = (reduction, reduction)
+        linear = block_reduce(linear * share[..., None], (*block, 1), np.mean)
+        share = block_reduce(share, block, np.mean)
+        linear /= np.where(share > 0, share, 1.0)[..., None]
+    levels = _ENCODED.take(np.rint(linear * (len(_ENCODED) - 1)).astype(np.uint16))
+    # Channel by channel, which is faster than three of four at a time.
+    alpha = np.rint(LEVELS * share).astype(np.uint8)
+    pixels = np.stack((*np.moveaxis(levels, -1, 0), alpha), axis=-1)
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
     return buffer.getvalue()
@@ -155,8 +155,9 @@ def height_map(
     a `height_range`, in fractions of the reach.
     """
     known = np.isfinite(height)
-    level = np.clip(_level(np.abs(height[known]) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
-    step = np.sign(height[known]) * np.ceil(level)
+    error = height[known]
+    level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
+    step = np.copysign(np.ceil(level), error)
     return _palette_png(known, 1 + _HEIGHT_STEPS + step, HEIGHT_SCALE, reduction, 1 + _HEIGHT_STEPS)
 
 

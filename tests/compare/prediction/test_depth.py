@@ -207,7 +207,7 @@ def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
     """Return the chance that one surface is shown wrongly, whether or not linear depth fails too."""
     camera = Camera.C if height < 0 else Camera.C_STAR
     own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
-    return float(chances(own, np.array([abs(height)]), (np.array([gap]), None), settings)[0])
+    return float(chances(own, np.array([abs(height)]), (np.array([gap]), None), [settings])[0, 0])
 
 
 @pytest.mark.parametrize(("depth", "mapping"), EVERY)
