@@ -3,8 +3,9 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -196,22 +197,23 @@ def test_a_cost_is_the_median_difference_of_pairs(monkeypatch: pytest.MonkeyPatc
     """The first pair warms up, and images of a pair swap places; one slow image does not matter."""
     times = {"with": iter([90.0, 5.0, 50.0, 7.0, 6.0, 6.0, 6.0]), "without": iter([80.0, 3, 3, 4, 3, 3, 3])}
     order: list[str] = []
+    now = [0.0]
+    monkeypatch.setattr("xfrustum.reports.explain.time", SimpleNamespace(perf_counter=lambda: now[0]))
 
-    def seconds(image: Callable[[], str]) -> float:
-        order.append(image())
-        return next(times[image()])
+    def image(name: str) -> None:
+        order.append(name)
+        now[0] += next(times[name])
 
-    monkeypatch.setattr("xfrustum.reports.explain._seconds", seconds)
-    found = cost(lambda: "with", lambda: "without", 6)
+    found = cost(partial(image, "with"), partial(image, "without"), 6)
     assert (found["seconds"], found["without"]) == (3.0, 3.0)
     assert found["interval"] == (2.0, 47.0)
     assert found["resolved"]
     firsts = order[::2]
     assert firsts == ["without", "with"] * 3 + ["without"]
     # 205 ms with or without it, and a difference that repetitions put between -6 and 64 ms.
-    more = iter([0.205 + one for one in (0.0, 0.064, -0.006, 0.03, 0.02, -0.001, 0.01)])
-    monkeypatch.setattr("xfrustum.reports.explain._seconds", lambda image: image())
-    found = cost(lambda: next(more), lambda: 0.205, 6)
+    times["without"] = iter([0.205] * 7)
+    times["with"] = iter([0.205 + one for one in (0.0, 0.064, -0.006, 0.03, 0.02, -0.001, 0.01)])
+    found = cost(partial(image, "with"), partial(image, "without"), 6)
     assert not found["resolved"] and _time(found) == "not told (-6 ms to 64 ms)"
 
 
