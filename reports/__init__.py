@@ -22,6 +22,6 @@ scout             What people see of the scout of a plate: chosen apertures with
 studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trace             The truth of one aperture to a file, in the memory of a band
-verification/     The verification of foreign renderers: sources, verdict, files
+verification/     The verification of foreign renderers: sources, verdict, baselines
 view              What eyes see of a scene, of its replayed truth and of hogels, as a page and as files
 """

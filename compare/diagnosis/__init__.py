@@ -10,5 +10,7 @@ encodings     The meaning of stored pixels, found by reading them in other ways 
 faults        The faults of a renderer: the table of mistakes without numbers, and the words of all
 film_faults   How pixels may lie on their film: rolled, enlarged from fewer, or behind a lens
 geometry_fit  Conventions and geometry of a renderer, from what its images claim: enumerated, fitted, bounded
+hogel_faults  Mistakes of single hogels: stale, exchanged, jittered or shifted ones
 registration  Conventions and geometry from pictures without triangles: registered with the reference's own
+scene_faults  Mistakes of the scene: axes exchanged or negated, and objects missing, moved, turned or resized
 """
