@@ -4,13 +4,14 @@ import json
 import math
 import os
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Context
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, length
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
-from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, length_in
+from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
@@ -106,11 +107,13 @@ class NewScene:
     def sentence(self) -> str:
         """What was written, in words."""
         shown = " x ".join(length(side) for side in self.size)
+        scaled = "" if self.scale == 1 else f", made {self.scale:.4g} times as large,"
         return (
-            f"{self.path}: the mesh is {shown} {self.units}, {heights(*self.heights, self.units)}; plate of "
-            f"{length(self.plate[0])} x {length(self.plate[1])} {self.units} with {self.hogels[0]} x "
-            f"{self.hogels[1]} apertures, reach {length(self.reach)} {self.units} on both sides; from nearer "
-            f"than {length(self.cells_within)} {self.units} its hogels are seen as cells"
+            f"{self.path}: the mesh{scaled} is {shown} {self.units}, "
+            f"{heights(*self.heights, self.units)}; plate of {length(self.plate[0])} x "
+            f"{length(self.plate[1])} {self.units} with {self.hogels[0]} x {self.hogels[1]} apertures, reach "
+            f"{length(self.reach)} {self.units} on both sides; from nearer than {length(self.cells_within)} "
+            f"{self.units} its hogels are seen as cells"
         )
 
 
@@ -139,7 +142,13 @@ def new_scene(
         """Return a length in scene units."""
         if given is None:
             return None
-        value = length_in(given if isinstance(given, tuple) else (given, None), named, str(mesh))
+        given = given if isinstance(given, tuple) else (given, None)
+        if given[1] in MILLIMETERS and named not in MILLIMETERS:
+            raise InputError(
+                f"{name} {given[0]:g}{given[1]}: nothing says how long one of the mesh's {named} is; "
+                f"say it (--units mm), or give --{name} without a unit"
+            )
+        value = length_in(given, named, str(mesh))
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value} must be a positive length")
         return value
@@ -194,11 +203,14 @@ class _Display:
         seen = self.viewer is not None and self.viewer < written.cells_within * (1 - WHOLE)
         if not (seen or (self.plate and self.viewer is None and self.pitch is None)):
             return None
-        return (
-            f"from nearer than {length(written.cells_within)} {units} hogels of {length(written.pitch)} "
-            f"{units} are seen as cells; give a smaller --pitch, or --viewer, the distance from which they "
-            "must not be"
-        )
+        within, own = length(written.cells_within), length(written.pitch)
+        cure = "a smaller --pitch, or --viewer, the distance from which they must not be"
+        if self.viewer is not None:
+            finest = self.viewer * ACUITY_ARCMIN / ARCMIN_PER_RADIAN
+            # Three digits, rounded down, so that it keeps what it promises.
+            pitch = Context(prec=3, rounding=ROUND_FLOOR).create_decimal_from_float(finest)
+            cure = f"--pitch {pitch:f} for a viewer at {length(self.viewer)} {units}"
+        return f"from nearer than {within} {units} hogels of {own} {units} are seen as cells; give {cure}"
 
 
 def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display) -> NewScene:

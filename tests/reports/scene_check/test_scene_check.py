@@ -329,3 +329,17 @@ def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_pat
         + part("square", 40.0, (0.0, 0.0, 1e-4))
     )
     assert not xfrustum.check(open_scene(str(tmp_path / "near.toml"))).warnings
+
+
+def test_a_pitch_that_a_warning_asks_for_shows_its_viewer_no_cells(tmp_path: Path) -> None:
+    solid = tmp_path / "solid.obj"
+    trimesh.creation.icosphere(1, radius=0.2).export(solid)
+    asked = xfrustum.NewSceneOptions(units="m", plate=(0.6, 0.6), viewer=0.7)
+    coarse = xfrustum.new_scene(solid, tmp_path / "a.toml", asked, pitch=(0.5, "mm"))
+    assert coarse.warning is not None and coarse.cells_within > 0.7 and "made 1.364 times" in coarse.sentence
+    found = re.search(r"--pitch (\S+) for a viewer at 0.7 m", coarse.warning)
+    assert found
+    fine = xfrustum.new_scene(solid, tmp_path / "b.toml", asked, pitch=float(found[1]))
+    assert fine.warning is None and 0.69 < fine.cells_within <= 0.7
+    with pytest.raises(InputError, match=r"pitch 0.5mm: .*--units mm"):
+        xfrustum.new_scene(solid, tmp_path / "c.toml", pitch=(0.5, "mm"))
