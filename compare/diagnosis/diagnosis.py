@@ -6,7 +6,7 @@ does not explain what is wrong is no finding. `Evidence` says how much a guess e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import chain
@@ -36,7 +36,7 @@ from xfrustum.compare.diagnosis.film_faults import films_of
 from xfrustum.compare.diagnosis.geometry_fit import Claims, GeometryFit, claims_of, fit_geometry, outside_px
 from xfrustum.compare.diagnosis.hogel_faults import MIN_OUTLYING_FRACTION, hogel_guesses, outlying
 from xfrustum.compare.diagnosis.registration import register, with_near
-from xfrustum.compare.diagnosis.scene_faults import scene_guesses
+from xfrustum.compare.diagnosis.scene_faults import Guess, scene_guesses, with_axes
 from xfrustum.compare.judging.judged import Compared, Judging, wrong_pixels
 from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
@@ -114,6 +114,10 @@ TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 # Largest relative difference between the pitches of columns and rows at which they count as equal: each may
 # be off by `drawn_model.SMALLEST_FACTOR`, half of this, without having a name.
 MAX_PITCH_DIFFERENCE = 1e-3
+
+# Largest number of faults of cameras beside which other axes are not tried: pictures and hogels in another
+# order, which two mistakes of a renderer make as well.
+MAX_FAULTS_OF_CAMERAS = 2
 
 # Factors of the shear of views that are tried, and relative changes of the best one that are tried next.
 # Neighbors differ by one percent, by which a picture moves less than by a pixel where views have a hundred
@@ -451,27 +455,29 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
         # No guess explains enough: the best fit is reported as doubtful, though fewer faults may do.
         doubted = tuple(map(doubtful, faults or _named(evidence, fit)))
         found = Diagnosis(model=nominal, does_not_explain=doubted, means=means)
-    # Step 3: what is no convention, such as another scene, where something is left to explain.
-    if not any(outlying(whole.of([one]), found.model) for one in whole.images):
+    # Step 3: what is no convention, such as another scene, where something is left to explain, or where other
+    # axes alone may make the pictures that several mistakes of cameras make together.
+    left = _left(whole, found)
+    if not left and len(found.faults) <= MAX_FAULTS_OF_CAMERAS:
         return found
     plain = fit.model.with_parameters(nominal.parameters)
     values = nominal.parameters
     bare = [replace(fit, model=one, low=values, high=values, alternatives=()) for one in (plain, nominal)]
     fits = [best] if found.faults else [best, fit, *bare]
     distinct = list({one.model: one for one in reversed(fits)}.values())[::-1]
-    return _with_other_faults(whole, claims, distinct, found)
-
-
-def _with_other_faults(
-    evidence: Evidence, claims: Claims | None, fits: Sequence[GeometryFit], found: Diagnosis
-) -> Diagnosis:
-    """Return a diagnosis with faults that are no conventions, where they explain what it leaves."""
+    if not left:
+        return _with_other_faults(whole, with_axes(whole, distinct[-1]), found)
     guesses = (
-        hogel_guesses(evidence, claims, fits),
-        filter(None, (reach_guess(evidence, fit) for fit in fits)),
-        scene_guesses(evidence, claims, fits),
+        hogel_guesses(whole, claims, distinct),
+        filter(None, (reach_guess(whole, fit) for fit in distinct)),
+        scene_guesses(whole, claims, distinct),
     )
-    for guess, more in chain.from_iterable(guesses):
+    return _with_other_faults(whole, chain.from_iterable(guesses), found)
+
+
+def _with_other_faults(evidence: Evidence, guesses: Iterable[Guess], found: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with faults that are no conventions, that explain more, or as much with fewer."""
+    for guess, more in guesses:
         named = {one for one, _ in (*guess.model.shows, *guess.model.offsets)}
         odd = [image for image in evidence.images if image.camera.aperture.index in named]
         # Hogels that are named by themselves must be explained by themselves too.
@@ -479,12 +485,21 @@ def _with_other_faults(
         model = replace(model, **{name: getattr(guess.model, name) for name in OTHER_FIELDS})
         if not (evidence.explains(model) and of_named.explains(model)):
             continue
-        if evidence.spares(model) and of_named.pays(model, found.model):
-            known = replace(guess, model=model, alternatives=())
-            share = of_named.share(model)
-            others = (replace(fault, explains=share) for fault in more)
-            return Diagnosis(model=model, faults=(*_named(evidence, known), *others), means=found.means)
+        known, share = replace(guess, model=model, alternatives=()), of_named.share(model)
+        faults = (*_named(evidence, known), *(replace(fault, explains=share) for fault in more))
+        better = of_named.pays(model, found.model)
+        simpler = len(faults) < len(found.faults) and not of_named.pays(found.model, model)
+        if evidence.spares(model) and (better or simpler):
+            found = Diagnosis(model=model, faults=faults, means=found.means)
+            # A shorter reach nearly explains that the farthest object is missing, and the reverse.
+            if not _left(evidence, found):
+                break
     return found
+
+
+def _left(evidence: Evidence, found: Diagnosis) -> bool:
+    """Return whether a diagnosis leaves something to explain in any hogel."""
+    return any(outlying(evidence.of([one]), found.model) for one in evidence.images)
 
 
 def _with_depth(evidence: Evidence, found: Diagnosis) -> Diagnosis:

@@ -75,7 +75,7 @@ def scene_guesses(
         found = _with_objects(evidence, claims, fit)
         if found is not None:
             yield found
-    yield from _with_axes(evidence, fits[-1])
+    yield from with_axes(evidence, fits[-1])
 
 
 def _named_objects(evidence: Evidence) -> set[int] | None:
@@ -221,7 +221,7 @@ def _fault(scene: Scene, change: SceneChange) -> Fault:
     return Fault(fault=OBJECT_MOVED, value=length, unit=scene.units, words=f"{called} is {moved}")
 
 
-def _with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[Guess]:
+def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[Guess]:
     """Yield guesses with other axes, those with fewest other mistakes first, then those that hold best."""
     nominal, reference = evidence.nominal, evidence.reference
     claiming = [one for one in evidence.images if (one.triangle != NOTHING).any()]
