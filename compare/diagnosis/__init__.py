@@ -4,6 +4,7 @@
 `faults.HYPOTHESES`, one with numbers a group of `compare.renderer_model.drawn_model`, one of lens or pixels a
 field of its `Film`.
 
+composition   How a renderer puts its two halves together: one missing, mirrored or on top, culling
 depth_faults  Mistakes along lines: surfaces cut off by another reach, and a depth buffer that is too coarse
 diagnosis     Diagnosis before verdict: what a renderer does otherwise than asked, from some of its hogels
 encodings     The meaning of stored pixels, found by reading them in other ways and comparing with the scene

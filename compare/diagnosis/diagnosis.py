@@ -8,26 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.compare.diagnosis.composition import compared, find_composition
 from xfrustum.compare.diagnosis.depth_faults import REACH, find_depth_buffer, reach_guess
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding, find_transfer
 from xfrustum.compare.diagnosis.faults import (
     FIELDS,
-    FLAT,
-    HYPOTHESES,
     MISTAKEN_UNITS,
-    NEAREST,
-    NOT_OVERLAID,
     SHADINGS,
     VIEW_SHEAR,
     Fault,
-    Hypothesis,
     faults_of,
     found_in,
     with_joint_numbers,
@@ -42,22 +36,15 @@ from xfrustum.compare.metrics.error_maps import covered_by
 from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
-    EVEN,
     GROUPS,
     OTHER_FIELDS,
     DrawnModel,
     Film,
-    Front,
     Recentering,
     field_of,
     screen_lengths,
 )
 from xfrustum.compare.renderer_model.pictures import (
-    COLOR_TOLERANCE,
-    Layers,
-    as_image,
-    colored,
-    drawn,
     shows_something,
 )
 from xfrustum.reference import Reference
@@ -90,19 +77,6 @@ MIN_GAIN_DEVIATIONS = 2.0
 # Share of wrong pixels, among those that show something, above which gross mistakes are tried: with a scene
 # of ten times the size nearly all are wrong.
 GROSS_WRONG_FRACTION = 0.5
-
-# Smallest number of pixels in which two ways of putting the halves together must differ for images to tell
-# them apart: fewer may be outlines that rounding has moved.
-MIN_DIFFERING_PIXELS = 20
-
-# Smallest gain of a way, as a share of the best way's gain in right pixels, with which images cannot tell it
-# from the best. Two ways can be alike: on closed bodies, leaving out the faces toward the viewer leaves the
-# surface nearest to the plate. Two percent leave room for outlines, which rounding moves.
-MIN_ALIKE_FRACTION = 0.98
-
-# The ways to put the halves together, the right one first. One test of the depth, taken for the other, makes
-# two mistakes.
-WAYS: tuple[tuple[Hypothesis, ...], ...] = ((), *((one,) for one in HYPOTHESES), (NEAREST, NOT_OVERLAID))
 
 # Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted and the
 # two symmetries.
@@ -259,62 +233,6 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})
         if simpler != model:
             yield simpler
-
-
-def find_composition(
-    reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
-) -> tuple[DrawnModel, ...]:
-    """Return a guess with the way of putting halves together that images agree with best, then its equals."""
-    # Step 1: nothing is to be found where the right way explains nearly every pixel.
-    right = [_compared(reference, [model], image) for image in images]
-    if sum(_differing(made[0], shown) for shown, made in right) < MIN_DIFFERING_PIXELS:
-        return (model,)
-    # A camera that is off by itself is not mirrored too.
-    ways = [
-        reduce(lambda made, one: one.of(made), way, model)
-        for way in WAYS
-        if (model.one_camera is None or not any("one_camera" in one.fields for one in way))
-        # Nor is anything culled where a ray tracer draws.
-        and (model.film == EVEN or not any("culled" in one.fields for one in way))
-        and (FLAT not in way or reference.scene.surface.vertex_normals is not None)
-    ]
-    # One half at least is there.
-    ways = [way for way in ways if not (way.back_missing and way.front is Front.MISSING)]
-    wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
-    for shown, made in (_compared(reference, ways, image) for image in images):
-        wrong += [_differing(picture, shown) for picture in made]
-        differing += [_differing(picture, made[0]) for picture in made]
-    # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
-    # right way. If it is the renderer's own, it makes all of them right.
-    gained = wrong[0] - wrong
-    telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
-    if not telling.any():
-        return (model,)
-    # Step 3: the best way, and those that gain nearly as much.
-    alike = np.flatnonzero(telling & (gained >= MIN_ALIKE_FRACTION * gained[telling].max()))
-    return tuple(ways[index] for index in alike.tolist())
-
-
-def _compared(
-    reference: Reference, ways: Sequence[DrawnModel], image: HogelImage
-) -> tuple[NDArray[Any], list[NDArray[Any]]]:
-    """Return an image, upright, and what each of some guesses would draw: numbers (H, W), or colors."""
-    scene, upright = reference.scene, ways[0].upright
-    aperture, known = ways[0].answers(scene, image.camera.aperture), Layers()
-    layers = [drawn(reference, way, aperture, known) for way in ways]
-    if (image.triangle != NOTHING).any():
-        return upright(image.triangle), [shown.triangle for shown in layers]
-    answers = [as_image(reference, aperture, shown) for shown in layers]
-    if (image.object != NOTHING).any() or image.color is None:
-        return upright(image.object), [answer.object for answer in answers]
-    pictures = [colored(scene, way, answer).color for way, answer in zip(ways, answers, strict=True)]
-    return upright(image.color), [np.asarray(picture) for picture in pictures]
-
-
-def _differing(one: NDArray[Any], other: NDArray[Any]) -> int:
-    if one.ndim == 2:
-        return int(np.count_nonzero(one != other))
-    return int(np.count_nonzero((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -538,7 +456,7 @@ def _with_film(evidence: Evidence, found: Diagnosis) -> Diagnosis:
     else:
         # A few hogels choose the film, which all of them test.
         few = evidence.of(evidence.tested[:: max(1, len(evidence.tested) - 1)])
-        shown = [_compared(few.reference, [asked], image) for image in few.images]
+        shown = [compared(few.reference, [asked], image) for image in few.images]
         films = [replace(asked, film=film) for film in films_of(few, shown)]
         film = min(films, key=few.wrong)
     if not (evidence.explains(film) and evidence.spares(film) and evidence.pays(film)):

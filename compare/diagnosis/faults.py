@@ -1,7 +1,7 @@
 """The faults of a renderer: the table of mistakes without numbers, and the words of all.
 
 A `Hypothesis` says which fields of `DrawnModel` differ, and the fault in words. Every one is tried on the
-images by itself (`diagnosis.find_composition`), and found again in a guess (`found_in`). Faults with numbers
+images by itself (`find_composition`), and found again in a guess (`found_in`). Faults with numbers
 are the groups of `xfrustum.compare.renderer_model.drawn_model`.
 """
 

@@ -33,6 +33,8 @@ def films_of(evidence: Evidence, pictures: Sequence[tuple[Picture, list[Picture]
     images, nominal, reference = evidence.images, evidence.nominal, evidence.reference
     rolls = []
     for shown, (right,) in pictures:
+        if not (shown.any() and right.any()):  # All black pictures lie nowhere.
+            continue
         # Numbers that are neighbors mean nothing: each gets a gray of its own.
         grays = [one.mean(axis=-1) if one.ndim == 3 else one * 0.618 % 1 for one in (shown, right)]
         down, across = phase_cross_correlation(*grays)[0].astype(int).tolist()
