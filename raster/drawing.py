@@ -29,11 +29,9 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
-TEXELS, PLACES, DECODED = 9, 10, 11
-"""Bindings of storage blocks, as in texture.glsl."""
+TEXELS, PLACES, DECODED = 9, 10, 11  #: bindings of storage blocks, as in texture.glsl
 
-BYTES_PER_TEXEL = 4
-"""Bytes of a texel: red, green, blue and alpha, of 8 bits each."""
+BYTES_PER_TEXEL = 4  #: bytes of a texel: red, green, blue and alpha, of 8 bits each
 
 
 class Textures:
@@ -67,8 +65,7 @@ class Textures:
             buffer.bind_to_storage_buffer(binding)
 
 
-SURFACES, MATERIALS, LIGHTS = 6, 7, 8
-"""Bindings of storage blocks, as in surface.glsl and phong.glsl."""
+SURFACES, MATERIALS, LIGHTS = 6, 7, 8  #: bindings of storage blocks, as in surface.glsl and phong.glsl
 
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
 """Bindings of uniform blocks, which hold materials and lights where they are large enough."""
@@ -149,8 +146,7 @@ def single(values: list[list[float]]) -> Singles:
     return np.clip(values, -largest, largest).astype(np.float32)
 
 
-IDENTITIES, ENVIRONMENT = 0, 1
-"""Texture units, as in reflection.frag and environment.glsl."""
+IDENTITIES, ENVIRONMENT = 0, 1  #: texture units, as in reflection.frag and environment.glsl
 
 
 class Environment:

@@ -107,8 +107,7 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
-SINGLE_SAMPLE = Sampling()
-"""The sampling with one point a pixel, seen through the middle of the aperture."""
+SINGLE_SAMPLE = Sampling()  #: the sampling with one point a pixel, seen through the middle of the aperture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,8 +27,7 @@ BOX_SIDE = 8
 """Points along each side of a pixel with which the box of multisampling is integrated. A straight edge along
 the rows or columns of points is off by at most half a row, 1/16 of the pixel; other edges are off by less."""
 
-AVERAGED_PIXELS = 1 << 22
-"""Pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel."""
+AVERAGED_PIXELS = 1 << 22  #: pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel.
 
 
 def averages(sampling: Sampling) -> bool:

@@ -60,8 +60,7 @@ __all__ = [
 Vector = Sequence[Any]
 """Coordinates of vectors, each an array with one lane for each vector, or a number for all lanes."""
 
-Table = Callable[[Any], list[Any]]
-"""Function from indices of rows to the columns of these rows."""
+Table = Callable[[Any], list[Any]]  #: function from indices of rows to the columns of these rows
 
 _KINDS = {
     np.dtype(np.float64): Float64,

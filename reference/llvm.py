@@ -27,8 +27,7 @@ OLDEST_LLVM = 17
 """First version that is used: Dr.Jit refuses 14, and with 15 and 16 its minimum and maximum abort the
 process."""
 
-TESTED_LLVM = 19
-"""Version that is preferred; of the others, the nearest to it."""
+TESTED_LLVM = 19  #: version that is preferred; of the others, the nearest to it
 
 FOUND_BY_DRJIT = "none: Dr.Jit found none when it was imported"
 """Words about the LLVM where Dr.Jit was imported, and has chosen, before this module could."""

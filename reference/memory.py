@@ -9,8 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 BAND_PIXELS = 1 << 19
 """Pixels of a band of an image that is written band by band, `PIXEL_BYTES` each: of any size at all."""
 
-PIXEL_BYTES = 400
-"""Approximate memory for each pixel of a band that is being made."""
+PIXEL_BYTES = 400  #: approximate memory for each pixel of a band that is being made
 
 WHOLE_PIXELS = 1 << 22
 """Pixels of a band of an image that is kept whole: to join smaller bands would take longer than to make them.

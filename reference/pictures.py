@@ -97,8 +97,7 @@ def _overlaid(
     return certainty, np.concatenate((visible, upper.companions))
 
 
-Decided = tuple[Pencil, FirstSurfaces]
-"""Lines of a camera, and what is first along those of some rows."""
+Decided = tuple[Pencil, FirstSurfaces]  #: lines of a camera, and what is first along those of some rows
 
 
 def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:

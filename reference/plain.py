@@ -15,11 +15,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-CERTIFIED = "certified"
-"""Name of the decision that is proven for every pixel."""
-
-DECISIONS = (CERTIFIED, *TRACERS)
-"""Names of what can decide which surface a pixel shows."""
+CERTIFIED = "certified"  #: name of the decision that is proven for every pixel
+DECISIONS = (CERTIFIED, *TRACERS)  #: names of what can decide which surface a pixel shows
 
 
 class PlainReference(Reference):
@@ -86,8 +83,7 @@ class Decision:
             raise InputError(f"decided by must be one of {', '.join(DECISIONS)}, not {self.by!r}")
 
 
-CERTIFIED_DECISION = Decision()
-"""The decision that is proven for every pixel, with Embree's second opinion."""
+CERTIFIED_DECISION = Decision()  #: the decision that is proven for every pixel, with Embree's second opinion
 
 
 def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:

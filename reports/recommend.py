@@ -46,8 +46,7 @@ PIXELS, EYES, DEPTH = "pixels", "eyes", "depth buffer"
 LIMIT_WORDS = {STEREO: "change of depth", CRACK: "crack at the plate"}
 """What a viewer may notice of near, in words."""
 
-MAX_COMPARED = 5
-"""Largest number of depth buffers to choose from that are all compared."""
+MAX_COMPARED = 5  #: largest number of depth buffers to choose from that are all compared
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9)
 """Shares of the hogels that were looked through of which the largest near is told."""

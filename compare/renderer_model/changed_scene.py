@@ -20,8 +20,7 @@ Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 UNCHANGED: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-KEPT_REFERENCES = 4
-"""Largest number of changed scenes that are kept: one guess at a time draws some hogels."""
+KEPT_REFERENCES = 4  #: largest number of changed scenes that are kept: one guess at a time draws some hogels
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:  # the command line reads names from here before anything else is loaded
     from numpy.typing import NDArray
 
-Place = TypeVar("Place", int, "NDArray[Any]")
-"""Columns, or rows, of one cell or of many."""
+Place = TypeVar("Place", int, "NDArray[Any]")  #: columns, or rows, of one cell or of many
 
 CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
 """Conventions that a renderer's author may declare, so that images are judged by them."""

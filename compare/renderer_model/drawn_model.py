@@ -263,8 +263,7 @@ class DepthBuffer:
 
 DEPTH_BITS = 16  # of a `DepthBuffer`
 RADIUS = "radius"  # Value of `Film.angles`
-EVEN = Film()
-"""The film on which pixels are spaced evenly, as they should be."""
+EVEN = Film()  #: the film on which pixels are spaced evenly, as they should be
 
 
 @dataclass(frozen=True, kw_only=True)

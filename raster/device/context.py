@@ -26,11 +26,8 @@ from OpenGL.platform.egl import EGLPlatform
 
 from xfrustum.scenes.errors import InputError
 
-REQUIRED_VERSION = 450
-"""OpenGL 4.5: the first with clip control, without which reversed depth gains nothing."""
-
-OLDEST_VERSION = 330
-"""OpenGL 3.3: the oldest that moderngl can say anything about."""
+REQUIRED_VERSION = 450  #: OpenGL 4.5: the first with clip control, without which reversed depth gains nothing
+OLDEST_VERSION = 330  #: OpenGL 3.3: the oldest that moderngl can say anything about
 
 _HELP = (
     "install an EGL driver (Debian and Ubuntu: libegl1 and libgl1-mesa-dri, which draws in software), "
@@ -127,8 +124,7 @@ def _extensions() -> Iterator[bytes]:
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
 
-NANOSECOND = 1e-9
-"""Seconds in a nanosecond, the unit of OpenGL's timestamps."""
+NANOSECOND = 1e-9  #: seconds in a nanosecond, the unit of OpenGL's timestamps
 
 
 @dataclass(frozen=True, kw_only=True)

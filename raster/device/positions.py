@@ -12,8 +12,7 @@ from xfrustum.raster.device.programs import shader
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene
 
-GROUP = 16
-"""Pixels per side of a work group, as in position.comp."""
+GROUP = 16  #: pixels per side of a work group, as in position.comp
 
 BYTES_PER_POINT = 12
 """Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""

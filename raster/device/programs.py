@@ -19,8 +19,7 @@ SHADING = (
 )
 """The effects that are parts of the picture's shaders; the others are cameras and passes of their own."""
 
-Defines = Mapping[str, str]
-"""Names that a shader asks for with `#ifdef`, and the text that replaces each."""
+Defines = Mapping[str, str]  #: names that a shader asks for with `#ifdef`, and the text that replaces each
 
 
 def shader(name: str) -> str:

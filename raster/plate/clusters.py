@@ -62,8 +62,7 @@ class Boxes:
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
-WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])
-"""Least and largest u, then v, of a whole film."""
+WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])  #: least and largest u, then v, of a whole film
 
 
 def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM) -> tuple[Floats, Floats]:

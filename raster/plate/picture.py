@@ -31,8 +31,7 @@ from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
-HOGELS_BINDING = 0
-"""Binding of the uniform block with the matrices of each hogel."""
+HOGELS_BINDING = 0  #: binding of the uniform block with the matrices of each hogel
 
 LAYER_EXTENSIONS = frozenset({"GL_ARB_shader_viewport_layer_array"})
 """Extensions of OpenGL each of which lets a vertex shader choose the layer that is drawn on."""
@@ -42,15 +41,12 @@ HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3,
 
 SUBMISSION_BYTES = 1 << 20
 """Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
-ROUND_BYTES = 1 << 25
-"""Largest size of the attachments of one round of submissions, which bounds the memory."""
+ROUND_BYTES = 1 << 25  #: largest size of the attachments of one round of submissions, which bounds the memory
 MAX_HOGELS = 4
 """Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
-ROUNDS = 2
-"""Number of rounds: one is drawn while the one before it is read back."""
+ROUNDS = 2  #: number of rounds: one is drawn while the one before it is read back
 
-PICTURE, REFLECTION = 0, 1
-"""Places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`."""
+PICTURE, REFLECTION = 0, 1  #: places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:

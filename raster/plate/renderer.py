@@ -42,8 +42,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-Parts = Mapping[tuple[int, int], FilmPart]
-"""Part of the film that is wanted, by column and row of the hogel."""
+Parts = Mapping[tuple[int, int], FilmPart]  #: part of the film that is wanted, by column and row of the hogel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,8 +80,7 @@ class Wanted:
         return cls(windows=windows, box=box)
 
 
-WHOLE = Wanted(windows=WHOLE_FILM, box=None)
-"""Whole films."""
+WHOLE = Wanted(windows=WHOLE_FILM, box=None)  #: whole films
 
 
 Item = TypeVar("Item")

@@ -44,15 +44,13 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
-HALF_CELL = 0.5
-"""Distance, in pixels, of a cell's sides from its center."""
+HALF_CELL = 0.5  #: distance, in pixels, of a cell's sides from its center
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
 more pairs, the walk is repeated with room for all of them."""
 
-MIN_PAIRS = 1 << 12
-"""Number of pairs that there is always room for."""
+MIN_PAIRS = 1 << 12  #: number of pairs that there is always room for
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,8 +28,7 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 PAIRS_AT_ONCE = 1 << 19
 """Pairs of a line and a triangle that are found at once; each takes about 1 kB where it is decided."""
 
-TRIANGLES_AT_ONCE = 1 << 13
-"""Triangles whose columns and rows are found at once."""
+TRIANGLES_AT_ONCE = 1 << 13  #: triangles whose columns and rows are found at once
 
 MARGIN = 1e-11
 """Margin of every comparison, relative to the sum of absolute values in it: more than ten thousand roundings

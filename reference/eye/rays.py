@@ -15,8 +15,7 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.eye import Beam, Eye, HogelPixels, Replay
 from xfrustum.scenes.model.scene import Scene
 
-NONE = -1
-"""Column or row of a ray that meets no hogel, or none of its film."""
+NONE = -1  #: column or row of a ray that meets no hogel, or none of its film
 
 
 def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:

@@ -33,8 +33,7 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
-TERMS = ("ambient", "diffuse", "specular", "reflectivity")
-"""Names of a material's coefficients."""
+TERMS = ("ambient", "diffuse", "specular", "reflectivity")  #: names of a material's coefficients
 
 MIN_LOG2 = -1000.0
 """Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity

@@ -28,11 +28,8 @@ from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-PLUGIN = "crossed_frustum"
-"""The sensor's name in Mitsuba scenes."""
-
-DIFFUSE = "face_diffuse"
-"""Name of the mesh attribute with each triangle's diffuse color."""
+PLUGIN = "crossed_frustum"  #: the sensor's name in Mitsuba scenes
+DIFFUSE = "face_diffuse"  #: name of the mesh attribute with each triangle's diffuse color
 
 
 def register_sensor() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
 
-TRACERS = ("embree", "mitsuba")
-"""Names of the tracers that can be asked for, the default first."""
+TRACERS = ("embree", "mitsuba")  #: names of the tracers that can be asked for, the default first
 
 
 class Tracer(Protocol):

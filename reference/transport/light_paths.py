@@ -24,8 +24,7 @@ from xfrustum.reference.transport.surfaces import Point, Surfaces, Surroundings,
 from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.scene import Scene
 
-SINGLE = 2.0**-24
-"""Unit roundoff of float32."""
+SINGLE = 2.0**-24  #: unit roundoff of float32
 
 CLEARANCE = 64
 """Distance by which rays start off their surface, in roundings of the scene's largest coordinate, to the side

@@ -23,8 +23,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-PATHS_AT_ONCE = 1 << 20
-"""Light paths of one launch. This bounds the memory, some 200 bytes a path."""
+PATHS_AT_ONCE = 1 << 20  #: light paths of one launch. This bounds the memory, some 200 bytes a path.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

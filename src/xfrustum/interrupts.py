@@ -14,8 +14,7 @@ from typing import Any
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """Message by signal; its exit status is 128 plus its number, as shells report it."""
 
-RETRY_S = 0.02
-"""Time until the exception is raised again where it did not arrive."""
+RETRY_S = 0.02  #: time until the exception is raised again where it did not arrive
 
 _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGINT: signal.default_int_handler,
@@ -23,8 +22,7 @@ _DEFAULTS: dict[signal.Signals, Any] = {
     signal.SIGALRM: signal.SIG_DFL,
 }
 
-received: signal.Signals | None = None
-"""The first signal that came since `obeyed` was entered."""
+received: signal.Signals | None = None  #: the first signal that came since `obeyed` was entered
 
 _taken: set[signal.Signals] = set()
 _raised = False

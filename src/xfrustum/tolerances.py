@@ -8,8 +8,7 @@ MAX_WRONG = 1e-2
 """Largest share of pixels with a wrong surface. Displacement is judged by its 99th percentile, which leaves
 one pixel in a hundred out; as many may show another surface."""
 
-MAX_DEPTH_WRONG = 1e-3
-"""Largest share of pixels whose wrong surface is charged to depth."""
+MAX_DEPTH_WRONG = 1e-3  #: largest share of pixels whose wrong surface is charged to depth
 
 SAMPLED_HOGELS = 59
 """Hogels of the random sample unless another number is asked for: if none of them is beyond what is required,
