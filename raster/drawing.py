@@ -35,10 +35,7 @@ BYTES_PER_TEXEL = 4  #: bytes of a texel: red, green, blue and alpha, of 8 bits 
 
 
 class Textures:
-    """Textures on the GPU, (H, W, 4) uint8 sRGB: all texels, where each begins, and the table to decode them.
-
-    Raises InputError where all together are larger than the device's largest block.
-    """
+    """All textures, (H, W, 4) uint8 sRGB, on the GPU; InputError where its largest block is too small."""
 
     def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
         largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
@@ -150,10 +147,7 @@ IDENTITIES, ENVIRONMENT = 0, 1  #: texture units, as in reflection.frag and envi
 
 
 class Environment:
-    """The environment map on the GPU, black without one, and the triangles that reflect it.
-
-    Raises InputError where the map is larger than the device's largest texture.
-    """
+    """The environment map on the GPU, or black, and what reflects it; InputError where it is too large."""
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         environment = scene.appearance.environment

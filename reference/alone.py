@@ -16,11 +16,7 @@ from xfrustum.scenes.model.scene import Scene
 
 @dataclass(frozen=True, kw_only=True)
 class AloneNumbers:
-    """How many pixels of one truth single tracers would have got wrong.
-
-    Of the `judged` pixels, whose truth is no tie, those at which a tracer first meets another triangle than
-    the truth, or none.
-    """
+    """How many of the `judged` pixels of one truth a tracer alone gets wrong: another triangle, or none."""
 
     judged: int
     embree: int

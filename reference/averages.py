@@ -36,10 +36,7 @@ def averages(sampling: Sampling) -> bool:
 
 
 def points_per_side(sampling: Sampling) -> int:
-    """Return the number of points along each side of a pixel over which its color is averaged.
-
-    Multisampling of a rasterizer estimates the mean over the pixel's box, which the reference computes.
-    """
+    """Return the points along each side of a pixel over which color is averaged, also for multisampling."""
     return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
 
 

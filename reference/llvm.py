@@ -94,10 +94,7 @@ class MitsubaBackend:
 
 
 def mitsuba_backend() -> MitsubaBackend:
-    """Return Mitsuba with a variant set: the one that is set, else the best of this machine, set once.
-
-    Raises InputError where a variant was set before on top of an LLVM that would abort the process.
-    """
+    """Return Mitsuba with a variant set, at best this machine's; InputError where its LLVM would abort."""
     llvm = prepare_llvm()
     mitsuba = importlib.import_module("mitsuba")
     version = loaded_llvm()

@@ -20,10 +20,7 @@ DECISIONS = (CERTIFIED, *TRACERS)  #: names of what can decide which surface a p
 
 
 class PlainReference(Reference):
-    """A ray tracer of a scene, whose own pictures stand for the true ones; parameters as of `Reference`.
-
-    Raises InputError where the scene asks for several samples a pixel, taken along certified lines alone.
-    """
+    """A ray tracer whose pictures stand for the truth; InputError for several samples a pixel."""
 
     def __init__(
         self, scene: Scene, tracer: str = "embree", effects: frozenset[Effect] | None = None
@@ -50,10 +47,7 @@ class PlainReference(Reference):
         return replace(image, rendering=self.rendering(sampling)) if colored else image
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
-        """Return what the tracer shows along the lines of the cameras of these settings.
-
-        Raises InputError where the settings cull faces: the tracer has all of them.
-        """
+        """Return what the tracer shows to these settings' cameras; InputError where faces are culled."""
         settings.check_against(self.scene.frustum)
         if settings.cull is not Cull.NONE:
             raise InputError(
@@ -70,10 +64,7 @@ class PlainReference(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What decides which surface a pixel shows, one of `DECISIONS`, or InputError is raised.
-
-    `tracer` gives a second opinion.
-    """
+    """What decides which surface a pixel shows, one of `DECISIONS`; `tracer` gives a second opinion."""
 
     by: str = CERTIFIED
     tracer: str = "embree"
@@ -87,10 +78,7 @@ CERTIFIED_DECISION = Decision()  #: the decision that is proven for every pixel,
 
 
 def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
-    """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
-
-    Raises InputError where there is no such tracer, or it cannot decide about this scene alone.
-    """
+    """Return the certified truth of a scene, or what a tracer shows alone; InputError where it cannot."""
     if decision.by == CERTIFIED:
         return Reference(scene, tracer=decision.tracer, effects=effects)
     return PlainReference(scene, decision.by, effects)

@@ -171,10 +171,7 @@ class Reference:
             yield certifier.decide(rows)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
-        """Return the image that the cameras of these settings would draw without any rounding.
-
-        Without normals and color (`shaded`) it is made faster.
-        """
+        """Return what these settings' cameras would draw without rounding; faster if not `shaded`."""
         settings.check_against(self.scene.frustum)
         width, height = self.scene.frustum.resolution
         cameras = model_cameras(self.scene.frustum, aperture, settings)

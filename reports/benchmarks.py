@@ -170,10 +170,7 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
 def benchmark_truth(
     scene: Scene, resolutions: Sequence[int] = (512, 1024, 2048), repeat: int = 9, *, progress: bool = False
 ) -> Record:
-    """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
-
-    InputError where the scene has no triangles.
-    """
+    """Race the certified truth of a scene's middle aperture; InputError where it has no triangles."""
     scenes, races = [sized(scene, side) for side in resolutions], []
     with progress_bar(len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress) as bar:
         for one in scenes:
@@ -424,10 +421,7 @@ COLOR_ONLY = PlateContent(color=ColorType.UINT8)
 def benchmark_plate(
     scene: Scene, resolution: int = 128, repeat: int = 5, *, progress: bool = False
 ) -> Record:
-    """Race the middle row of a scene's plate, W = H pixels a hogel and one sample a pixel.
-
-    InputError where the scene has no triangles.
-    """
+    """Race the middle row of a scene's plate, W = H; InputError where it has no triangles."""
     scene = sized(scene, resolution)
     settings, row = settings_of(scene), scene.plate.middle.row
     apertures = [scene.plate.aperture(column, row) for column in range(scene.plate.hogels[0])]
@@ -540,10 +534,7 @@ def _row(
     repeat: int,
     bar: tqdm[Any],
 ) -> tuple[Record, str]:
-    """Return a row of the table, whose polygons a second are the database's as in the paper; and the device.
-
-    Submitted are those in an image's frusta on average, the reflective ones twice.
-    """
+    """Return a row of the table, with reflective triangles submitted twice; and the device."""
     car = tessellated_car(polygons, reflective)
     scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
     settings, (column, row) = settings_of(builtin.build("car")), scene.plate.middle.index

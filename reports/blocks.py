@@ -67,10 +67,7 @@ class Session(Protocol):
 
 
 class Job(ABC):
-    """Work in blocks, as it travels to workers: whatever it holds is pickled, scenes included.
-
-    A block is anything small that can be pickled, such as a number.
-    """
+    """Work in blocks, as it travels to workers: whatever it holds is pickled, scenes and blocks included."""
 
     draws: ClassVar[bool] = True  #: whether sessions draw with OpenGL: one process for each GPU, if any
     unit: ClassVar[str] = "hogel"  #: word for one of the things that a block consists of, for progress bars
@@ -285,10 +282,7 @@ class _ThisProcess(Workers):
 
 
 class _Processes(Workers):
-    """Processes of this machine, each started when there is something to do for it.
-
-    A block whose process died is given to another one, once.
-    """
+    """Processes of this machine, begun as needed; a block whose process died is given out once more."""
 
     def __init__(self, count: int, devices: tuple[int, ...]) -> None:
         self.count = count

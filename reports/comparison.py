@@ -30,10 +30,7 @@ class FileComparison:
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
-    """Compare two EXR files, opening the truth's scene again for `surface`.
-
-    InputError where a file is missing or no hogel image, or the images do not belong together.
-    """
+    """Compare two EXR files and open the truth's scene; InputError where they do not belong together."""
     # Sizes are compared before cameras: files of two sizes differ, whatever they say about their cameras.
     (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
     if (width, height) != (other_width, other_height):

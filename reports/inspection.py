@@ -127,10 +127,7 @@ class InspectedHogel:
         return cls(aperture=aperture.index, size=size, words=words, layers=tuple(heads), stream=stream)
 
     def values(self) -> dict[str, dict[str, NDArray[Any]]]:
-        """Return the (H, W) values by the names of layer and channel; none of a hogel without a stream.
-
-        Raises ValueError where the stream does not hold these channels.
-        """
+        """Return (H, W) values by layer and channel, if there is a stream; ValueError where it lacks some."""
         found: dict[str, dict[str, NDArray[Any]]] = {}
         content, place = zlib.decompress(self.stream) if self.stream else b"", 0
         for layer in self.layers if self.stream else ():
@@ -359,10 +356,7 @@ def _earlier(folder: Path) -> list[Path]:
 
 
 def read_inspection(page: Path) -> list[InspectedHogel]:
-    """Return the hogels of a page, with the bits that they were written with.
-
-    InputError where the file cannot be read or is no inspection page, or a file beside it is missing.
-    """
+    """Return the hogels of a page, with the bits that were written; InputError where a file is damaged."""
 
     def stream(key: str, file: str | None) -> bytes:
         if not key or file is None:

@@ -42,10 +42,7 @@ text of both: hashes and longer texts tell a reader nothing."""
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
-    """The parts of one result: those in the folder `name` of the folder `out` that the user named.
-
-    What writes raises an InputError where the disk is full or cannot be written.
-    """
+    """The parts of one result, in the folder `name` of `out`; InputError where they cannot be written."""
 
     out: Path
     name: str

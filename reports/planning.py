@@ -126,10 +126,7 @@ def planner_of(
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
-    """Return some apertures of a plate: the middle, the corners, then a low-discrepancy pattern between them.
-
-    Fewer where the plate has fewer. The first of a larger number are those of a smaller.
-    """
+    """Return some apertures: the middle, the corners, then a Halton sequence, which more only continue."""
     columns, rows = plate.hogels
     count = min(count, columns * rows)
     corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
@@ -280,10 +277,7 @@ class ReplayWorkbench:
     def measure(
         self, settings: DoubleFrustum, done: Callable[[int], object] = lambda hogels: None
     ) -> Replayed:
-        """Draw what the eyes are shown of hogels with some settings, and with exact depth, and judge both.
-
-        Settings that differ in their depth buffers alone share the pictures of exact depth.
-        """
+        """Draw what the eyes are shown, and with exact depth, which settings may share; judge both."""
         exact = with_exact_depth(settings)
         if self._control is None or self._control[0] != exact:
             self._control = exact, self._wrong(self._drawn(exact, done))

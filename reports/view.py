@@ -73,10 +73,7 @@ class Source(Protocol):
 
 
 class Drawing:
-    """Hogels that are drawn when they are asked for, with one sample a pixel.
-
-    Effects are those that are simulated; None for those that the scene calls for.
-    """
+    """Hogels drawn when they are asked for, one sample a pixel; None are the effects a scene calls for."""
 
     settings: DoubleFrustum | None
 

@@ -381,10 +381,7 @@ def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
 
 
 def pixels_per_degree(scene: Scene, eye: Eye) -> float:
-    """Return how many of an eye's pixels a degree of its view holds, in the middle of the plate's width.
-
-    InputError where there are more than `MAX_PIXELS_PER_DEGREE`: it sees the plate under too small an angle.
-    """
+    """Return the pixels in a degree at the middle of an eye's view; InputError where it is seen too small."""
     x, _, height = eye.position
     half = scene.plate.size[0] / 2
     seen = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))

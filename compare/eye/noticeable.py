@@ -85,10 +85,7 @@ def scene_length(length: tuple[float, str | None], scene: Scene) -> float:
 
 
 def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
-    """Return a length in units; InputError where it has others, and either of them is not known.
-
-    The message has the name of the scene.
-    """
+    """Return a length in the scene's units; InputError with its name where that cannot be told."""
     value, unit = length
     if unit is None or unit == units:
         return value
@@ -105,10 +102,7 @@ def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """A pair of eyes straight before the plate, at a distance from it in scene units.
-
-    InputError where a number is not positive and finite.
-    """
+    """A pair of eyes straight before the plate, distance in scene units; InputError of no positive number."""
 
     distance: float
     acuity_arcmin: float = ACUITY_ARCMIN
@@ -244,10 +238,7 @@ def runs_through_plate(scene: Scene) -> bool:
 
 
 def surface_content(scene: Scene) -> Content:
-    """Return the depths of all surfaces within the reach, whether anybody sees them or not.
-
-    Without a look at the scene they stand for what a plate shows: no less is noticed of them.
-    """
+    """Return the depths of all surfaces within the reach, hidden or not: no less is noticed of them."""
     lowest, highest = scene.height_ranges
     sides: list[tuple[float, float] | None] = []
     for low, high, reach in zip((lowest, -highest), (highest, -lowest), scene.frustum.reach, strict=True):

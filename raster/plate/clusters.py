@@ -97,10 +97,7 @@ def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
 
 
 def triangles_in_depth(vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats) -> Indices:
-    """Return the ascending numbers of the triangles between a camera's near and far plane.
-
-    Both planes are parallel to the plate and the same for all its apertures: this is asked once for a plate.
-    """
+    """Return the ascending numbers of triangles between a camera's near and far plane, for all apertures."""
     found = [np.zeros(0, dtype=np.int64)]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE):
         boxes = boxes_of(vertices, faces[start : start + TRIANGLES_AT_ONCE], 1)

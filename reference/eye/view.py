@@ -41,10 +41,7 @@ class EyeReference:
         return replay(self.scene, eye)
 
     def true_view(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
-        """Return what an eye sees of the scene itself: the first surface within the reach along each ray.
-
-        Without color (`shaded`) the picture is made faster.
-        """
+        """Return what an eye sees of the scene: first surfaces within the reach; faster if not `shaded`."""
         pencil = self.pencil(eye)
         found = self._decided(pencil)
         position = np.asarray(pencil.center) + found.s[..., None] * pencil.directions()

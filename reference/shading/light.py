@@ -85,10 +85,7 @@ class LightModel:
             self._environment = Surroundings(appearance.environment)
 
     def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
-        """Return each channel of linear RGB toward the viewer at points of triangles, in scene units.
-
-        `direction` is d of each point's line, of any length, from the viewer to the back.
-        """
+        """Return linear RGB toward the viewer of points on triangles; `direction` is d of their lines."""
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
         # The side that is seen is that of the triangle, not that of a smoother normal.

@@ -84,9 +84,6 @@ class Shader:
         return Shader(self._scene, ALL_EFFECTS)
 
     def _out_of_sight(self, height: Floats) -> bool:
-        """Return whether some points lie beyond everything that effects were decided for.
-
-        With a tiny near some depth buffers show surfaces beyond the reach.
-        """
+        """Return whether points lie beyond what effects were decided for, as with tiny nears some may."""
         toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
         return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)

@@ -37,10 +37,7 @@ class Textures:
         self._linear = table(LINEAR)
 
     def color(self, triangle: Any, uv: Sequence[Any]) -> list[Any]:
-        """Return the linear RGB of points on triangles; 1 where a triangle has no picture.
-
-        `uv` are in units of the picture: u to the right, v up, repeated beyond 0 to 1.
-        """
+        """Return linear RGB of points at `uv`, v up, repeated beyond 0 to 1; 1 where there is no picture."""
         (number,) = self._of_triangle(triangle)
         textured = number >= 0
         start, height, width = self._sizes(dr.maximum(number, 0))

@@ -58,10 +58,7 @@ def robust_scene(scene: Scene, scale: float) -> Any:
 
 
 def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
-    """Return a `mi.Mesh` of vertices, kept in float32, whose primitive numbers are the rows of `faces`.
-
-    There is at least one face; `bsdf` is a Mitsuba BSDF, None for Mitsuba's default.
-    """
+    """Return a `mi.Mesh` in float32 with primitives numbered as `faces`, one at least; `bsdf` may be None."""
     mi = mitsuba_backend().mitsuba
     properties = mi.Properties()
     if bsdf is not None:

@@ -25,10 +25,7 @@ from xfrustum.scenes.disk import durable
 
 
 def json_ready(value: Any) -> Any:
-    """Return the value in JSON's own types.
-
-    A dataclass becomes an object of its fields. NaN and infinity become None, and numpy scalars numbers.
-    """
+    """Return the value in JSON's own types: dataclasses are objects, NaN and infinity None."""
     if hasattr(value, "tolist"):  # NumPy's, which the command line does not load for its complaints
         value = value.tolist()
     elif isinstance(value, Path | StrEnum):

@@ -86,10 +86,7 @@ def race(
     done: Callable[[], object] = lambda: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Return the seconds of each contestant by a clock; all take turns, so that a slow minute is everybody's.
-
-    Each runs once to warm up and then `repeat` times, at least 1; `done` is called after every run.
-    """
+    """Return the seconds of each contestant by a clock; after a warm-up all take turns, `repeat` times."""
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
         for name, run in contestants.items():

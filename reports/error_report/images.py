@@ -127,10 +127,7 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
 
 
 def displacement_map(length: Floats, reduction: int = 1) -> bytes:
-    """Encode (H, W) lengths of displacements as PNG, transparent where undefined.
-
-    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
-    """
+    """Encode (H, W) displacements as PNG over `DISPLACEMENT_RANGE_PX`, transparent where undefined."""
     known = np.isfinite(length)
     level = np.floor(_level(length[known], DISPLACEMENT_RANGE_PX, _STEPS))
     return _palette_png(known, 1 + np.clip(level, 0, _STEPS - 1), DISPLACEMENT_SCALE, reduction)

@@ -206,10 +206,7 @@ def _heights(lines: Sequence[Figure]) -> list[float]:
 
 
 def cause_figure(rows: Rows, reach: float) -> Figure | None:
-    """Draw the share of each cause in the wrong surfaces over near, stacked, a panel for each depth buffer.
-
-    `rows` are those of one aperture. None where no surface is wrong.
-    """
+    """Draw the share of each cause in one aperture's wrong surfaces over near; None where none is wrong."""
     # By row number: the wrong surfaces of each cause, which add up to all wrong ones.
     counts = {number: {cause.name: cause.surface for cause in row.causes} for number, row in rows}
     panels = {
@@ -270,10 +267,7 @@ Shears = Mapping[tuple[Aperture, float], ShearNumbers]
 
 
 def render_page(sweep: Sweep, sentence: str, command: str) -> str:
-    """Return the report as one HTML document that needs nothing else, online or offline.
-
-    `sentence` and `command` are the recommendation in words, and the command that draws with it.
-    """
+    """Return the report as one HTML document that needs nothing else, given recommendation and command."""
     scene, reach, names = sweep.scene, sweep.scene.frustum.longest_reach, geometry_names(sweep.geometries)
     # The shear of each aperture and near, ascending; depth buffers, fits and cuts share it.
     found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
@@ -385,10 +379,7 @@ def _curves(
 
 
 def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
-    """Return which causes dominate, under a heading for each aperture and geometry.
-
-    Those of the best setting, at the aperture at which it is worst, come first.
-    """
+    """Return which causes dominate, by aperture and geometry, those of the best setting first."""
     if not sweep.options.causes:
         return []
     names, chosen = geometry_names(sweep.geometries), sweep.best

@@ -81,10 +81,7 @@ def write_cameras(
 
 
 def write_triangles(scene: Scene, path: Path) -> None:
-    """Write the corners of all triangles and which object each belongs to, in the order of their numbers.
-
-    Lengths are in scene units and scene coordinates: no transform of an object is left to do.
-    """
+    """Write the corners of all triangles, scene units, and the object of each, in their order."""
     objects = scene.objects
     np.savez(
         path,

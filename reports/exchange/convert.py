@@ -326,11 +326,7 @@ with it."""
 
 @dataclass(frozen=True, kw_only=True)
 class LaidOutPlate:
-    """The places of a plate that is drawn into a Zarr group and written in a layout.
-
-    Asked for was NAME.zarr, for a group with the files beside it in NAME-LAYOUT; or any other name, for the
-    files alone.
-    """
+    """The places of a plate that is drawn into NAME.zarr and laid out in NAME-LAYOUT, or laid out alone."""
 
     out: Path
     layout: str

@@ -174,10 +174,7 @@ class Layout:
         yield "v", "v", v, "film coordinate of the pixel's center, upward", film
 
     def blocks(self, apertures: Iterable[Aperture]) -> Iterator[Block]:
-        """Yield the blocks of the hogels that are asked for, in the order in which they are first named.
-
-        The hogels of rectangles are listed block by block: a plate has millions.
-        """
+        """Yield the blocks of the hogels asked for as first named; rectangles are listed block by block."""
         (width, height), hogels = self.side, self.plate.hogels
         across = -(-hogels[0] // width)
         named: dict[int, list[Aperture]] = {}
@@ -361,10 +358,7 @@ class PlateStore:
         self.table = Table(self._place.with_suffix(".parquet"))
 
     def missing(self, block: Block, *, check: bool = False) -> tuple[tuple[Aperture, ...], int]:
-        """Return the hogels of a block that are asked for and not finished, and how many of them are damaged.
-
-        Only `check` reads hogels and finds damage; without it, files that are gone are found.
-        """
+        """Return a block's unfinished hogels, and how many are damaged, which only `check` finds."""
         flags, files = self._flags(block), all(self._shard(array, block).is_file() for array in self._arrays)
         measured = {(row["column"], row["row"]) for row in self.table.rows(block)} if self._maps else None
         missing, damaged = [], 0

@@ -322,10 +322,7 @@ class SceneCheck(Shown):
 
 
 def check(scene: Scene) -> SceneCheck:
-    """Say where each object of a scene lies, which apertures may see it, and what looks like a mistake.
-
-    An object behind another one counts as seen; only which side of an object is seen is traced.
-    """
+    """Say where each object lies, which apertures may see it though hidden, and what looks like a mistake."""
     objects = tuple(
         ObjectCheck(extent=extent, looks=_looks(part))
         for extent, part in zip(extents(scene), scene.objects, strict=True)

@@ -178,10 +178,7 @@ class FileSet:
         return column, self.shape.hogels[1] - 1 - row if self.layout.upward else row
 
     def rows(self) -> PlateRows:
-        """Return the plate, in the memory of one row of hogels where each file has pixels of one row alone.
-
-        Raises InputError as from `plate`, be it here or where rows are read.
-        """
+        """Return the plate row by row where files allow it; InputError here or where rows are read."""
         if not self.layout.by_row:
             return self.plate
         self._check_complete()

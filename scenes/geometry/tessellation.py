@@ -32,10 +32,7 @@ def evenly(count: int) -> Floats:
 
 
 def casteljau(controls: Floats, at: Floats) -> Floats:
-    """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,): the ends exactly.
-
-    De Casteljau's interpolation, element by element, gives the same doubles on every machine.
-    """
+    """Return the points (T, ..., 3) of Bezier curves at (T,); De Casteljau's way, alike on every machine."""
     at = at.reshape(-1, *(1 for _ in controls.shape))
     points = np.broadcast_to(controls, (len(at), *controls.shape))
     while points.shape[1] > 1:

@@ -51,10 +51,7 @@ _RIM = _WHEEL.index((5.2, 2.4))
 
 
 def car() -> tuple[SceneObject, ...]:
-    """Return body, glass, wheels and trim in the scene: turned by 35 degrees, straddling the plate.
-
-    The middle aperture lies just over the hood, at the foot of the windshield.
-    """
+    """Return the car, turned by 35 degrees, across the plate; the middle aperture lies just over its hood."""
     frame, glass = _cabin()
     parts = {
         "body": shapes.join(_lower_body(), frame),
@@ -247,10 +244,7 @@ def studio() -> Appearance:
 
 
 def surroundings(height: int = 256) -> Environment:
-    """Return sky, ground and three softboxes as a latitude-longitude map of 2 height x height pixels.
-
-    Edges are soft, so that a misplaced reflection changes brightness and not only the place of a border.
-    """
+    """Return sky, ground and soft-edged softboxes as a latitude-longitude map of 2 height x height pixels."""
     rows = (np.arange(height) + 0.5) / height
     columns = (np.arange(2 * height) + 0.5) / (2 * height)
     latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180

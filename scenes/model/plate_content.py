@@ -76,10 +76,7 @@ class FilmPart:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlateHogel(Brief):
-    """The image of one aperture in a stream, row 0 at the top; all but color are None unless asked for.
-
-    Where only a part of the film was asked for, pixels outside of it mean nothing.
-    """
+    """The image of one aperture, row 0 at the top; outside the part asked for pixels mean nothing."""
 
     aperture: Aperture
     color: NDArray[Any]  #: (H, W, 3) linear RGB in the type that was asked for

@@ -100,10 +100,7 @@ class Light(Asked):
         return chosen(scene, self.effects, question=question)
 
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
-        """Return the name of the tracer, and whether it traces light paths, which only Mitsuba does.
-
-        A tracer that the command line names is refused where it cannot do what is asked for; None: any.
-        """
+        """Return the tracer's name, and whether it traces light paths; a named one that cannot is refused."""
         if not scene.transport.simulated:
             return given or "embree", False
         insisted = bool(self.shadows or self.interreflection)
