@@ -16,8 +16,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Region
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, Scene, SceneObject
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 
 Point = tuple[float, float, float]
 Ends = tuple[float, float]

@@ -7,12 +7,11 @@ certify/     Where a pixel is proven, decided exactly, or named a tie; and the o
 shading/     The color of true hits
 pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
 truth        True images: asks `certify` for each pixel, then adds points, normals and color
-plain        What a ray tracer in single precision shows alone, in the place of the truth; nothing is examined
-alone        What ray tracers in single precision would have got wrong alone, without the certificate
+alone        What ray tracers in single precision show alone, and what they would have got wrong
 averages     Color averaged over the boxes of pixels and over apertures, and to convergence (paper, section 6)
 eye/         What an eye before the plate sees, truly and replayed, certified
 tracers/     Ray tracers as second opinions
-transport/   Light transport: shadows and interreflection, by light paths
+transport    Light transport: shadows and interreflection, by light paths
 llvm         The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads
 backend      Where Dr.Jit's arrays lie, and the border between them and NumPy's
 memory       Bands of rows, which bound what an image takes, and arrays that kernels may read in place
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
     from xfrustum.reference.averages import Converged as Converged
     from xfrustum.reference.certify.occlusion import SurfacePoints as SurfacePoints
     from xfrustum.reference.tracers.tracer import TRACERS as TRACERS
-    from xfrustum.reference.transport.transport import PathTracer as PathTracer
-    from xfrustum.reference.transport.transport import RadianceEstimate as RadianceEstimate
+    from xfrustum.reference.transport import PathTracer as PathTracer
+    from xfrustum.reference.transport import RadianceEstimate as RadianceEstimate
     from xfrustum.reference.truth import Reference as Reference
 
 # They are imported when first used: `explain` answers from the scene alone, and must not load ray tracers.
@@ -39,7 +38,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "averages": ["Converged"],
         "certify.occlusion": ["SurfacePoints"],
         "tracers.tracer": ["TRACERS"],
-        "transport.transport": ["PathTracer", "RadianceEstimate"],
+        "transport": ["PathTracer", "RadianceEstimate"],
         "truth": ["Reference"],
     },
 )

@@ -87,7 +87,7 @@ def _costs(plan: EffectsPlan, name: str, used: frozenset[Effect]) -> dict[str, C
     # Renderers are loaded only where something is measured.
     from xfrustum.raster import Rasterizer  # noqa: PLC0415
     from xfrustum.reference import Reference  # noqa: PLC0415
-    from xfrustum.reference.transport.transport import PathTracer  # noqa: PLC0415
+    from xfrustum.reference.transport import PathTracer  # noqa: PLC0415
 
     scene, asked = plan.scene, plan.scene.sampling
     if name in ("shadows", "interreflection"):

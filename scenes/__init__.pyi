@@ -14,7 +14,7 @@ from .plate.double_frustum import DoubleFrustum as DoubleFrustum
 from .plate.double_frustum import Fit as Fit
 from .plate.double_frustum import Offset as Offset
 from .plate.double_frustum import Pivot as Pivot
-from .plate.frustum import Frustum as Frustum
-from .plate.frustum import Screen as Screen
 from .plate.plate import Aperture as Aperture
+from .plate.plate import Frustum as Frustum
 from .plate.plate import Plate as Plate
+from .plate.plate import Screen as Screen

@@ -22,7 +22,7 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief, Shown
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 RIGHT = -1  #: value in a map of charges of a pixel that is right in the end, or not judged
 

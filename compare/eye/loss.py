@@ -19,8 +19,7 @@ from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import SurfacePoints
-from xfrustum.reference.eye.rays import hogel_lines
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.eye.view import EyeReference, hogel_lines
 from xfrustum.reference.lines.lines import model_cameras, pixel_places
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.errors import InputError

@@ -27,7 +27,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 
 def replayed_distance(distance: Floats, frustum: Frustum, settings: DoubleFrustum) -> Floats:

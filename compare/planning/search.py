@@ -23,7 +23,7 @@ from functools import lru_cache
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, Slab
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 

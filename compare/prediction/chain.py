@@ -7,8 +7,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""

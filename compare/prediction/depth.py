@@ -30,7 +30,7 @@ from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 MAX_MISORDERED_FRACTION = 0.01
 """Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to

@@ -12,7 +12,7 @@ from xfrustum.compare.metrics.error_maps import lengths, pixel_centers
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -32,8 +32,7 @@ from xfrustum.scenes.plate.double_frustum import (
     Offset,
     Pivot,
 )
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 
 @dataclass(frozen=True, kw_only=True)

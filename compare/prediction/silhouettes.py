@@ -28,7 +28,7 @@ from xfrustum.compare.prediction.displacement import TruePoints, displacements, 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 CONTOUR_SIGMA_PX = 1.5
 """Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line

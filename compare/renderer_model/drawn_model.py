@@ -21,8 +21,7 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 # Half of the tenth of a pixel to which a sampling point is asked for, and half of a tenth of a percent:
 # smaller shifts and factors have no name.

@@ -29,8 +29,7 @@ from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.frustum import Frustum, Screen
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum, Screen
 
 COLOR_TOLERANCE = 2.3 / 255
 """Differences of linear radiance that two 8-bit pictures of one surface may have.

@@ -14,8 +14,7 @@ import numpy as np
 from xfrustum.raster.cameras.depth_formats import ClipEnds
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,13 @@
-"""True views and replayed views, with points and color."""
+"""True views and replayed views, with points and color, and the rays of an eye.
 
+An eye at e, at the height L before the plate, looks at the point p of the plate along the slope
+m = (p - e) / L per unit of depth. The hogel whose cell holds p replays there what its film has at
+u = (m - k) / t, for a hogel looks the same all over its cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -8,15 +16,121 @@ from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.cone import Triangles
 from xfrustum.reference.certify.occlusion import Occlusion, SurfacePoints
 from xfrustum.reference.eye.first import Axis, LineGrid, first_along_grid
-from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, film_window
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.effects import Effect
-from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
+from xfrustum.scenes.model.eye import Beam, Eye, EyeImage, HogelPixels, Replay
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
+
+NONE = -1  #: column or row of a ray that meets no hogel, or none of its film
+
+
+def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
+    """Return the rays of an eye's film through a point (2,) of its pupil, from its center, or through that.
+
+    Rays of one pixel through different points meet in the plane of focus. Surfaces count within the reach of
+    the plate, and before the eye.
+    """
+    x, y, height = eye.position
+    shear, center = [-x / height, -y / height], [x, y]
+    if point is not None:
+        for axis in range(2):
+            center[axis] += float(point[axis])
+            shear[axis] -= float(point[axis]) / (height - eye.focus)
+    toward, back = scene.frustum.reach
+    size = scene.plate.size
+    return Pencil(
+        center=(center[0], center[1], height),
+        shear=(shear[0], shear[1]),
+        half_extent=(size[0] / 2 / height, size[1] / 2 / height),
+        resolution=eye.resolution,
+        s_range=(max(height - toward, 0.0), height + back),
+    )
+
+
+def _taken(scene: Scene, pencil: Pencil, axis: int, step: int | None) -> tuple[Indices, Indices, Floats]:
+    """Return the hogel and the pixel that each ray takes along an axis (0: columns, 1: rows), and its weight.
+
+    `step` is None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
+    """
+    slope, sign = (pencil.dx, pencil.dy)[axis], (1.0, -1.0)[axis]
+    size, hogels, count = scene.plate.size[axis], scene.plate.hogels[axis], scene.frustum.resolution[axis]
+    met = pencil.center[axis] + pencil.center[2] * slope
+    hogel = np.floor((size / 2 + sign * met) * hogels / size)
+    hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
+    # Places on the film, where centers of pixels have whole numbers; not a number beside it.
+    place = np.full(len(slope), np.nan)
+    for number in np.unique(hogel[hogel != NONE]).tolist():
+        shear, half_extent = film_window(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        here = hogel == number
+        film = sign * (slope[here] - shear[axis]) / half_extent[axis]
+        place[here] = np.where(np.abs(film) <= 1, ((film + 1) * count - 1) / 2, np.nan)
+    inside = np.isfinite(place)
+    place = np.where(inside, place, 0.0)
+    if step is None:
+        pixel = np.clip(np.floor(place + 0.5), 0, count - 1).astype(np.int64)
+        weight = np.ones(len(place))
+    else:
+        pixel = np.floor(place).astype(np.int64) + step
+        weight = 1.0 - np.abs(place - pixel)
+        inside &= (pixel >= 0) & (pixel < count)
+    hogel, pixel = (np.where(inside, numbers, NONE) for numbers in (hogel, pixel))
+    return hogel, pixel, np.where(inside, weight, 0.0)
+
+
+def _on_axis(axis: int, number: int) -> tuple[int, int]:
+    """Return column and row of some hogel in a column or row: its film along that axis is that of all."""
+    return (number, 0) if axis == 0 else (0, number)
+
+
+def _hogel_pixels(
+    scene: Scene, pencil: Pencil, steps: tuple[int | None, int | None] = (None, None)
+) -> HogelPixels:
+    columns, rows = (_taken(scene, pencil, axis, steps[axis]) for axis in range(2))
+    return HogelPixels(
+        hogel_column=columns[0],
+        film_column=columns[1],
+        hogel_row=rows[0],
+        film_row=rows[1],
+        column_weight=columns[2],
+        row_weight=rows[2],
+    )
+
+
+def replay(scene: Scene, eye: Eye) -> Replay:
+    """Return the pixels of hogels that an eye is shown, and those whose weighted sum is what it sees."""
+    points = eye.pupil_points
+    both: tuple[tuple[int | None, int | None], ...] = ((None, None),)
+    if eye.beam is Beam.TENT:
+        both = ((0, 0), (0, 1), (1, 0), (1, 1))
+    colors = []
+    for point in points:
+        pencil = eye_pencil(scene, eye, point)
+        for steps in both:
+            taken = _hogel_pixels(scene, pencil, steps)
+            colors.append(replace(taken, row_weight=taken.row_weight / len(points)))
+    return Replay(shown=_hogel_pixels(scene, eye_pencil(scene, eye)), colors=tuple(colors))
+
+
+def hogel_lines(scene: Scene, pixels: HogelPixels) -> LineGrid:
+    """Return the lines of the pixels in `pixels.columns` and `pixels.rows`, as their hogels have them."""
+    columns, rows = pixels.columns, pixels.rows
+    x, dx = _lines_on_axis(scene, pixels.hogel_column[columns], pixels.film_column[columns], 0)
+    y, dy = _lines_on_axis(scene, pixels.hogel_row[rows], pixels.film_row[rows], 1)
+    reach = scene.frustum.reach
+    return LineGrid(x=x, dx=dx, y=y, dy=dy, s_range=(-reach[0], reach[1]))
+
+
+def _lines_on_axis(scene: Scene, hogel: Indices, pixel: Indices, axis: int) -> tuple[Floats, Floats]:
+    place, slope = np.empty(len(hogel)), np.empty(len(hogel))
+    for number in np.unique(hogel).tolist():
+        pencil = crossed_frustum(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        here = hogel == number
+        place[here], slope[here] = pencil.center[axis], (pencil.dx, pencil.dy)[axis][pixel[here]]
+    return place, slope
 
 
 class EyeReference:

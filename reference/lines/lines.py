@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Frustum
 
 Vector = tuple[float, float, float]
 

@@ -20,11 +20,11 @@ from xfrustum.compare.prediction.chain import CULLING, LINKS, links_of
 from xfrustum.compare.prediction.predict import Prediction, Reasons, Separations
 from xfrustum.compare.run import StageTimes
 from xfrustum.compare.scout import AutoApertures
-from xfrustum.reference.plain import CERTIFIED
+from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.records import named_columns
 from xfrustum.scenes import Aperture, Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.notebook import digits, percent, plain
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]

@@ -16,7 +16,7 @@ from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.prediction.predict import CROSSES
 from xfrustum.compare.scout import FILM_PIXELS
-from xfrustum.reference.plain import CERTIFIED
+from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images

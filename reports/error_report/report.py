@@ -27,7 +27,7 @@ from xfrustum.compare.prediction.eye_vector import measured_eye_error, predicted
 from xfrustum.compare.run import Judge, JudgedFrame, Wanted
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference, plain
+from xfrustum.reference import Reference, alone
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reports.common import provenance
@@ -231,7 +231,7 @@ class Sweep:
     #: One for each aperture and setting: all settings of the first aperture first.
     rows: tuple[Measurement, ...]
     truths: tuple[Truth, ...]
-    decided_by: str  #: what decided the truths; see `reference.plain.DECISIONS`
+    decided_by: str  #: what decided the truths; see `reference.alone.DECISIONS`
     reduction: int  #: image pixels per picture pixel, along each side
     versions: Mapping[str, str]
     devices: Mapping[str, str]
@@ -293,7 +293,7 @@ class Sweep:
     def cost_sentence(self) -> str:
         """What measuring took, in words."""
         truths = counted(len(self.truths), "certified truth")
-        if self.decided_by != plain.CERTIFIED:
+        if self.decided_by != alone.CERTIFIED:
             truths = f"{counted(len(self.truths), 'picture')} by {self.decided_by} alone"
         frames = counted(len(self.rows), "raster frame")
         return (
@@ -317,11 +317,11 @@ def sweep(
     options, begun = options or ReportOptions(), time.perf_counter()
     # Renderers decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
     effects = None if options.effects == "auto" else chosen(scene, options.effects)
-    decision = plain.Decision(by=options.decided_by, tracer=options.tracer)
+    decision = alone.Decision(by=options.decided_by, tracer=options.tracer)
     width, height = scene.frustum.resolution
     pixels = width * height * len(apertures) * len(settings)
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
-    with Judge(scene, reference=plain.open_reference(scene, decision, effects), effects=effects) as judge:
+    with Judge(scene, reference=alone.open_reference(scene, decision, effects), effects=effects) as judge:
         seconds = defaultdict(float, prepare=time.perf_counter() - begun)
         found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
         rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
@@ -363,7 +363,7 @@ def _measure(
 ) -> tuple[dict[tuple[Aperture, DoubleFrustum], Measurement], dict[Aperture, Truth]]:
     """Draw and judge every setting at every aperture; add up the seconds of each stage."""
     scene, rows, truths = judge.scene, {}, {}
-    tracers = TracersAlone(scene) if judge.reference.decided_by == plain.CERTIFIED else None
+    tracers = TracersAlone(scene) if judge.reference.decided_by == alone.CERTIFIED else None
     shaded = is_shaded(scene)
     # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
     wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=options.causes)
@@ -486,7 +486,7 @@ def make_report(
         measured = sweep(scene, apertures, settings, options)
         best, frustum = measured.best, scene.frustum
         said = sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
-        if measured.decided_by != plain.CERTIFIED:
+        if measured.decided_by != alone.CERTIFIED:
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
         command = provenance.raster_command(scene, best.aperture, best.settings)
         staging.write(FILES[0], render_page(measured, said, command))

@@ -21,8 +21,7 @@ from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.notebook import Brief, Shown, Table, counted, digits, sides
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Aperture, Plate
+from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
 #: within float32's range in pictures, and products of three far within that of doubles, where bounds on

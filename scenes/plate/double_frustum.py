@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from xfrustum.scenes.arguments import choice, real, reals, settle
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Frustum
 
 #: Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller one to
 #: zero.

@@ -16,7 +16,7 @@ from PIL import Image
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reference.plain import Decision, PlainReference, open_reference
+from xfrustum.reference.alone import Decision, PlainReference, open_reference
 from xfrustum.scenes import Certainty, Cull, DoubleFrustum, InputError, open_scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.exr import read_image

@@ -25,7 +25,7 @@ from xfrustum.compare.extent import (
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.library import builtin, hard_cases
-from xfrustum.scenes.plate.frustum import Screen
+from xfrustum.scenes.plate.plate import Screen
 
 CENTERED = Frustum(resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50)))
 BEHIND = Frustum(

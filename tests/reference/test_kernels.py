@@ -13,7 +13,7 @@ from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.backend import constants, dr, on_device, recording, vectors_on_device
 from xfrustum.reference.shading import light
-from xfrustum.reference.shading.surroundings import Surroundings, Textures, radiance_toward
+from xfrustum.reference.shading.light import Surroundings, Textures, radiance_toward
 from xfrustum.scenes import HogelImage
 from xfrustum.scenes.appearance.appearance import Environment
 

@@ -26,7 +26,7 @@ from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIA
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-from xfrustum.scenes.plate.frustum import Screen
+from xfrustum.scenes.plate.plate import Screen
 
 INVISIBLE = 1e-5
 """Near offset as a part of the reach that moves no pixel of these scenes by enough to have a name."""

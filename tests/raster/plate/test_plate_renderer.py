@@ -35,7 +35,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, ColorType, FilmPart, PlateContent, PlateHogel
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
-from xfrustum.scenes.plate.frustum import Screen
+from xfrustum.scenes.plate.plate import Screen
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 OPTIONS = [

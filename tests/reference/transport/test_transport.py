@@ -13,9 +13,7 @@ from tests.support.long_tail import thinned
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.memory import padded
-from xfrustum.reference.transport import transport
-from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
-from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
+from xfrustum.reference.transport import CLEARANCE, SINGLE, PathTracer, RadianceEstimate, power, transport
 from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
