@@ -10,10 +10,10 @@ from scipy import stats
 
 from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
 from tests.support.long_tail import thinned
-from xfrustum.reference import Reference
+from xfrustum.reference import Reference, transport
 from xfrustum.reference.llvm import mitsuba_backend
 from xfrustum.reference.memory import padded
-from xfrustum.reference.transport import CLEARANCE, SINGLE, PathTracer, RadianceEstimate, power, transport
+from xfrustum.reference.transport import CLEARANCE, SINGLE, PathTracer, RadianceEstimate, power
 from xfrustum.scenes import InputError, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
