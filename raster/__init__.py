@@ -12,7 +12,7 @@ import os
 # PyOpenGL chooses its platform when it is first imported, and must look where moderngl does.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
-from xfrustum.raster.device.capacity import require_room
+from xfrustum.raster.device.context import require_room
 from xfrustum.raster.rasterizer import Drawn, Rasterizer
 
 __all__ = ["Drawn", "Rasterizer", "require_room"]

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.cameras.cameras import MAPPINGS, Pass
 from xfrustum.raster.device.mesh import Mesh
 from xfrustum.raster.device.positions import Identified
 from xfrustum.raster.device.programs import (

@@ -9,10 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import FilmWindow
-from xfrustum.raster.cameras.passes import Pass, drawing_order
-from xfrustum.raster.device.capacity import POSITION_BYTES, check_room
-from xfrustum.raster.device.context import ContextOwner, GpuTimer, StageTime, describe, open_context
+from xfrustum.raster.cameras.cameras import FilmWindow, Pass, drawing_order
+from xfrustum.raster.device.context import (
+    POSITION_BYTES,
+    ContextOwner,
+    GpuTimer,
+    StageTime,
+    check_room,
+    describe,
+    open_context,
+)
 from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.device.targets import Target, most_samples
 from xfrustum.raster.drawing import Drawing

@@ -1,7 +1,10 @@
-"""The matrices of C and C*, with the step back by near (paper, figures 4 to 6).
+"""C and C* for OpenGL: depth formats, matrices with the step back by near, and passes (figures 4 to 6).
 
 Matrices are named target-from-source and multiply column vectors. They are made in double
 precision and rounded once, to the float32 that OpenGL computes with.
+
+C keeps the nearest surface and starts from its far value; C* keeps the farthest and starts
+from its near value (paper, section 3). Tests are strict: of equal depths the first drawn stays.
 """
 
 from __future__ import annotations
@@ -10,11 +13,89 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import ClipEnds
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import (
+    Camera,
+    Cull,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Offset,
+    Pivot,
+)
 from xfrustum.scenes.plate.plate import Aperture, Frustum
+
+INTERNAL_FORMAT: dict[DepthFormat, int] = {
+    DepthFormat.D16: GL.GL_DEPTH_COMPONENT16,
+    DepthFormat.D24: GL.GL_DEPTH_COMPONENT24,
+    DepthFormat.D32F: GL.GL_DEPTH_COMPONENT32F,
+}
+"""OpenGL's name of each format of the depth buffer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipEnds:
+    """Clip depth over w at a camera's near and far plane."""
+
+    near: float
+    far: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mapping:
+    """A depth mapping in the terms of OpenGL."""
+
+    ends: ClipEnds  #: Clip depth over w at both planes
+    clip_control: int = GL.GL_ZERO_TO_ONE  #: The range of clip depth that OpenGL keeps
+    #: Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth
+    fragment_depth: str = ""
+    #: stored_near, stored_far: Values that the buffer holds at the near and at the far plane
+    stored_near: float = 0.0
+    stored_far: float = 1.0
+
+
+_HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
+
+_REVERSED = ClipEnds(near=1.0, far=0.0)
+"""Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it only has to
+clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far plane, or
+keep some behind it."""
+
+
+MAPPINGS = {
+    DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
+    DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
+    DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
+    DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
+}
+"""OpenGL's terms of each depth mapping."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthTest:
+    """The value that the depth buffer is cleared to, and the comparison that a fragment must pass."""
+
+    clear: float
+    function: str
+
+
+def nearest_wins(mapping: Mapping) -> DepthTest:
+    """Return the depth test of C, the orthoscopic camera."""
+    return DepthTest(
+        clear=mapping.stored_far, function="<" if mapping.stored_near < mapping.stored_far else ">"
+    )
+
+
+def farthest_wins(mapping: Mapping) -> DepthTest:
+    """Return the depth test of C*, the pseudoscopic camera."""
+    return DepthTest(
+        clear=mapping.stored_near, function=">" if mapping.stored_near < mapping.stored_far else "<"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,3 +208,83 @@ def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Flo
     matrix[2, 3] = near * (ends.near - slope)
     matrix[3, 2] = -1.0
     return matrix
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """One camera's share of an image."""
+
+    clip_from_scene: Floats  #: The camera's matrix, in double precision
+    planes: tuple[float, float]  #: Distances of its near and far plane
+    heights: tuple[float, float]  #: Lowest and highest z between these planes
+    test: DepthTest  #: The depth test, which decides between two surfaces
+    front_face: str  #: The window winding of faces that are turned to the camera
+    #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
+    #: toward it; None where all are drawn
+    culled_face: str | None
+    orthoscopic: bool  #: True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3)
+
+    @property
+    def line_of_pixel(self) -> Floats:
+        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
+        return lines_of_pixels(self.clip_from_scene)
+
+
+def lines_of_pixels(clip_from_scene: Floats) -> Floats:
+    """Return (.., 3, 3) directions away from cameras (.., 4, 4), scene axes, of film points (u, v, 1) upward.
+
+    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d from it has
+    (x, y, w) = w (u, v, 1): the inverse of the matrix's 3 x 3 part for x, y and w takes (u, v, 1) to d.
+    """
+    return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
+
+
+def drawing_order(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[Pass]:
+    """Return the passes of an image, from the back: each is nearer to the viewer than those before it.
+
+    The slabs of C come first, from the outermost inward, then those of C*, from the innermost outward. Slabs
+    in which the scene has nothing are left out, and so are cameras that are not among the effects.
+    """
+    cameras = cameras_in_order(scene, settings, effects)
+    return [pass_of(scene, aperture, settings, camera) for camera in cameras]
+
+
+def cameras_in_order(
+    scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[SlabCamera]:
+    """Return the cameras of every image, from the back; they are the same for all apertures of the plate."""
+    frustum = scene.frustum
+    c = slab_cameras(frustum, settings, orthoscopic=True)
+    c_star = slab_cameras(frustum, settings, orthoscopic=False)
+    chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
+    cameras = [
+        x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
+    ]
+    # Slabs that no triangle reaches into are left out.
+    lowest, highest = scene.height_ranges
+    ranges = [(camera, *kept_heights(camera)) for camera in cameras]
+    return [camera for camera, low, high in ranges if np.any((highest >= low) & (lowest <= high))]
+
+
+def kept_heights(camera: SlabCamera) -> tuple[float, float]:
+    """Return the lowest and highest z between a camera's near and far plane."""
+    low, high = camera.heights
+    return (-high, -low) if camera.orthoscopic else (low, high)
+
+
+def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
+    """Return one camera's share of an aperture's image."""
+    mapping = MAPPINGS[settings.mapping]
+    # Faces that are turned away from the viewer are left out; C* faces him.
+    away = "back" if camera.orthoscopic else "front"
+    return Pass(
+        clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
+        planes=(camera.near, camera.far),
+        heights=kept_heights(camera),
+        test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
+        front_face="ccw" if camera.orthoscopic else "cw",
+        culled_face=None if settings.cull is Cull.NONE else away,
+        orthoscopic=camera.orthoscopic,
+    )

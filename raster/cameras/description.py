@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
+from xfrustum.raster.cameras.cameras import MAPPINGS, FilmWindow, SlabCamera, cameras_in_order, pass_of
 from xfrustum.scenes import Aperture, DepthMapping, DoubleFrustum, InputError, Scene
 
 Record = dict[str, Any]  #: a JSON object, or a part of it

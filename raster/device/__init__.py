@@ -1,7 +1,6 @@
 """The OpenGL device: context, room, targets, programs, meshes, time.
 
-capacity   The largest images and meshes that a device has room for, asked before anything is uploaded
-context    The one place that makes an OpenGL context, which devices there are, and how long they take
+context    The one place that makes an OpenGL context: which devices there are, what fits, and times
 mesh       A scene's triangles on the GPU, in float32, with their numbers
 positions  The surface point that each pixel shows, found by a compute pass over the triangle numbers
 programs   Shaders of the folder `shaders`, put together, and what they are told of a camera

@@ -7,7 +7,7 @@ import moderngl
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.raster.device.programs import shader
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene

@@ -5,8 +5,8 @@ from importlib.resources import files
 
 import moderngl
 
-from xfrustum.raster.cameras.depth_formats import Mapping as OpenGLMapping
-from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.cameras.cameras import Mapping as OpenGLMapping
+from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.scenes.model.effects import Effect
 
 SHADING = (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import GLError
 
-from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import cameras_in_order, pass_of
-from xfrustum.raster.device.capacity import check_room
-from xfrustum.raster.device.context import ContextOwner, open_context
+from xfrustum.raster.cameras.cameras import MAPPINGS, cameras_in_order, pass_of
+from xfrustum.raster.device.context import ContextOwner, check_room, open_context
 from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of, number_triangles
 from xfrustum.raster.device.programs import picture_defines, program, set_camera, set_facing
 from xfrustum.raster.drawing import Shading

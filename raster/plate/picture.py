@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import Mapping
-from xfrustum.raster.cameras.passes import Pass, lines_of_pixels
+from xfrustum.raster.cameras.cameras import Mapping, Pass, lines_of_pixels
 from xfrustum.raster.device.programs import (
     Defines,
     picture_defines,

@@ -13,10 +13,15 @@ import moderngl
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
-from xfrustum.raster.device.capacity import check_room
-from xfrustum.raster.device.context import ContextOwner, GpuTimer, StageTime, describe, open_context
+from xfrustum.raster.cameras.cameras import MAPPINGS, Pass, cameras_in_order, pass_of
+from xfrustum.raster.device.context import (
+    ContextOwner,
+    GpuTimer,
+    StageTime,
+    check_room,
+    describe,
+    open_context,
+)
 from xfrustum.raster.device.positions import Positions
 from xfrustum.raster.plate.clusters import WHOLE_FILM
 from xfrustum.raster.plate.one_by_one import averaged

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
 from xfrustum.raster.device.targets import COLOR, IDENTITY
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent

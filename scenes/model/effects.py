@@ -117,7 +117,7 @@ class Region:
 def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
     """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
 
-    That is so for tiny nears, unless clip depth is zero at the far plane (raster/cameras/depth_formats).
+    That is so for tiny nears, unless clip depth is zero at the far plane (raster/cameras/cameras).
     """
     hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
     nearest = min((settings.near, *settings.slabs[:1]))

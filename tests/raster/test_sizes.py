@@ -10,7 +10,7 @@ from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.device import capacity
+from xfrustum.raster.device import context
 from xfrustum.raster.device.context import open_context
 from xfrustum.raster.rasterizer import largest_image
 from xfrustum.reports import trace as tracing
@@ -69,11 +69,11 @@ def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
 
 
 def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, needed = on_film(64, 48), capacity.PIXEL_BYTES * 64 * 48
-    monkeypatch.setattr(capacity, "free_memory", lambda: needed - 1)
+    scene, needed = on_film(64, 48), context.PIXEL_BYTES * 64 * 48
+    monkeypatch.setattr(context, "free_memory", lambda: needed - 1)
     with pytest.raises(InputError, match=r"image of 64 x 48 pixels needs about .* GiB are free"):
         Rasterizer(scene)
-    monkeypatch.setattr(capacity, "free_memory", lambda: needed)
+    monkeypatch.setattr(context, "free_memory", lambda: needed)
     with Rasterizer(scene) as rasterizer:
         assert rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.1)).covered.shape == (48, 64)
 

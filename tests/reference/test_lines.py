@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, lines_by_definition, view
-from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
-from xfrustum.raster.cameras.depth_formats import ClipEnds
+from xfrustum.raster.cameras.cameras import ClipEnds, clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen

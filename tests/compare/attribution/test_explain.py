@@ -21,7 +21,7 @@ from xfrustum.compare.attribution.budget import Budget, explain
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.cameras import passes
+from xfrustum.raster.cameras import cameras
 from xfrustum.raster.cameras.cameras import clip_from_scene
 from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
@@ -167,7 +167,7 @@ class TestNegativeControls:
             matrix[row, column] += 0.01 * size * matrix[row, row]
             return matrix
 
-        monkeypatch.setattr(passes, "clip_from_scene", wrong)
+        monkeypatch.setattr(cameras, "clip_from_scene", wrong)
         case.assert_unexplained(case.draw(case.settings))
 
 

@@ -29,8 +29,7 @@ from xfrustum.compare.prediction.depth import (
     smallest_separation,
 )
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera, clip_from_eye
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.cameras import MAPPINGS, FilmWindow, SlabCamera, clip_from_eye
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import (

@@ -14,8 +14,7 @@ from tests.support.light import dressed_scene
 from tests.support.long_tail import examples, thinned
 from tests.support.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.cameras.depth_formats import MAPPINGS
-from xfrustum.raster.cameras.passes import drawing_order
+from xfrustum.raster.cameras.cameras import MAPPINGS, drawing_order
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer

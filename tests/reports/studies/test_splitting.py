@@ -17,7 +17,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.raster.cameras.passes import drawing_order
+from xfrustum.raster.cameras.cameras import drawing_order
 from xfrustum.reports.studies import splitting
 from xfrustum.reports.studies.splitting import (
     AS_IN_THE_PAPER,
