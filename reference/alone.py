@@ -1,7 +1,5 @@
 """What ray tracers in single precision show alone, unexamined, and what they would have got wrong."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

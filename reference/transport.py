@@ -17,8 +17,6 @@ light, and shows d a / pi of its irradiance. Hence, with interreflection:
 Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -349,11 +347,7 @@ class LightPaths:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Return a power of a cosine, at most one, and zero where it is too small for a double.
-
-    Dr.Jit's own returns minus infinity or NaN there. A cosine that was rounded to more than one counts as
-    one.
-    """
+    """Return a power of a cosine, at most one; zero where Dr.Jit's own returns minus infinity or NaN."""
     dr = mitsuba_backend().drjit
     base = dr.minimum(base, 1.0)
     within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > MIN_LOGARITHM)

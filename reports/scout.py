@@ -67,11 +67,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
 
 
 def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
-    """Draw the plate twice: the nearest visible |z| on a logarithmic color scale, and the outlines.
-
-    These are two figures, so that a page can set them side by side or one above the other. Both scales are
-    bright where the error is large: a near surface, long outlines.
-    """
+    """Draw the plate's nearest visible |z|, and its outlines, each bright where the error is large."""
     plate, looks = auto.scout.scene.plate, auto.scout.looks
     nearest, outlines = (
         np.array([getattr(one, name) for one in looks]) for name in ("nearest", "outline_widths")
@@ -96,11 +92,7 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
 def plate_cells(
     hogels: tuple[int, int], places: ArrayLike, values: ArrayLike, worst: np.ufunc = np.fmax
 ) -> tuple[Floats, Mask]:
-    """Return values (A,) of some hogels on the cells of a map (rows, columns), and which cells have one.
-
-    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same cell, the
-    one whose value counts.
-    """
+    """Return values of hogels at places (A, 2) on cells of a map, by `worst` in each, and which have one."""
     cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
     columns, rows = (np.reshape(places, (-1, 2)).astype(np.int64) * cells // hogels).T
     shown, looked = np.full(cells[::-1], np.nan), np.zeros(cells[::-1], dtype=bool)

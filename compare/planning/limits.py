@@ -1,7 +1,5 @@
 """The near that each judge allows by itself: a depth buffer from below, pixels of each hogel from above."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

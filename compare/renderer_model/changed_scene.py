@@ -4,8 +4,6 @@ A model of a renderer names them (`DrawnModel.changes`); its pictures and claims
 scene, in which triangles keep their numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The one place that makes an OpenGL context: moderngl over EGL, without a display."""
 
-from __future__ import annotations
-
 import ctypes
 import time
 from abc import ABC, abstractmethod
@@ -145,11 +143,7 @@ class StageTime:
 
 
 class GpuTimer:
-    """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
-
-    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect` waits for
-    them.
-    """
+    """Seconds per named stage, which adds up, by timestamps: elapsed-time queries may not overlap."""
 
     def __init__(self) -> None:
         self._queries: list[tuple[str, int, int]] = []

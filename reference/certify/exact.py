@@ -133,10 +133,6 @@ class ExactPencil:
         s = Fraction(offset << self._slope_bits, slope << self._bits)
         return s if self._range[0] <= s <= self._range[1] else None
 
-    def has_area(self, triangle: int) -> bool:
-        """Return whether a triangle is more than a line or a point."""
-        return self.cone(triangle)[1] != (0, 0, 0)
-
     def meets_beside_center(self, triangle: int) -> bool:
         """Return whether any line meets the triangle's plane elsewhere than in the center."""
         return self.cone(triangle)[2] != 0

@@ -5,8 +5,6 @@ m = (p - e) / L per unit of depth. The hogel whose cell holds p replays there wh
 u = (m - k) / t, for a hogel looks the same all over its cell.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 

@@ -8,8 +8,6 @@ then filtered bilinearly between texel centers and repeated, with no mipmaps.
 There is one lane of Dr.Jit for each point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

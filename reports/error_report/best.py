@@ -1,7 +1,5 @@
 """What a report sweeps, one row of it, and which depth buffer and near planes are best, in words."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import Counter

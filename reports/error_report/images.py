@@ -146,11 +146,7 @@ def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
 def height_map(
     height: NDArray[np.floating], reach: float, heights: tuple[float, float], reduction: int = 1
 ) -> bytes:
-    """Encode the signed (H, W) height error as PNG, transparent where undefined.
-
-    Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the ends of
-    a `height_range`, in fractions of the reach.
-    """
+    """Encode the signed (H, W) height error as PNG: red nearer, blue farther, on the scale of `heights`."""
     known = np.isfinite(height)
     error = height[known]
     level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
@@ -159,11 +155,7 @@ def height_map(
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
-    """Encode the size of the radiance error (H, W, 3) as PNG; the channel that is farthest off counts.
-
-    The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged are
-    transparent.
-    """
+    """Encode the worst channel's radiance error (H, W, 3) as PNG over `RADIANCE_RANGE`, or nothing."""
     size = np.abs(error).max(axis=-1)
     known = size >= RADIANCE_RANGE[0]
     level = np.floor(_level(size[known], RADIANCE_RANGE, _STEPS))

@@ -4,8 +4,6 @@ Its index.html, report.json and measurements.parquet appear together or not at a
 says of light: which effects are drawn, what the bent eye vector costs, and what a rasterizer misses.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import time

@@ -1,7 +1,5 @@
 """Plates from one layout into another, from and into Zarr groups (CONVENTIONS.md, "Plates"), and as drawn."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`xfrustum check`: what lies where, which apertures see it, what looks like a mistake; and two views."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The answer of a survey: counts and bounds for each setting, the sentence, the JSON object, and the page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

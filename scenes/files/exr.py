@@ -71,11 +71,7 @@ def _file(path: Path, *, header_only: bool) -> Iterator[OpenEXR.File]:
 
 
 def read_header(path: Path) -> tuple[dict[str, Any], tuple[int, int]]:
-    """Return the header of an image file, and its W, H.
-
-    Raises InputError where the file is missing, damaged, no OpenEXR image of flat pixels, or declares too
-    much.
-    """
+    """Return header and W, H; InputError where it is no OpenEXR image of flat pixels, or too large."""
     if head_of(path, "image file", len(MAGIC)) != MAGIC:
         raise InputError(f"{path}: is not an OpenEXR image")
     with _file(path, header_only=True) as file:

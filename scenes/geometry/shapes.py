@@ -221,11 +221,7 @@ def smoothed(part: SceneObject) -> SceneObject:
 
 
 def flipped(part: SceneObject) -> SceneObject:
-    """Return the object with its faces wound the other way.
-
-    Normals of its own are turned with them, unless most of them lie on the new side already, as in a file
-    whose normals are right and whose winding is not.
-    """
+    """Return the object wound the other way, its normals too, unless most lie on that side already."""
     normals, faces = part.vertex_normals, part.faces[:, ::-1]
     if normals is not None:
         a, b, c = part.vertices[faces].transpose(1, 0, 2)

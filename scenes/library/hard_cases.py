@@ -72,11 +72,7 @@ def build(name: str) -> Scene:
 
 
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
-    """Return the points (..., 3) at s on lines of `FRUSTUM` through the middle aperture.
-
-    They are exact for whole and half pixels and every s of at most 45 bits; fractions mean lines between
-    pixels.
-    """
+    """Return points (..., 3) at s on lines of `FRUSTUM`: exact for half pixels and s of at most 45 bits."""
     columns, rows, along = np.broadcast_arrays(
         np.asarray(column, dtype=np.float64), np.asarray(row, dtype=np.float64), np.asarray(s, np.float64)
     )

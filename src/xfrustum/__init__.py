@@ -35,8 +35,6 @@ Modules that every layer may use:
 Names are imported when they are first used (`__init__.pyi`), so that `import xfrustum` costs nothing.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 _lazy, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
