@@ -444,6 +444,5 @@ class _Loop(Generic[Result]):
 
 
 def _timed(make: Callable[[], Result]) -> Timed[Result]:
-    """Return what a function makes, and the wall seconds that it takes."""
     begun = time.perf_counter()
     return make(), time.perf_counter() - begun

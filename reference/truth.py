@@ -64,12 +64,10 @@ class Reference:
 
     @cached_property
     def _triangles(self) -> Triangles:
-        """The scene's triangles on the device."""
         return Triangles(self.scene.triangles)
 
     @cached_property
     def _occlusion(self) -> Occlusion:
-        """The search for hidden surface points."""
         return Occlusion(self._triangles)
 
     @property

@@ -519,5 +519,4 @@ def _gpus() -> tuple[int, ...]:
 
 
 def _processors() -> int:
-    """Return the number of processors that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

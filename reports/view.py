@@ -401,7 +401,6 @@ def write_view(found: SceneView, out: Path) -> tuple[Path, ...]:
 
 
 def _page(found: SceneView) -> str:
-    """Return one HTML document that needs nothing else, online or offline."""
     pictures = [found.images(number) for number in range(len(found.views))]
     heights = np.concatenate([image.position[..., 2].ravel() for some in pictures for image in some.values()])
     known = heights[np.isfinite(heights)]

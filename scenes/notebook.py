@@ -248,14 +248,12 @@ class Shown:
         return f"{type(self).__name__}: {self._said()}"
 
     def _repr_html_(self) -> str:
-        """Return the line, the pictures and the tables as HTML."""
         name, said = escape(type(self).__name__), escape(self._said())
         figures = "".join(one.html() for one in self._figures())
         row = f'<div style="display: flex; flex-wrap: wrap; gap: 12px">{figures}</div>' if figures else ""
         return f"<div><p><b>{name}</b>: {said}</p>{row}{''.join(one.html() for one in self._tables())}</div>"
 
     def _repr_png_(self) -> bytes | None:
-        """Return the first picture; None where there is none."""
         found = next(iter(self._figures()), None)
         return found.content if found is not None and found.media_type == "image/png" else None
 

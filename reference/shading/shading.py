@@ -80,7 +80,6 @@ class Shader:
 
     @cached_property
     def _of_everything(self) -> Shader:
-        """The light model with all effects."""
         return Shader(self._scene, ALL_EFFECTS)
 
     def _out_of_sight(self, height: Floats) -> bool:

@@ -56,7 +56,6 @@ def plan_command(scene: Scene) -> str:
 
 
 def _options(settings: DoubleFrustum) -> list[str]:
-    """Return the options that stand for these settings, the same for an aperture and the plate."""
     words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
     usual = DoubleFrustum(near=settings.near)

@@ -201,7 +201,6 @@ def _log_figure(lines: list[Figure], title: str, axis: Mapping[str, Any] | None 
 
 
 def _heights(lines: Sequence[Figure]) -> list[float]:
-    """Return the heights that a logarithmic axis shows."""
     return [y for line in lines for y in line["y"] if y is not None and y > 0]
 
 
@@ -273,16 +272,12 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
     order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     shears = {key: found[key] for key in order}
-    (width, height), (toward, behind) = scene.frustum.resolution, scene.frustum.reach
-    kind = "recentered" if scene.frustum.recentered else "centered"
-    culled = "" if sweep.options.cull is Cull.NONE else ", faces turned away from the viewer culled"
     shown = ("best", "apertures", "auto", "rows", "decided_by", "versions", "devices", "reduction")
     values = {
         **{name: getattr(sweep, name) for name in shown},
         "scene": scene,
         "fit": scene_fit(scene),
-        "frustum": f"{kind} frustum, {width} x {height} pixels, reaching {toward:g} {scene.units} toward the "
-        f"viewer and {behind:g} {scene.units} behind the plate{culled}",
+        "culled": sweep.options.cull is not Cull.NONE,
         "reach": reach,
         "sentence": sentence,
         "coverage": sweep.coverage_sentence,

@@ -273,7 +273,6 @@ def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display) ->
 
 
 def _round_up(value: float) -> float:
-    """Return the next round length."""
     power = math.floor(math.log10(value))
     # Through text, which is what the file holds: 1.2 times 10 to the -3 is not the double 0.0012.
     steps = (float(f"{step:g}e{power}") for step in ROUND_STEPS)
@@ -281,7 +280,6 @@ def _round_up(value: float) -> float:
 
 
 def _text(new: NewScene, mesh: Path) -> str:
-    """Return the scene file."""
 
     def quoted(text: str) -> str:  # a string of TOML
         return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -264,7 +264,6 @@ def read_patches(path: Path) -> list[Floats]:
 
 
 def _count(path: Path, words: list[str], at: int, what: str) -> int:
-    """Return a positive whole number."""
     if at >= len(words):
         raise InputError(f"{path}: ends before {what}; write the file again")
     digits = words[at].lstrip("0")

@@ -96,7 +96,6 @@ class ApertureBlocks(Sequence[Aperture]):
     blocks: tuple[Block, ...]
 
     def __iter__(self) -> Iterator[Aperture]:
-        """Yield the apertures of one block after the other."""
         for number, (columns, rows) in enumerate(self.blocks):
             earlier = self.blocks[:number]
             for row in rows:
@@ -105,7 +104,6 @@ class ApertureBlocks(Sequence[Aperture]):
                         yield self.plate.aperture(column, row)
 
     def __len__(self) -> int:
-        """Return the number of different apertures."""
         # Rows between two neighboring ends of blocks lie in the same blocks, and have the same columns.
         ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
         return sum(
@@ -131,7 +129,6 @@ class ApertureBlocks(Sequence[Aperture]):
         return next(aperture for number, aperture in enumerate(self) if number == place)
 
     def __contains__(self, aperture: object) -> bool:
-        """Return whether an aperture lies in one of the blocks."""
         index = getattr(aperture, "index", None)
         return index is not None and any(
             index[0] in columns and index[1] in rows for columns, rows in self.blocks
