@@ -1,15 +1,16 @@
 """Where Dr.Jit's arrays lie, and the border between them and NumPy's: the one place that says so.
 
-The arrays are those of the processors, through LLVM. `drjit.cuda` has the same arrays under the same names;
-there the driver's compiler may fuse a product and a sum into one rounding. The bounds of the certificate
-hold all the same, for they count a rounding of each; which bits come out may differ (docs/truth.md).
+The arrays are those of the processors, through LLVM, or those of a CUDA card: `ARRAYS` says which. Kernels
+are the same text, and decide the same bits: a driver's compiler may fuse a product and a sum into one
+rounding, and so products of doubles that a decision rests on are a `product` here (docs/truth.md).
 
 Vectors are sequences of coordinates, each an array with one lane for each point, line or row. `drjit.dot`
 and `drjit.cross` fuse products with sums; `dot` and `cross` here round each of them, as bounds assume.
 
-Importing this module raises an `InputError` where there is no LLVM to compile kernels with.
+Importing this module raises an `InputError` where there is nothing to compile kernels with.
 """
 
+import importlib
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -19,26 +20,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.llvm import require_llvm
+from xfrustum.reference.llvm import array_device
 from xfrustum.reference.memory import padded
 from xfrustum.scenes.arrays import Floats
 
 # Dr.Jit takes the LLVM that is named when it is first imported, so that all others import it from here.
-require_llvm()
+ARRAYS = array_device()
 
 import drjit as dr  # noqa: E402
-from drjit.llvm import (  # noqa: E402
-    Array3f,
-    Array3f64,
-    Array4f64,
-    Bool,
-    Float32,
-    Float64,
-    Int32,
-    UInt32,
-)
+
+_arrays: Any = importlib.import_module(f"drjit.{ARRAYS}")
+Array3f, Array3f64, Array4f64 = _arrays.Array3f, _arrays.Array3f64, _arrays.Array4f64
+Float32, Float64, Int32, UInt32 = _arrays.Float32, _arrays.Float64, _arrays.Int32, _arrays.UInt32
+Bool = _arrays.Bool
 
 __all__ = [
+    "ARRAYS",
     "Array4f64",
     "Bool",
     "Float32",
@@ -52,6 +49,7 @@ __all__ = [
     "dr",
     "interleaved",
     "on_device",
+    "product",
     "recording",
     "table",
     "vectors_on_device",
@@ -71,6 +69,9 @@ _KINDS = {
 }
 
 _INT32 = np.iinfo(np.int32)
+
+_MINUS_ZERO = dr.opaque(Float64, -0.0) if ARRAYS == "cuda" else None
+"""What `product` adds on CUDA. It lies in memory, because a literal zero would be folded away."""
 
 _RECORDER = threading.RLock()
 """Lock for recording kernels, which Dr.Jit does once per process; a kernel itself uses all processors."""
@@ -120,14 +121,25 @@ def interleaved(coordinates: Sequence[Any], shape: tuple[int, ...]) -> NDArray[A
     return found.reshape(shape)
 
 
+def product(a: Any, b: Any) -> Any:
+    """Return a b, rounded by itself, whatever sum it becomes a part of.
+
+    Dr.Jit leaves it to the CUDA driver's compiler whether a product and a sum are rounded once or twice. A
+    fused a b - 0 is rounded once, has all signs of a b, and nothing else can be fused with it.
+    """
+    if _MINUS_ZERO is None or Float64 not in (type(a), type(b)):
+        return a * b
+    return dr.fma(a, b, _MINUS_ZERO)
+
+
 def dot(a: Vector, b: Vector) -> Any:
     """Return the dot products of vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product(a[0], b[0]) + product(a[1], b[1]) + product(a[2], b[2])
 
 
 def cross(a: Vector, b: Vector) -> list[Any]:
     """Return the cross products of vectors."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return [product(a[i], b[j]) - product(a[j], b[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
 
 
 def difference(a: Vector, b: Vector) -> list[Any]:

@@ -1,4 +1,4 @@
-"""The LLVM under Dr.Jit, Mitsuba's variant, and the number of threads: chosen once, before Dr.Jit chooses.
+"""LLVM or CUDA under Dr.Jit, Mitsuba's variant, the number of threads: chosen once, before Dr.Jit chooses.
 
 Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
 15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
@@ -36,7 +36,39 @@ THREADS_VARIABLE = "XFRUSTUM_THREADS"
 """Environment variable that bounds the number of threads of a process: of several workers on one machine,
 each takes its share. Ray tracers' own pools ignore the CPUs that a process may run on, and must be told."""
 
+DEVICE_VARIABLE, DEVICES = "XFRUSTUM_DEVICE", ("auto", "llvm", "cuda")
+"""Environment variable that says where Dr.Jit's arrays lie, and its values: `auto`, as where it is not set,
+takes CUDA where Dr.Jit finds a card."""
+
 Version = tuple[int, int, int]
+
+
+@cache
+def array_device() -> str:
+    """Return where Dr.Jit's arrays lie in this process, `cuda` or `llvm`; InputError where they cannot."""
+    if _cuda_card():
+        return "cuda"
+    require_llvm()
+    return "llvm"
+
+
+@cache
+def _cuda_card() -> bool:
+    """Return whether CUDA is to be used; InputError where the environment asks for what there is not."""
+    asked = os.environ.get(DEVICE_VARIABLE) or "auto"
+    if asked not in DEVICES:
+        raise InputError(f"{DEVICE_VARIABLE} is {asked!r}: set it to one of {', '.join(DEVICES)}")
+    if asked == "llvm":
+        return False
+    prepare_llvm()
+    drjit = importlib.import_module("drjit")
+    found: bool = drjit.has_backend(drjit.JitBackend.CUDA)
+    if asked == "cuda" and not found:
+        raise InputError(
+            f"{DEVICE_VARIABLE} or --arrays asks for cuda, and Dr.Jit finds no NVIDIA card on this machine: "
+            "install a driver from version 535 on (`nvidia-smi` lists its cards), or ask for llvm or auto"
+        )
+    return found
 
 
 def worker_count() -> int:
@@ -201,9 +233,8 @@ def loaded_llvm() -> Version | None:
 
 
 def cuda_works() -> bool:
-    """Return whether there is a CUDA device, and OptiX to trace rays on it."""
-    drjit = importlib.import_module("drjit")
-    if not drjit.has_backend(drjit.JitBackend.CUDA):
+    """Return whether CUDA is to be used, and there is OptiX to trace rays with."""
+    if not _cuda_card():
         return False
     try:
         ctypes.CDLL(os.environ.get("DRJIT_LIBOPTIX_PATH") or "libnvoptix.so.1")

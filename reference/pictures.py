@@ -22,6 +22,7 @@ from xfrustum.reference.backend import (
     dr,
     interleaved,
     on_device,
+    product,
     recording,
     table,
 )
@@ -175,7 +176,9 @@ class Pictures:
                 triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
                 covers = triangle != NOTHING
                 number = dr.select(covers, triangle, number)
-                here = [at + s * along for at, along in zip(constants(pencil.center), own, strict=True)]
+                here = [
+                    at + product(s, along) for at, along in zip(constants(pencil.center), own, strict=True)
+                ]
                 position = [dr.select(covers, *both) for both in zip(here, position, strict=True)]
                 direction = [dr.select(covers, *both) for both in zip(own, direction or own, strict=True)]
             covered, known = number != NOTHING, dr.maximum(number, 0)

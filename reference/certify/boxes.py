@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, dr, on_device
+from xfrustum.reference.backend import Bool, Int32, UInt32, constants, difference, dr, on_device, product
 from xfrustum.reference.certify.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Planes, Triangles, Viewpoint
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.lines.lines import Pencil
@@ -141,8 +141,8 @@ class FilmAxis:
 
     def columns(self, low: Any, high: Any) -> tuple[Any, Any]:
         """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
-        first = (low - self.shear) * self.scale + self.middle - self.slack
-        last = (high - self.shear) * self.scale + self.middle + self.slack
+        first = product(low - self.shear, self.scale) + self.middle - self.slack
+        last = product(high - self.shear, self.scale) + self.middle + self.slack
         return tuple(dr.minimum(dr.maximum(end, -1.0), self.count) for end in (first, last))
 
     def pixels(self, low: Any, high: Any) -> list[Any]:
@@ -159,12 +159,13 @@ def _box(corners: list[list[Any]], film: Sequence[FilmAxis], side: int) -> list[
     across, down = film
     low, high = _slope_range(x, s, side)
     columns = across.pixels(
-        (low - across.shear) * across.scale + across.middle,
-        (high - across.shear) * across.scale + across.middle,
+        product(low - across.shear, across.scale) + across.middle,
+        product(high - across.shear, across.scale) + across.middle,
     )
     low, high = _slope_range(y, s, side)
     rows = down.pixels(
-        down.middle - (high - down.shear) * down.scale, down.middle - (low - down.shear) * down.scale
+        down.middle - product(high - down.shear, down.scale),
+        down.middle - product(low - down.shear, down.scale),
     )
     return [*columns, *rows]
 
@@ -183,9 +184,9 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
         # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in doubt,
         # the range reaches to infinity both ways.
         crosses = ahead[i] ^ ahead[j]
-        here, there = x[j] * s[i], x[i] * s[j]
-        toward = dr.select(s[i] - s[j] > 0, float(side), -float(side)) * (here - there)
-        doubt = ROUNDING * (abs(here) + abs(there))
+        here, there = product(x[j], s[i]), product(x[i], s[j])
+        toward = product(dr.select(s[i] - s[j] > 0, float(side), -float(side)), here - there)
+        doubt = product(ROUNDING, abs(here) + abs(there))
         high = dr.select(crosses & (toward >= -doubt), np.inf, high)
         low = dr.select(crosses & (toward <= doubt), -np.inf, low)
     return low, high

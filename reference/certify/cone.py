@@ -31,6 +31,7 @@ from xfrustum.reference.backend import (
     difference,
     dr,
     on_device,
+    product,
     recording,
 )
 from xfrustum.reference.lines.lines import Pencil
@@ -91,7 +92,7 @@ class Viewpoint:
         """Return a lower and an upper bound of s over triangles, given q_z of their corners."""
         low = -dr.maximum(dr.maximum(*heights[:2]), heights[2])
         high = -dr.minimum(dr.minimum(*heights[:2]), heights[2])
-        return low - self.slack * abs(low), high + self.slack * abs(high)
+        return low - product(self.slack, abs(low)), high + product(self.slack, abs(high))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +116,8 @@ class Planes:
         # The bound is that of the sum of all absolute products in q_0 . n. Where the center lies in the
         # triangle both are exactly zero.
         corner = difference(points[0], center)
-        offset, bound = _dot(corner, normal), ROUNDING * _dot([abs(part) for part in corner], magnitude)
+        offset = _dot(corner, normal)
+        bound = product(ROUNDING, _dot([abs(part) for part in corner], magnitude))
         return cls(
             normal=normal,
             magnitude=magnitude,
@@ -157,8 +159,9 @@ class Cones:
         """Return whether lines may pass through the triangles, by their edge functions, and surely do."""
         positive, negative = [], []
         for edge, magnitude in zip(self.edges, self.magnitudes, strict=True):
-            value = edge[0] * dx + edge[1] * dy - edge[2]
-            bound = ROUNDING * (abs(dx) * magnitude[0] + abs(dy) * magnitude[1] + magnitude[2])
+            value = product(edge[0], dx) + product(edge[1], dy) - edge[2]
+            size = product(abs(dx), magnitude[0]) + product(abs(dy), magnitude[1]) + magnitude[2]
+            bound = product(ROUNDING, size)
             positive.append(value > bound)
             negative.append(value < -bound)
         inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
@@ -174,8 +177,8 @@ class Cones:
             bound=self.planes.bound,
             normal_x=normal[0],
             magnitude_x=magnitude[0],
-            level=normal[1] * dy - normal[2],
-            level_magnitude=abs(dy) * magnitude[1] + magnitude[2],
+            level=product(normal[1], dy) - normal[2],
+            level_magnitude=product(abs(dy), magnitude[1]) + magnitude[2],
         )
 
 
@@ -206,17 +209,18 @@ class RowPlanes:
         """
         # The denominator d . n and its bound. It is certain to have its sign, with a margin to spare, where
         # it is more than twice its bound.
-        slope = self.normal_x * dx + self.level
-        slope_bound = ROUNDING * (self.magnitude_x * abs(dx) + self.level_magnitude)
+        slope = product(self.normal_x, dx) + self.level
+        slope_bound = product(ROUNDING, product(self.magnitude_x, abs(dx)) + self.level_magnitude)
         margin = abs(slope) - slope_bound
         certain = margin > slope_bound
         # The quotient; 1 in place of a slope that is not certain keeps it finite.
         s = dr.select(certain, self.offset / dr.select(certain, slope, 1.0), 0.0)
         # The bound above, from the errors of both dot products.
-        error = (self.bound + abs(s) * slope_bound) / dr.select(certain, margin, 1.0)
+        error = (self.bound + product(abs(s), slope_bound)) / dr.select(certain, margin, 1.0)
         # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of quotients
         # below full precision.
-        error = error * (1 + ROUNDING) + ROUNDING * abs(s) + dr.select(self.bound > 0, UNDERFLOW, 0.0)
+        error = product(error, 1 + ROUNDING) + product(ROUNDING, abs(s))
+        error = error + dr.select(self.bound > 0, UNDERFLOW, 0.0)
         return s, dr.select(certain, error, np.inf)
 
 
@@ -237,9 +241,10 @@ def in_range(s: Any, error: Any, within: Any, ends: Sequence[Any]) -> tuple[Any,
 def _cross_magnitude(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
     (ax, ay, az), (bx, by, bz) = ([abs(part) for part in vector] for vector in (a, b))
-    return [ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx]
+    sums = (ay, bz, az, by), (az, bx, ax, bz), (ax, by, ay, bx)
+    return [product(a, b) + product(c, d) for a, b, c, d in sums]
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     # The sums have another order than in `backend.dot`, which would change the last bits of places.
-    return a[0] * b[0] + a[2] * b[2] + a[1] * b[1]
+    return product(a[0], b[0]) + product(a[2], b[2]) + product(a[1], b[1])

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, dr, on_device, recording
+from xfrustum.reference.backend import Bool, Float64, Int32, UInt32, dr, on_device, product, recording
 from xfrustum.reference.certify.boxes import Boxes, FilmAxis, bounding_boxes
 from xfrustum.reference.certify.cone import (
     ROUNDING,
@@ -328,13 +328,14 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
     low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
     for edge, magnitude in zip(cones.edges, cones.magnitudes, strict=True):
         # The edge function along the row, turned to be positive inside, and the bound of its rounding.
-        slope = turn * edge[0]
-        rest = turn * (edge[1] * dy - edge[2])
-        bound = ROUNDING * (film.steepest * magnitude[0] + abs(dy) * magnitude[1] + magnitude[2])
+        slope = product(turn, edge[0])
+        rest = product(turn, product(edge[1], dy) - edge[2])
+        size = product(film.steepest, magnitude[0]) + product(abs(dy), magnitude[1]) + magnitude[2]
+        bound = product(ROUNDING, size)
         # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
         # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums below.
         zero = -rest / slope
-        margin = 2 * bound / abs(slope) + 4 * UNIT_ROUNDOFF * abs(zero)
+        margin = 2 * bound / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
         # Where the slope is so small that the quotient overflows, E has one sign along the whole row.
         level = ~dr.isfinite(margin)
         # A rising edge bounds dx from below, a falling one from above.

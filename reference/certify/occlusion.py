@@ -33,6 +33,7 @@ from xfrustum.reference.backend import (
     dot,
     dr,
     on_device,
+    product,
     recording,
     vectors_on_device,
 )
@@ -165,8 +166,8 @@ class Occlusion:
         # has the bounds of its coordinates.
         planes = Planes.of(self._triangles.points(triangle), (x, y, z), False)
         length, magnitude = (dr.sqrt(dot(one, one)) for one in (planes.normal, planes.magnitude))
-        beyond = abs(planes.offset) - tolerance * length
-        bound = planes.bound + ROUNDING * tolerance * magnitude + UNDERFLOW
+        beyond = abs(planes.offset) - product(tolerance, length)
+        bound = planes.bound + product(product(ROUNDING, tolerance), magnitude) + UNDERFLOW
         surely = sure & (beyond > bound)
         dr.scatter(hidden, Bool(True), point, surely)
         left: Any = dr.compress(~surely & (beyond >= -bound))
@@ -209,10 +210,10 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
     film = [FilmAxis(pencil, axis) for axis in range(2)]
     # Rows count down.
     places = [
-        (slope - axis.shear) * (sign * axis.scale) + axis.middle
+        product(slope - axis.shear, sign * axis.scale) + axis.middle
         for slope, axis, sign in zip((dx, dy), film, (1.0, -1.0), strict=True)
     ]
-    end = s - positions[3] / (2 * dr.sqrt(dx * dx + dy * dy + 1.0))
+    end = s - positions[3] / (2 * dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0))
     column, row = (
         UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
         for place, side in zip(places, constants(pencil.resolution), strict=True)

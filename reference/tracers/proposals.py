@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.backend import constants, dr, interleaved, recording
+from xfrustum.reference.backend import constants, dr, interleaved, product, recording
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.triangles import plane_places, triangle_normals
@@ -48,7 +48,7 @@ def pixel_rays(scene: Scene, pencil: Pencil, rows: range) -> tuple[Floats, Float
             s = dr.maximum(s, dr.select(bounded, side / dr.select(bounded, along, 1.0), -np.inf))
         # A line beside the box meets nothing, wherever it starts.
         s = dr.maximum(dr.select(dr.isfinite(s), s, front), first)
-        origins = [at + s * direction for at, direction in zip(center, directions, strict=True)]
+        origins = [at + product(s, direction) for at, direction in zip(center, directions, strict=True)]
         dr.eval(origins)
         return interleaved(origins, (size, 3)), interleaved(directions, (size, 3))
 
