@@ -29,7 +29,7 @@ from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.rasterizer import SINGLE_SAMPLE
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
-from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.llvm import array_device, mitsuba_backend
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
@@ -127,7 +127,9 @@ def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Se
 def report(head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]) -> str:
     """Return a benchmark as text: what was measured and where, its tables, and what its names mean."""
     where = f"{found['machine']['cores']} cores of {found['machine']['processor']}"
-    legend = "\n".join(f"{name}: {meaning}" for name, meaning in meanings.items())
+    where += f"; arrays on {found['machine']['arrays']}"
+    devices = {name: f" (on {device})" for name, device in found["devices"].items()}
+    legend = "\n".join(f"{name}{devices.get(name, '')}: {meaning}" for name, meaning in meanings.items())
     return "\n\n".join(("\n".join((*head, where)), *tables, legend))
 
 
@@ -144,6 +146,13 @@ TRUTH_MEANINGS = {
 
 TRUTH_RATIOS = [(one, other) for one in ("certified", "truth") for other in ("mitsuba", "trimesh")]
 """Pairs of contestants, here and below; the rate of the first is divided by that of the second."""
+
+
+_TRACING = {"embree": "processors", "trimesh": "processors"}
+
+
+def _mitsuba() -> str:
+    return mitsuba_backend().variant
 
 
 def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[], object]]:
@@ -194,6 +203,7 @@ def benchmark_truth(
         "scene": {**scene_record(scene), "aperture": scene.plate.middle.index},
         "repeat": repeat,
         "meanings": TRUTH_MEANINGS,
+        "devices": {**_TRACING, "certified": array_device(), "truth": array_device(), "mitsuba": _mitsuba()},
         "races": races,
         **machine_record(tracers=True),
     }
@@ -357,8 +367,14 @@ def _race(scene: Scene, hogels: int, repeat: int, bar: tqdm[Any]) -> Record:
         }
         cpu = race(stages, repeat, bar.update, time.process_time)
     rates = {name: rate_of(hogels, seconds) for name, seconds in taken.items()}
+    renderer = judge.device["renderer"]
+    both = f"{renderer}, {array_device()}"
     return {
         "resolution": scene.frustum.resolution,
+        "devices": {
+            **{"stream": both, "loop": both, "plain": f"{renderer}, processors"},
+            **{"render": renderer, "mitsuba": _mitsuba()},
+        },
         "hogels_per_second": {name: rates.get(name) for name in JUDGE_MEANINGS},
         "ratios": ratios_of(rates, JUDGE_RATIOS),
         **stages_record({stage: seconds.median for stage, seconds in cpu.items()}),
@@ -394,7 +410,8 @@ def judge_table(found: Record) -> str:
         f"{found['hogels']} hogels a run",
         f"median of {found['repeat']} after a warm-up (slowest to fastest), taking turns",
     ]
-    return report(head, tables, found, JUDGE_MEANINGS | STAGES)
+    devices = found["scenes"][0]["races"][0]["devices"]
+    return report(head, tables, {**found, "devices": devices}, JUDGE_MEANINGS | STAGES)
 
 
 # Many hogels at once, next to loops that anybody would write ---------------------------------------------
@@ -466,6 +483,7 @@ def benchmark_plate(
             for stage in measured[0]
         },
         "device": device,
+        "devices": dict.fromkeys(PLATE_MEANINGS, device),
         **machine_record(),
     }
 
@@ -476,7 +494,6 @@ def plate_table(found: Record) -> str:
     head = [
         f"{scene['name']}, {scene['triangles']:,} triangles, row {found['row']}: {hogels} hogels",
         f"median of {found['hogels_per_second']['plain'].repetitions} after a warm-up (slowest to fastest)",
-        found["device"],
     ]
     stages = ["stages of batched, ms a hogel: the device's own, and wall time of giving the orders"]
     for name, clocks in found["stages_s"].items():

@@ -176,7 +176,7 @@ def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
     A triangle that crosses s = 0 reaches to infinity there, in the direction of the points where its edges
     cross.
     """
-    ahead = [side * one > 0 for one in s]
+    ahead = [one > 0 if side > 0 else one < 0 for one in s]
     slopes = [one / depth for one, depth in zip(x, s, strict=True)]
     low = _least([dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
     high = _most([dr.select(mine, slope, -np.inf) for mine, slope in zip(ahead, slopes, strict=True)])

@@ -335,7 +335,7 @@ def _slopes_inside(cones: Cones, turn: Any, dy: Any, film: FilmAxis) -> tuple[An
         # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
         # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums below.
         zero = -rest / slope
-        margin = 2 * bound / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
+        margin = product(2.0, bound) / abs(slope) + product(4 * UNIT_ROUNDOFF, abs(zero))
         # Where the slope is so small that the quotient overflows, E has one sign along the whole row.
         level = ~dr.isfinite(margin)
         # A rising edge bounds dx from below, a falling one from above.

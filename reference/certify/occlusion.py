@@ -210,10 +210,10 @@ def _sorted_lines(pencil: Pencil, points: SurfacePoints) -> _Lines:
     film = [FilmAxis(pencil, axis) for axis in range(2)]
     # Rows count down.
     places = [
-        product(slope - axis.shear, sign * axis.scale) + axis.middle
+        product(slope - axis.shear, product(sign, axis.scale)) + axis.middle
         for slope, axis, sign in zip((dx, dy), film, (1.0, -1.0), strict=True)
     ]
-    end = s - positions[3] / (2 * dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0))
+    end = s - positions[3] / product(2.0, dr.sqrt(product(dx, dx) + product(dy, dy) + 1.0))
     column, row = (
         UInt32(Int32(dr.round(dr.clip(place, -1.0, side))) + 1)
         for place, side in zip(places, constants(pencil.resolution), strict=True)

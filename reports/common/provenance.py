@@ -7,6 +7,7 @@ import shlex
 from importlib import metadata
 from pathlib import Path
 
+from xfrustum.reference.llvm import array_device
 from xfrustum.scenes import Aperture, DoubleFrustum, Scene
 
 _LIBRARIES = ("xfrustum", "numpy", "scipy", "trimesh", "embreex", "moderngl", "PyOpenGL")
@@ -20,7 +21,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str]:
-    """Return processor, number of cores that this process may use, and operating system."""
+    """Return processor, number of cores that this process may use, system, and where arrays of Dr.Jit lie."""
     # platform.processor() is empty on most Linux systems; the kernel knows the name.
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text(encoding="utf-8", errors="replace") if cpuinfo.exists() else ""
@@ -29,6 +30,7 @@ def machine() -> dict[str, str]:
         "processor": named[1] if named else platform.processor() or platform.machine(),
         "cores": str(len(os.sched_getaffinity(0))),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "arrays": array_device(),
     }
 
 

@@ -20,7 +20,7 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.drawing import reflecting
 from xfrustum.reference import Reference
-from xfrustum.reference.llvm import mitsuba_backend
+from xfrustum.reference.llvm import array_device, mitsuba_backend
 from xfrustum.reports import benchmarks
 from xfrustum.reports.benchmarks import PAPER
 from xfrustum.reports.common.outputs import json_ready
@@ -75,7 +75,9 @@ def assert_race(made: dict[str, Any], key: str, meanings: dict[str, str], ends: 
 def test_truth_says_every_rate(told: Told) -> None:
     found, text = told("truth", "crossing", "--resolution", "8,12", "--repeat", "2")
     assert_table(text, "crossing, 10,598 triangles", benchmarks.TRUTH_MEANINGS, found)
-    assert set(found) == {"scene", "repeat", "meanings", "races", "machine", "versions"}
+    assert set(found) == {"scene", "repeat", "meanings", "devices", "races", "machine", "versions"}
+    assert set(found["devices"]) == set(benchmarks.TRUTH_MEANINGS)
+    assert found["devices"]["truth"] == found["machine"]["arrays"] == array_device()
     assert found["scene"]["name"] == "crossing" and found["repeat"] == 2
     assert [one["resolution"] for one in found["races"]] == [[8, 8], [12, 12]]
     for one in found["races"]:
@@ -93,6 +95,7 @@ def test_judge_says_every_rate_and_stage(told: Told) -> None:
     for one in (each for scene in found["scenes"] for each in scene["races"]):
         assert one["resolution"] == [8, 8]
         assert_race(one, "hogels_per_second", benchmarks.JUDGE_MEANINGS, ("lowest", "highest"))
+        assert set(one["devices"]) == set(benchmarks.JUDGE_MEANINGS)
         assert set(one["cpu_s"]) == set(benchmarks.STAGES) and min(one["cpu_s"].values()) >= 0
         assert set(one["judging_over_drawing"]) == {"without radiance", "with radiance"}
 
@@ -104,6 +107,7 @@ def test_plate_says_every_rate_and_stage(told: Told) -> None:
     assert_race(found, "hogels_per_second", benchmarks.PLATE_MEANINGS, ("lowest", "highest"))
     plate = view("grating").plate
     assert (found["hogels"], found["row"], found["resolution"]) == (plate.hogels[0], plate.middle.row, [8, 8])
+    assert found["devices"] == dict.fromkeys(benchmarks.PLATE_MEANINGS, found["device"])
     assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
 

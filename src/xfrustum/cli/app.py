@@ -76,16 +76,28 @@ def _size(text: str) -> int:
     type=COUNT_FROM_1,
     help="Largest number of hogels of a plate.  [default: 20000000]",
 )
+@click.option(
+    "--arrays",
+    type=click.Choice(["auto", "llvm", "cuda"]),
+    help="Where the truth is computed: on processors or a card.  [default: XFRUSTUM_DEVICE, or auto]",
+)
 @click.option("--traceback", is_flag=True, help="Show the traceback of an unexpected error, and warnings.")
 @click.pass_context
 def cli(
-    context: click.Context, *, max_input_memory: int | None, max_hogels: int | None, traceback: bool
+    context: click.Context,
+    *,
+    max_input_memory: int | None,
+    max_hogels: int | None,
+    arrays: str | None,
+    traceback: bool,
 ) -> None:
     """Measure how far renderers of full-parallax spatial displays are from the truth.
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
     del traceback  # `main` reads this option before anything else can fail
+    if arrays is not None:
+        os.environ["XFRUSTUM_DEVICE"] = arrays  # worker processes inherit it
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None or max_hogels is not None:

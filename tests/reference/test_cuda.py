@@ -1,0 +1,253 @@
+"""The kernels of the truth on CUDA, without a card: no product of doubles can be fused with a sum.
+
+Dr.Jit traces them as for a card and hands them to a stand-in for the driver (libcuda.c), which keeps their
+PTX and runs none. So this tests which instructions a driver's compiler gets, and, where `ptxas` is at hand
+(on the path or in the wheel nvidia-cuda-nvcc-cu12), that NVIDIA's own compiler finds nothing to fuse. It
+does not test that a card computes what the instructions say, atomic operations, numbers that come back,
+speed, or anything with OpenGL. `test_a_card_decides_the_same_bits` needs a card and is skipped without one.
+"""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from xfrustum.cli.app import cli
+from xfrustum.reference.llvm import DEVICES
+
+KERNELS = """
+import sys
+from dataclasses import replace
+import numpy as np
+from xfrustum.reference import Reference, backend
+from xfrustum.reference.backend import UInt32, dr
+from xfrustum.reference.certify import occlusion
+from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.certify.filter import Filter
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.scenes import open_scene
+
+assert backend.ARRAYS == "cuda"
+if "plain" in sys.argv:  # without the remedy
+    backend._MINUS_ZERO = None
+
+def compress(mask):
+    # Its answer would come from a kernel.
+    dr.eval(mask)
+    return dr.opaque(UInt32, 0, 1)
+
+dr.compress = compress
+for name in ("asymmetric", "hard/edge-through-aperture"):
+    scene = open_scene(name)
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(8, 8)))
+    reference, rows, shape = Reference(scene), range(8), (8, 8)
+    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    narrow = Filter(reference._triangles, pencil, ExactPencil(scene.triangles, pencil))
+    narrow.sift(rows)
+    narrow.gaps(rows)
+    seen = FirstSurfaces(
+        triangle=np.zeros(shape, np.int32), s=np.ones(shape), certainty=np.zeros(shape, np.uint8),
+        companions=np.zeros((0, 3), np.int64),
+    )
+    camera = reference.camera(scene.plate.middle)
+    reference._pictures.image(camera, rows, [(pencil, seen)], colored=False)
+    points = occlusion.SurfacePoints(
+        position=np.full((64, 3), -1.0), triangle=np.zeros(64, np.int32), tolerance=np.full(64, 1e-6)
+    )
+    with backend.recording():
+        lines = occlusion._sorted_lines(pencil, points)
+        for some in occlusion._rows_of_cells(reference._triangles, pencil):
+            reference._occlusion._sifted(pencil, some, lines, dr.zeros(backend.Bool, 64))
+"""
+"""A program that traces the kernels of truth, gaps, points and occlusion; those of colors are not exact."""
+
+STATEMENT = re.compile(r"^\s*(mul|add|sub|neg|mov)\.(?:f64|b64) (%\w+), (.*);", re.MULTILINE)
+
+
+def fused(kernel: str) -> list[str]:
+    """Return the sums of doubles in a kernel's PTX that a compiler may fuse with a product."""
+    products: set[str] = set()
+    found = []
+    for statement in STATEMENT.finditer(kernel):
+        operation, target, operands = statement.groups()
+        takes = not products.isdisjoint(operands.split(", "))
+        if operation in {"add", "sub"} and takes:
+            found.append(statement[0].strip())
+        # A sign or a copy hides no product.
+        if operation == "mul" or (operation in {"neg", "mov"} and takes):
+            products.add(target)
+    return found
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the stand-in for the driver's library."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler (cc) to build the stand-in for CUDA's driver with")
+    library = tmp_path_factory.mktemp("driver") / "libcuda.so"
+    source = Path(__file__).with_name("libcuda.c")
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True)
+    return library
+
+
+def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
+    """Return the PTX of the kernels with doubles in them, by the names of their files in a folder."""
+    environment = {
+        **os.environ,
+        "XFRUSTUM_DEVICE": "cuda",
+        "DRJIT_LIBCUDA_PATH": str(driver),
+        "KERNELS": str(folder),
+    }
+    subprocess.run([sys.executable, "-c", KERNELS, *arguments], env=environment, check=True, timeout=300)
+    texts = {file.name: file.read_text() for file in sorted(folder.glob("*.ptx"))}
+    return {name: text for name, text in texts.items() if re.search(r"(add|sub)\.f64", text)}
+
+
+@pytest.fixture(scope="module")
+def kernels(driver: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Return the PTX of the truth's kernels as they are."""
+    return traced(driver, tmp_path_factory.mktemp("kernels"))
+
+
+def test_no_product_of_doubles_can_be_fused_with_a_sum(kernels: dict[str, str]) -> None:
+    assert len(kernels) >= 12
+    assert sum(text.count("fma.rn.f64") for text in kernels.values()) > 300
+    assert {name: found for name, text in kernels.items() if (found := fused(text))} == {}
+    everything = "".join(kernels.values())
+    # Quotients and roots are those of IEEE arithmetic, and the minimum of doubles is atomic.
+    assert "div.rn.f64" in everything and "sqrt.rn.f64" in everything and "approx" not in everything
+
+
+def test_the_inspection_finds_products_that_can_be_fused(driver: Path, tmp_path: Path) -> None:
+    """Without the remedy most kernels have some."""
+    plain = traced(driver, tmp_path, "plain")
+    assert sum(len(fused(text)) for text in plain.values()) > 200
+    assert fused("mul.f64 %d3, %d1, %d2;\nneg.f64 %d4, %d3;\nadd.f64 %d5, %d4, %d1;") == [
+        "add.f64 %d5, %d4, %d1;"
+    ]
+
+
+def _ptxas() -> str | None:
+    wheel = importlib.util.find_spec("nvidia")  # a namespace of wheels
+    places = [
+        str(Path(place, "cuda_nvcc", "bin")) for place in (wheel and wheel.submodule_search_locations) or ()
+    ]
+    return shutil.which("ptxas", path=os.pathsep.join([os.environ.get("PATH", ""), *places]))
+
+
+@pytest.mark.parametrize("card", ["sm_90", "sm_100"])
+@pytest.mark.parametrize("remedy", [True, False], ids=["as-it-is", "without-the-remedy"])
+def test_nvidias_compiler_finds_nothing_to_fuse(
+    driver: Path, kernels: dict[str, str], tmp_path: Path, card: str, *, remedy: bool
+) -> None:
+    """Machine code is the same whether the compiler may fuse or not, unless there is something to fuse."""
+    ptxas = _ptxas()
+    if ptxas is None:
+        pytest.skip("no ptxas on the path, and no wheel nvidia-cuda-nvcc-cu12")
+    differing = []
+    for name, text in (kernels if remedy else traced(driver, tmp_path, "plain")).items():
+        (tmp_path / name).write_text(text)
+        codes = []
+        for may in ("true", "false"):
+            code = tmp_path / f"{name}.{may}"
+            subprocess.run(
+                [ptxas, f"--gpu-name={card}", f"--fmad={may}", tmp_path / name, "-o", code], check=True
+            )
+            codes.append(machine_code(code.read_bytes()))
+        if codes[0] != codes[1]:
+            differing.append(name)
+    assert bool(differing) is not remedy, differing
+
+
+def machine_code(file: bytes) -> bytes:
+    """Return the instructions in an ELF file of 64 bits: its sections `.text`, without notes and options."""
+    start, size, count, names = (
+        int.from_bytes(file[at : at + length], "little")
+        for at, length in ((40, 8), (58, 2), (60, 2), (62, 2))
+    )
+
+    def section(number: int) -> tuple[int, bytes]:
+        head = file[start + number * size :][:size]
+        offset, length = (int.from_bytes(head[at : at + 8], "little") for at in (24, 32))
+        return int.from_bytes(head[:4], "little"), file[offset : offset + length]
+
+    _, strings = section(names)
+    found = (section(number) for number in range(count))
+    code = b"".join(content for name, content in found if strings[name:].startswith(b".text"))
+    assert code
+    return code
+
+
+def test_without_a_card_the_command_says_what_to_do() -> None:
+    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
+    command = [sys.executable, "-m", "xfrustum", "--arrays"]
+    rest = ["trace", "asymmetric", "--out", "never.exr", "--quiet"]
+    done = subprocess.run(
+        [*command, "cuda", *rest], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.strip().splitlines()
+    assert "asks for cuda" in line and "no NVIDIA card" in line and "install" in line
+    wrong = {**environment, "XFRUSTUM_DEVICE": "gpu"}
+    done = subprocess.run([*command[:-1], *rest], env=wrong, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "'gpu': set it to one of auto, llvm, cuda" in done.stderr
+
+
+def test_the_option_and_the_variable_take_the_same_names() -> None:
+    (option,) = (one for one in cli.params if one.name == "arrays")
+    assert isinstance(option.type, click.Choice) and tuple(option.type.choices) == DEVICES
+
+
+SAVED = """
+import sys
+import numpy as np
+from dataclasses import replace
+from xfrustum.reference import Reference, backend
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.library import builtin, hard_cases
+
+found = {"arrays": np.array(backend.ARRAYS)}
+for name in (*builtin.names(), *hard_cases.CASES):
+    scene = open_scene(name)
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 72)))
+    columns, rows = scene.plate.hogels
+    for index in {(0, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)}:
+        image = Reference(scene).trace(scene.plate.aperture(*index))
+        for channel in ("triangle", "object", "certainty", "position", "normal", "color"):
+            found[f"{name}|{index}|{channel}"] = getattr(image, channel)
+np.savez(sys.argv[1], **found)
+"""
+"""A program that saves the truths of all built-in scenes and hard cases, three apertures each."""
+
+
+def test_a_card_decides_the_same_bits(tmp_path: Path) -> None:
+    """Decisions, points and normals have the same bits on a card; colors agree to float32's rounding."""
+    found = []
+    for device in ("auto", "llvm"):
+        file = tmp_path / f"{device}.npz"
+        environment = {**os.environ, "XFRUSTUM_DEVICE": device}
+        if device == "auto":
+            asked = "from xfrustum.reference.llvm import array_device; print(array_device())"
+            said = subprocess.run(
+                [sys.executable, "-c", asked], env=environment, capture_output=True, text=True, check=True
+            )
+            if said.stdout.strip() != "cuda":
+                pytest.skip("no NVIDIA card that Dr.Jit finds")
+        subprocess.run([sys.executable, "-c", SAVED, str(file)], env=environment, check=True)
+        found.append(dict(np.load(file)))
+    card, processors = found
+    assert card.pop("arrays") == "cuda" and processors.pop("arrays") == "llvm"
+    for name, values in processors.items():
+        if name.endswith("|color"):
+            np.testing.assert_allclose(card[name], values, rtol=2.0**-22, atol=2.0**-100, err_msg=name)
+        else:
+            np.testing.assert_array_equal(card[name], values, err_msg=name)
