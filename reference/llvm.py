@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -60,9 +61,13 @@ def _cuda_card() -> bool:
         raise InputError(f"{DEVICE_VARIABLE} is {asked!r}: set it to one of {', '.join(DEVICES)}")
     if asked == "llvm":
         return False
-    prepare_llvm()
-    drjit = importlib.import_module("drjit")
-    found: bool = drjit.has_backend(drjit.JitBackend.CUDA)
+    found = False
+    # Dr.Jit is not asked where no driver answers: it would write lines of its own about what is missing.
+    with suppress(OSError, AttributeError):
+        if ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH") or "libcuda.so.1").cuInit(0) == 0:
+            prepare_llvm()
+            drjit = importlib.import_module("drjit")
+            found = drjit.has_backend(drjit.JitBackend.CUDA)
     if asked == "cuda" and not found:
         raise InputError(
             f"{DEVICE_VARIABLE} or --arrays asks for cuda, and Dr.Jit finds no NVIDIA card on this machine: "
