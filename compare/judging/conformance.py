@@ -194,9 +194,7 @@ def _named_by_ties(truth: HogelImage, triangle: Numbers) -> Mask:
     return found
 
 
-def _beside_edges(
-    scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask
-) -> Mask:
+def _beside_edges(scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask) -> Mask:
     """Return those of the pixels (H, W) that are asked for at which rounding may show a neighbor's surface."""
     found = np.zeros_like(asked)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")

@@ -43,13 +43,15 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
     for aperture in case.apertures(scene):
         camera = reference.camera(aperture)
         points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
-        apertures.append({
-            "hogel": aperture.index,
-            "center": (aperture.x, aperture.y, 0.0),
-            "shear": camera.shear,
-            "half_extent": camera.half_extent,
-            "sub_apertures": [(one.x, one.y) for one in points] if len(points) > 1 else [],
-        })
+        apertures.append(
+            {
+                "hogel": aperture.index,
+                "center": (aperture.x, aperture.y, 0.0),
+                "shear": camera.shear,
+                "half_extent": camera.half_extent,
+                "sub_apertures": [(one.x, one.y) for one in points] if len(points) > 1 else [],
+            }
+        )
     objects = [
         {
             "name": one.name,
@@ -62,27 +64,29 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
         for number, one in enumerate(scene.objects)
     ]
     environment = scene.appearance.environment
-    found: dict[str, Any] = json_ready({
-        "suite": SUITE,
-        "name": case.name,
-        "level": case.level,
-        "why": case.why,
-        "asked": case.asked,
-        "accepted": case.accepted,
-        "hogels": case.hogels,
-        "resolution": scene.frustum.resolution,
-        "near": case.near,
-        "depth": case.depth,
-        "mapping": case.mapping,
-        "reach": scene.frustum.reach,
-        "plate": scene.plate,
-        "fov": scene.frustum.fov,
-        "screen": scene.frustum.screen,
-        "apertures": apertures,
-        "objects": objects,
-        "lights": scene.appearance.lights,
-        "environment": environment and {"file": "environment.exr", "strength": environment.strength},
-    })
+    found: dict[str, Any] = json_ready(
+        {
+            "suite": SUITE,
+            "name": case.name,
+            "level": case.level,
+            "why": case.why,
+            "asked": case.asked,
+            "accepted": case.accepted,
+            "hogels": case.hogels,
+            "resolution": scene.frustum.resolution,
+            "near": case.near,
+            "depth": case.depth,
+            "mapping": case.mapping,
+            "reach": scene.frustum.reach,
+            "plate": scene.plate,
+            "fov": scene.frustum.fov,
+            "screen": scene.frustum.screen,
+            "apertures": apertures,
+            "objects": objects,
+            "lights": scene.appearance.lights,
+            "environment": environment and {"file": "environment.exr", "strength": environment.strength},
+        }
+    )
     return found
 
 
@@ -126,7 +130,9 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
             lines += [f"vt {u!r} {v!r}" for u, v in np.nan_to_num(uv).tolist()]
         if normals is not None:
             lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
-        flat = np.zeros(len(part.faces), bool) if normals is None else np.isnan(normals[part.faces]).any((1, 2))
+        flat = (
+            np.zeros(len(part.faces), bool) if normals is None else np.isnan(normals[part.faces]).any((1, 2))
+        )
         used = None
         offset_uv, offset_normal = _offsets(scene, number)
         for place, face in enumerate(part.faces.tolist()):
@@ -217,7 +223,9 @@ class Archive:
                     }
                     truths.append(restored(scene, reference.camera(aperture), arrays))
         except (ValueError, KeyError, OSError, IndexError, zipfile.BadZipFile) as error:
-            raise InputError(f"{self.path}: {case.name} in it is damaged ({error}); export it again") from error
+            raise InputError(
+                f"{self.path}: {case.name} in it is damaged ({error}); export it again"
+            ) from error
         if not agrees(case, truths):
             raise InputError(
                 f"{self.path}: has another truth of {case.name} than suite {SUITE}; export it again"

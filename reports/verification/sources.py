@@ -229,6 +229,48 @@ class Function(Source):
         return HogelImage(camera=self.reference.camera(aperture), color=color, **copies)
 
 
+def run_program(arguments: list[str], folder: Path, timeout_s: float, working: Path | None) -> None:
+    """Run a program to its end, its standard error in a folder, and end all that it started.
+
+    Raises Problem where it cannot be run, fails, or takes longer.
+    """
+    log, process = folder / "stderr", None
+
+    def told() -> str:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
+            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
+        return ": " + " | ".join(line.strip() for line in lines) if lines else ""
+
+    try:
+        # A process that was started is noted before a signal is obeyed. It has a session of its own, so
+        # that children of a hanging command end with it.
+        with delayed(), log.open("wb") as stderr:
+            process = subprocess.Popen(
+                arguments,
+                cwd=working,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=stderr,
+                start_new_session=True,
+            )
+        status = process.wait(timeout_s)
+    except OSError as error:
+        raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
+    except subprocess.TimeoutExpired as error:
+        how = f"ran longer than {timeout_s:g} s and was ended"
+        raise Problem(f"the command {how}{told()}") from error
+    finally:
+        if process is not None:
+            with delayed():
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+    if status:
+        how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
+        raise Problem(f"the command {how}{told()}")
+
+
 @dataclass(kw_only=True, eq=False)
 class Command(Source):
     """A program that is run once for each aperture, without a shell; the template is split as by a shell."""
@@ -254,7 +296,8 @@ class Command(Source):
         """Run the program and read what it wrote."""
         out = self.folder / f"hogel_{aperture.column}x{aperture.row}{self.suffix}"
         values = {"x": float(aperture.x), "y": float(aperture.y), "i": aperture.column, "j": aperture.row}
-        self._run([argument.format(**values, out=out) for argument in self._arguments])
+        arguments = [argument.format(**values, out=out) for argument in self._arguments]
+        run_program(arguments, self.folder, self.timeout_s, self.working)
         if not out.is_file():
             raise Problem("the command ended well, but wrote no file where {out} told it to")
         try:
@@ -264,44 +307,6 @@ class Command(Source):
             raise Problem(str(error).replace(str(out), "what the command wrote")) from error
         finally:
             out.unlink(missing_ok=True)
-
-    def _run(self, arguments: list[str]) -> None:
-        """Run the program to its end, and end all that it started."""
-        log, process = self.folder / "stderr", None
-
-        def told() -> str:
-            with log.open("rb") as file:
-                file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
-                lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
-            return ": " + " | ".join(line.strip() for line in lines) if lines else ""
-
-        try:
-            # A process that was started is noted before a signal is obeyed. It has a session of its own, so
-            # that children of a hanging command end with it.
-            with delayed(), log.open("wb") as stderr:
-                process = subprocess.Popen(
-                    arguments,
-                    cwd=self.working,
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=stderr,
-                    start_new_session=True,
-                )
-            status = process.wait(self.timeout_s)
-        except OSError as error:
-            raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
-        except subprocess.TimeoutExpired as error:
-            how = f"ran longer than {self.timeout_s:g} s and was ended"
-            raise Problem(f"the command {how}{told()}") from error
-        finally:
-            if process is not None:
-                with delayed():
-                    with suppress(ProcessLookupError):
-                        os.killpg(process.pid, signal.SIGKILL)
-                    process.wait()
-        if status:
-            how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
-            raise Problem(f"the command {how}{told()}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -605,10 +605,32 @@ _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 def write_junit(found: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, whole or not at all."""
     words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
-    verdicts = [hogel.verdict for hogel in found.hogels]
-    values = {"found": found, "words": words, "verdicts": verdicts, "table": table(found)}
-    text = svg_picture("junit.xml.j2", values, {"figures": figures_words})
-    write_output(path, _NOT_IN_XML.sub("\ufffd", text).encode(), "--junit")
+    cases = []
+    for hogel in found.hogels:
+        exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
+        text = "" if hogel.as_found is None else f"{figures_words(hogel.as_found)}\ndiagnosis: {words}"
+        name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
+        case = JUnitCase(found.scene.name or "scene", name, hogel.problem, exceeded, text)
+        cases.append(case)
+    write_output(path, junit(f"xfrustum verify {found.scene.name}", cases, table(found)), "--junit")
+
+
+@dataclass(frozen=True)
+class JUnitCase:
+    """One test case of JUnit; it passed where it has no error, no failure, and was not skipped."""
+
+    classname: str
+    name: str
+    error: str | None = None
+    failure: str | None = None
+    text: str = ""
+    skipped: str | None = None
+
+
+def junit(suite: str, cases: Sequence[JUnitCase], told: str) -> bytes:
+    """Return test cases as JUnit XML, with what is told of all of them."""
+    text = svg_picture("junit.xml.j2", {"suite": suite, "cases": cases, "told": told}, {})
+    return _NOT_IN_XML.sub("\ufffd", text).encode()
 
 
 def sentence(found: Verification) -> str:

@@ -80,7 +80,9 @@ class Case:
         elif self.asked == "object-id":
             told = "the object, wherever no edge lies within rounding of the pixel's center"
         else:
-            told = "the triangle, any of a tie, or a neighbor at an edge within rounding of the pixel's center"
+            told = (
+                "the triangle, any of a tie, or a neighbor at an edge within rounding of the pixel's center"
+            )
             told += f"; of surfaces that {self.depth} {self.mapping} stores as one depth, either"
         return f"{told}; else at most {100 * self.wrong:g} % of the pixels" if self.wrong else told
 

@@ -17,6 +17,7 @@ USES = {
     "Plan settings": ("planning", "recommend plan explain cost"),
     "Whole plates": ("plates", "plate survey"),
     "Verify another renderer": ("verifying", "verify camera convert"),
+    "State what a renderer does": ("conformance", "conformance"),
     "The viewer's eye": ("eye", "view"),
     "Studies and benchmarks": ("studies", "study bench"),
     "Checks of xfrustum itself": ("studies", "selfcheck"),

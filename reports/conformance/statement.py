@@ -1,0 +1,139 @@
+"""The verdicts of a renderer as files: a statement that can be cited, a page, JUnit, and a badge."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from xfrustum.compare.judging.conformance import Pixels
+from xfrustum.reports.common.outputs import Staging, json_ready
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.conformance.run import Verdict
+from xfrustum.reports.verification.verdict import JUnitCase, junit
+from xfrustum.scenes.conformance.suite import LEVELS, SUITE, suite_digest
+
+FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
+
+COLORS = {"pass": "brightgreen", "fail": "red", "unsupported": "lightgrey"}
+"""Colors of a badge, by the names that badge services know."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statement:
+    """What a renderer is found to do: its name, the device that it ran on, and a verdict for each case."""
+
+    renderer: str
+    device: str
+    verdicts: tuple[Verdict, ...]
+
+    @cached_property
+    def levels(self) -> dict[str, str]:
+        """The verdict of each level that was asked: pass where no case fails and some case passes."""
+        found = {}
+        for level in LEVELS:
+            told = {one.verdict for one in self.verdicts if one.level == level}
+            if told:
+                found[level] = "fail" if "fail" in told else "pass" if "pass" in told else "unsupported"
+        return found
+
+    @property
+    def passed(self) -> bool:
+        """Whether no case fails; a renderer claims what it does not call unsupported."""
+        return "fail" not in self.levels.values()
+
+    @property
+    def counts(self) -> dict[str, Counter[str]]:
+        """Numbers of cases by level and verdict."""
+        return {
+            level: Counter(one.verdict for one in self.verdicts if one.level == level)
+            for level in self.levels
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        passed = [level for level, told in self.levels.items() if told == "pass"]
+        failed = [level for level, told in self.levels.items() if told == "fail"]
+        parts = [f"passes {', '.join(passed)}"] if passed else []
+        parts += [f"fails {', '.join(failed)}"] if failed else []
+        return f"{self.renderer} {' and '.join(parts) or 'claims none of these cases'} of suite {SUITE}."
+
+    @property
+    def partly(self) -> set[str]:
+        """Levels that are passed without some of their cases, which the renderer does not claim."""
+        return {level for level, told in self.counts.items() if told["unsupported"] and told["pass"]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return statement.json."""
+        cases = []
+        for one in self.verdicts:
+            entry = json_ready(one)
+            del entry["pictures"]
+            cases.append(entry)
+        return {
+            "suite": SUITE,
+            "suite_digest": suite_digest(),
+            "xfrustum": metadata.version("xfrustum"),
+            "renderer": self.renderer,
+            "device": self.device,
+            "levels": self.levels,
+            "cases": cases,
+        }
+
+    def badge(self) -> dict[str, Any]:
+        """Return badge.json, in the form that badge services read."""
+        passed = [
+            level + ("*" if level in self.partly else "") for level, v in self.levels.items() if v == "pass"
+        ]
+        kind = "pass" if passed else "fail" if "fail" in self.levels.values() else "unsupported"
+        color = "yellow" if passed and not self.passed else COLORS[kind]
+        message = " ".join(passed) or ("no level" if kind == "fail" else "nothing claimed")
+        return {"schemaVersion": 1, "label": f"hogel conformance {SUITE}", "message": message, "color": color}
+
+    def table(self) -> str:
+        """Return the verdict as lines: a line for each level, and one for each case that fails."""
+        lines = [self.sentence]
+        for level, told in self.levels.items():
+            counts = ", ".join(f"{count} {name}" for name, count in sorted(self.counts[level].items()))
+            lines.append(f"{level}  {told:<11}  {counts:<32}  {LEVELS[level]}")
+        for one in self.verdicts:
+            if one.verdict == "fail":
+                lines.append(f"  {one.name}: {one.cause}: {'; '.join(one.words) or pixels_words(one.pixels)}")
+        return "\n".join(lines)
+
+
+def pixels_words(pixels: Pixels) -> str:
+    """Return the numbers of a case in words."""
+    causes = {name: getattr(pixels, name) for name in ("tie", "edge", "order", "lost", "unexplained")}
+    told = ", ".join(f"{count:,} {name}" for name, count in causes.items() if count)
+    return f"{pixels.wrong:,} of {pixels.shown:,} pixels wrong" + (f" ({told})" if told else "")
+
+
+def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
+    """Write statement, page, JUnit and badge, all or nothing."""
+    with Staging(out, FILES) as staging:
+        staging.write(STATEMENT, found.summary())
+        staging.write(BADGE, found.badge())
+        staging.write(
+            JUNIT, junit(f"xfrustum conformance {SUITE}", junit_cases(found.verdicts), found.table())
+        )
+        values = {"found": found, "suite": SUITE, "levels": LEVELS, "badge": found.badge()}
+        staging.write(PAGE, html_page("conformance.html.j2", values, {"pixels": pixels_words}))
+        return staging.commit()
+
+
+def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
+    """Return a test case of JUnit for each case."""
+    cases = []
+    for one in verdicts:
+        told = one.cause or "not claimed"
+        failure = f"{told}: {'; '.join(one.words)}" if one.verdict == "fail" else None
+        skipped = told if one.verdict == "unsupported" else None
+        case = JUnitCase(one.level, one.name, None, failure, pixels_words(one.pixels), skipped)
+        cases.append(case)
+    return cases

@@ -1,0 +1,188 @@
+"""`conformance`: a renderer taken through a frozen suite of cases, and a statement that can be cited."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.options import FOLDER, POSITIVE, TEXT, option
+
+if TYPE_CHECKING:
+    from xfrustum.reports.conformance.run import Contestant
+    from xfrustum.scenes.conformance.suite import Case
+
+_LEVELS = options.list_of(options.one_of(f"L{number}" for number in range(7)))
+_NAMES = options.list_of(options.Read("NAME", str, "names of cases"))
+
+
+@click.group(
+    no_args_is_help=False, epilog="\b\nExample:\n  xfrustum conformance run --python renderer:draw --level L0"
+)
+def conformance() -> None:
+    """Take a renderer through a frozen suite of cases, and state what it does."""
+
+
+class _Chosen(options.Measured):
+    level = option(_LEVELS, "Levels, such as L0,L1.  [default: all]", default=())
+    case = option(_NAMES, "Names of cases.  [default: all]", default=())
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """The cases of the levels and names that are given."""
+        from xfrustum.scenes.conformance.suite import chosen
+
+        levels = tuple(level.upper() for level in self.level)
+        return chosen(levels, tuple(self.case))
+
+
+class _List(_Chosen):
+    pass
+
+
+@options.command("xfrustum conformance list --level L0", conformance)
+def list_(asked: _List) -> None:
+    """List the cases of the suite."""
+    from xfrustum.scenes.conformance.suite import LEVELS, SUITE
+
+    cases = asked.cases
+    names = ("name", "level", "hogels", "digest")
+    entries = [{name: getattr(case, name) for name in names} for case in cases]
+
+    def text() -> str:
+        width, lines = max(len(case.name) for case in cases), list[str]()
+        for level, words in LEVELS.items():
+            some = [case for case in cases if case.level == level]
+            lines += [f"{level}: {words} ({len(some)} cases)"] if some else []
+            lines += [
+                f"  {one.name:<{width}}  {one.asked:<11}  {len(one.hogels)} hogels  {one.why}" for one in some
+            ]
+        return "\n".join([*lines, f"suite {SUITE}: {len(cases)} cases"])
+
+    asked.tell(lambda: {"suite": SUITE, "cases": entries}, text)
+
+
+list_.name = "list"
+conformance.commands["list"] = conformance.commands.pop("list_", list_)
+
+
+class _Show(options.Printed):
+    name: str = options.argument()
+    out = option(FOLDER, "Folder for what a renderer is handed, in case/, and the true images, in truth/.")
+
+
+@options.command("xfrustum conformance show L0-behind --out first", conformance)
+def show(asked: _Show) -> None:
+    """Show what a case asks; with --out, write what a renderer is handed, and the true images beside it."""
+    from xfrustum.scenes.conformance.suite import chosen
+
+    (case,) = chosen(names=(asked.name,))
+    from xfrustum.reports.common.outputs import refused
+    from xfrustum.reports.conformance import cases, run
+
+    scene = case.open()
+    described = cases.described(case, scene)
+    if asked.out is not None:
+        with refused(f"--out {asked.out}: cannot write there"):
+            cases.write_case(case, scene, asked.out / "case")
+            (asked.out / "truth").mkdir(exist_ok=True)
+            for truth in cases.traced(case, scene):
+                index = truth.camera.aperture.index
+                run.write_hogel(case, asked.out / "truth", index, run.encoded_truth(case, truth))
+    keys = ("name", "level", "why", "asked", "accepted", "hogels", "resolution", "near", "depth", "mapping")
+    lines = [f"{key}: {described[key]}" for key in keys if described[key] is not None]
+    lines.append(f"triangles: {len(scene.faces):,} in {len(scene.objects)} objects")
+    lines += [f"digest: {case.digest}"]
+    lines += [] if asked.out is None else [str(asked.out / "case"), str(asked.out / "truth")]
+    asked.tell(lambda: {**described, "digest": case.digest}, lambda: "\n".join(lines))
+
+
+class _Judged(_Chosen):
+    truths = option(FOLDER, "Archive of `export`: truths are unpacked and not traced.", "--truth")
+    renderer = option(TEXT, "Name of the renderer in the statement.  [default: how it is given]")
+    device = option(TEXT, "Device that it ran on, in the statement.  [default: this machine's processor]")
+    engine = options.engine_options("this process", draws=False)
+    out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
+
+    def judge(self, contestant: Contestant) -> int:
+        """Take the renderer through the cases, write and print what is found; return the exit status."""
+        cases = self.cases
+        if not cases:
+            raise click.UsageError("no case has these names in these levels")
+        from xfrustum.reports.blocks import HERE
+        from xfrustum.reports.common.provenance import machine
+        from xfrustum.reports.conformance import run, statement
+        from xfrustum.reports.conformance.cases import open_archive, traced
+
+        options.check_out(self.out, statement.FILES)
+        truths = traced if self.truths is None else open_archive(self.truths.absolute())
+        trial = run.Trial(contestant=contestant, truths=truths)
+        verdicts = run.run(
+            cases, trial, self.out, self.engine or HERE, told=options.note, progress=self.progress
+        )
+        if verdicts is None:
+            options.note("this part is judged; the last one to be finished writes the statement")
+            return 0
+        found = statement.Statement(
+            renderer=self.renderer or contestant.name,
+            device=self.device or machine()["processor"],
+            verdicts=verdicts,
+        )
+        if self.out is not None:
+            statement.write_statement(found, self.out)
+        self.tell(found.summary, found.table)
+        return 0 if found.passed else options.LIMIT_EXCEEDED
+
+
+class _Run(_Judged):
+    command = option(TEXT, "Program, run once for each case: 'my-renderer {case} {out}'.")
+    images = option(TEXT, "Folder of images: DIR/NAME/hogel_{i}x{j}.png or .exr.")
+    python = option(TEXT, "Function in Python, module:function.")
+    timeout_s = option(POSITIVE, "Seconds that one case may take.", "--timeout", default=60.0)
+
+
+@options.command("xfrustum conformance run --command 'my-renderer {case} {out}' --out statement", conformance)
+def run(asked: _Run) -> int:
+    """Take a renderer through the suite; exit status 1 if any case fails.
+
+    For each case the renderer finds scene.obj, scene.glb, cameras.json, scene.npz and case.json in the folder
+    {case}, and writes {out}/hogel_{i}x{j}.png or .exr for each hogel that case.json asks for; or the file
+    {out}/unsupported with the reason. A run that was stopped goes on where it was.
+    """
+    from xfrustum.reports.conformance.run import Contestant
+
+    given = {"command": asked.command, "images": asked.images, "python": asked.python}
+    return asked.judge(Contestant(**given, timeout_s=asked.timeout_s))
+
+
+class _Judge(_Judged):
+    images: str = options.argument()
+
+
+@options.command("xfrustum conformance judge images --truth conformance-1.0.zip", conformance)
+def judge(asked: _Judge) -> int:
+    """Judge images that were drawn elsewhere: IMAGES/NAME/hogel_{i}x{j}.png or .exr; else as `run`."""
+    from xfrustum.reports.conformance.run import Contestant
+
+    return asked.judge(Contestant(images=asked.images))
+
+
+class _Export(_Chosen):
+    out: Path = option(FOLDER, "Folder for the archive.", required=True)
+
+
+@options.command("xfrustum conformance export --out archive", conformance)
+def export(asked: _Export) -> None:
+    """Write an archive of what renderers are handed and of all truths, for machines that do not trace."""
+    from xfrustum.reports.common.outputs import progress_bar
+    from xfrustum.reports.conformance import cases
+
+    with progress_bar(len(asked.cases), "export", "case", shown=asked.progress) as bar:
+        path = cases.export(asked.cases, asked.out, lambda _: bar.update())
+    size = path.stat().st_size
+    asked.tell(
+        lambda: {"archive": str(path), "bytes": size, "cases": len(asked.cases)},
+        lambda: f"{path}: {len(asked.cases)} cases, {size / 1e6:.1f} MB",
+    )
