@@ -61,6 +61,13 @@ class Pixels:
             **{one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(self)}
         )
 
+    @property
+    def words(self) -> str:
+        """The numbers in words."""
+        causes = {name: getattr(self, name) for name in ("tie", "edge", "order", "lost", "unexplained")}
+        told = ", ".join(f"{count:,} {name}" for name, count in causes.items() if count)
+        return f"{self.wrong:,} of {self.shown:,} pixels wrong" + (f" ({told})" if told else "")
+
     def within(self, case: Case) -> bool:
         """Return whether a case accepts them."""
         return self.unexplained <= case.wrong * self.shown
@@ -195,7 +202,7 @@ def _named_by_ties(truth: HogelImage, triangle: Numbers) -> Mask:
 
 
 def _beside_edges(scene: Scene, cameras: Sequence[RoundingCamera], truth: HogelImage, asked: Mask) -> Mask:
-    """Return those of the pixels (H, W) that are asked for at which rounding may show a neighbor's surface."""
+    """Return those of some pixels (H, W) at which rounding may show a neighbor's surface."""
     found = np.zeros_like(asked)
     inner, padded = slice(1, -1), np.pad(truth.triangle, 1, mode="edge")
     for down, right in AROUND:

@@ -7,10 +7,9 @@ that fails is verified once more, to name the cause.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
-import math
-import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -50,8 +49,8 @@ UNSUPPORTED = "unsupported"
 SUFFIXES = (".png", ".exr")
 
 Drawing = Callable[[Path, dict[str, Any], tuple[int, int]], Any]
-"""A renderer in Python: from the folder of a case, its case.json and a hogel to an array (H, W) of numbers plus
-one, 0 for nothing, or (H, W, 3) of linear radiance. NotImplementedError says that it does not claim the case."""
+"""A renderer in Python: it takes the folder of a case, its case.json and a hogel, and returns numbers plus
+one, 0 for nothing, (H, W), or linear radiance (H, W, 3); NotImplementedError where it claims nothing."""
 
 
 class UnsupportedError(Exception):
@@ -70,6 +69,17 @@ class Verdict:
     hogels: int = 0
     pixels: Pixels = field(default_factory=Pixels)
     pictures: dict[str, str] = field(default_factory=dict)  #: truth, image and error of the worst hogel
+
+    @property
+    def told(self) -> str:
+        """What is wrong, in words, or in numbers."""
+        return "; ".join(self.words) or self.pixels.words
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The faults that are named as the cause of a failure."""
+        unnamed = self.verdict != "fail" or self.cause in (None, "missing", "unexplained")
+        return () if unnamed else tuple(str(self.cause).split(", "))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +118,7 @@ class Contestant:
 
     @property
     def state(self) -> str:
-        """Digest of names, sizes and times of the files that its images depend on, as far as they are known."""
+        """Digest of names, sizes and times of the files that its images depend on, where they are known."""
         if self.command is not None:
             return ForeignRenderer(command=self.command, folder=self.working).state(())
         if self.python is not None:
@@ -117,7 +127,8 @@ class Contestant:
             )
         place = self.working / str(self.images)
         files = (file for file in place.rglob("*") if file.is_file())
-        return repr([(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)])
+        known = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)]
+        return hashlib.sha256(repr(known).encode()).hexdigest()
 
     def function(self) -> Drawing:
         """Return the function of a renderer in Python; InputError where there is none."""
@@ -193,7 +204,8 @@ class Trial:
 
     def verdict(self, case: Case) -> Verdict:
         """Let the renderer draw a case, judge it, and name the cause where it fails."""
-        scene, found = case.open(), {"name": case.name, "level": case.level}
+        scene = case.open()
+        found: dict[str, Any] = {"name": case.name, "level": case.level}
         with Aside(scratch_folder(), folder=True) as aside:
             try:
                 out = self.contestant.draw(case, scene, aside.path)
@@ -342,7 +354,32 @@ def run(
             workers.run(job, blocks, len(blocks), progress=progress)
         if not all(map(job.finished, every)):
             return None
-        return tuple(map(job.verdict, every))
+        return agreed(list(map(job.verdict, every)))
+
+
+MIN_AGREEING = 0.5
+"""Smallest share of the failed cases of a level with a named cause that must name a fault, for it to stand:
+a case with few surfaces may be explained by a fault that the others do not have."""
+
+
+def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
+    """Return verdicts whose causes are those that the cases of a level agree on; others become guesses."""
+    found = []
+    for one in verdicts:
+        known = [
+            set(other.cause.split(", "))
+            for other in verdicts
+            if other.level == one.level and other.faults and other.cause is not None
+        ]
+        stands = [
+            name for name in one.faults if sum(name in some for some in known) >= MIN_AGREEING * len(known)
+        ]
+        if one.faults and not stands:
+            words = tuple(f"perhaps {told}" for told in one.words)
+            found.append(replace(one, cause="unexplained", words=words))
+        else:
+            found.append(replace(one, cause=", ".join(stands)) if stands else one)
+    return tuple(found)
 
 
 def encoded_truth(case: Case, truth: HogelImage) -> Any:
@@ -351,11 +388,3 @@ def encoded_truth(case: Case, truth: HogelImage) -> Any:
         return truth.color
     numbers = truth.triangle if case.asked == "triangle-id" else truth.object
     return Reading(encoding=Encoding(case.asked)).stored(numbers)
-
-
-def seconds_of(processes: bool = True) -> float:
-    """Return the CPU seconds of this process, and of those that it started and that have ended."""
-    used = os.times()
-    return math.fsum(
-        (used.user, used.system, *((used.children_user, used.children_system) if processes else ()))
-    )

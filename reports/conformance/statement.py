@@ -10,7 +10,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from xfrustum.compare.judging.conformance import Pixels
 from xfrustum.reports.common.outputs import Staging, json_ready
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.conformance.run import Verdict
@@ -101,17 +100,9 @@ class Statement:
         for level, told in self.levels.items():
             counts = ", ".join(f"{count} {name}" for name, count in sorted(self.counts[level].items()))
             lines.append(f"{level}  {told:<11}  {counts:<32}  {LEVELS[level]}")
-        for one in self.verdicts:
-            if one.verdict == "fail":
-                lines.append(f"  {one.name}: {one.cause}: {'; '.join(one.words) or pixels_words(one.pixels)}")
+        failed = (one for one in self.verdicts if one.verdict == "fail")
+        lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed]
         return "\n".join(lines)
-
-
-def pixels_words(pixels: Pixels) -> str:
-    """Return the numbers of a case in words."""
-    causes = {name: getattr(pixels, name) for name in ("tie", "edge", "order", "lost", "unexplained")}
-    told = ", ".join(f"{count:,} {name}" for name, count in causes.items() if count)
-    return f"{pixels.wrong:,} of {pixels.shown:,} pixels wrong" + (f" ({told})" if told else "")
 
 
 def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
@@ -123,7 +114,7 @@ def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
             JUNIT, junit(f"xfrustum conformance {SUITE}", junit_cases(found.verdicts), found.table())
         )
         values = {"found": found, "suite": SUITE, "levels": LEVELS, "badge": found.badge()}
-        staging.write(PAGE, html_page("conformance.html.j2", values, {"pixels": pixels_words}))
+        staging.write(PAGE, html_page("conformance.html.j2", values))
         return staging.commit()
 
 
@@ -134,6 +125,6 @@ def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
         told = one.cause or "not claimed"
         failure = f"{told}: {'; '.join(one.words)}" if one.verdict == "fail" else None
         skipped = told if one.verdict == "unsupported" else None
-        case = JUnitCase(one.level, one.name, None, failure, pixels_words(one.pixels), skipped)
+        case = JUnitCase(one.level, one.name, None, failure, one.pixels.words, skipped)
         cases.append(case)
     return cases

@@ -81,7 +81,7 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
         try:
             if not FORMAT.fullmatch(form or "") or conversion:
                 raise ValueError
-            format(EXAMPLES[str(name)], form or "")
+            format(EXAMPLES.get(str(name), Path("x")), form or "")
         except (ValueError, TypeError) as error:
             asked = f"{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}"
             raise InputError(

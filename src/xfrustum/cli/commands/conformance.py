@@ -153,8 +153,10 @@ def run(asked: _Run) -> int:
     """
     from xfrustum.reports.conformance.run import Contestant
 
-    given = {"command": asked.command, "images": asked.images, "python": asked.python}
-    return asked.judge(Contestant(**given, timeout_s=asked.timeout_s))
+    contestant = Contestant(
+        command=asked.command, images=asked.images, python=asked.python, timeout_s=asked.timeout_s
+    )
+    return asked.judge(contestant)
 
 
 class _Judge(_Judged):

@@ -1,0 +1,14 @@
+"""Run a renderer that writes PPM on a case, and make PNG of its images: as_png.py RENDERER CASE OUT."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+renderer, case, out = sys.argv[1:]
+done = subprocess.run([renderer, case, out], check=False)
+for file in Path(out).glob("*.ppm"):
+    with Image.open(file) as picture:
+        picture.save(file.with_suffix(".png"))
+sys.exit(done.returncode)

@@ -1,0 +1,90 @@
+"""Renderers that are taken through the conformance suite: the ray caster of `tests.wrong_renderers`.
+
+It reads the folder of a case alone. What it gets wrong is a toy of `tests.wrong_renderers`, chosen by the
+variable XFRUSTUM_TOY, or a mistake that is made here.
+"""
+
+import json
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.wrong_renderers import ray_caster
+from tests.wrong_renderers.new_toys import TOYS
+from tests.wrong_renderers.ray_caster import RIGHT, Mistakes, linear
+from tests.wrong_renderers.worlds import Floats, Ints, Part, World
+
+
+@cache
+def world_of(folder: Path, asked_name: str) -> World:
+    """Return the scene of a case's folder."""
+    asked = json.loads((folder / "case.json").read_text())
+    scene = np.load(folder / "scene.npz")
+    parts = []
+    lit = asked["asked"] in ("rgb", "srgb")
+    if lit:
+        shiny = [any(one["material"]["reflectivity"]) for one in asked["objects"]]
+        if asked["environment"] or any(shiny) or any(one["textured"] for one in asked["objects"]):
+            raise NotImplementedError("reflection and textures")
+        if len(asked["lights"]) != 1 or asked["lights"][0]["color"] != [1.0, 1.0, 1.0]:
+            raise NotImplementedError("one white light")
+        if asked["apertures"][0]["sub_apertures"]:
+            raise NotImplementedError("band limiting")
+    for number, one in enumerate(asked["objects"]):
+        begin, end = scene["first_triangle"][number : number + 2]
+        first, last = scene["first_vertex"][number : number + 2]
+        look = one["material"]
+        corners, faces = scene["vertices"][first:last], scene["faces"][begin:end] - first
+        parts.append(
+            Part(
+                name=one["name"], corners=corners, faces=faces, diffuse=tuple(look["diffuse"]),
+                ambient=look["ambient"][0], specular=look["specular"][0], exponent=look["exponent"],
+                smooth=one["smooth"], hidden=asked_name == "L0-numbers" and bool((corners[:, 0] > 300).all()),
+            )
+        )  # fmt: skip
+    screen = asked["screen"]
+    return World(
+        name=asked_name,
+        size=tuple(asked["plate"]["size"]),
+        hogels=tuple(asked["plate"]["hogels"]),
+        resolution=tuple(asked["resolution"]),
+        reach=tuple(asked["reach"]),
+        parts=tuple(parts),
+        light=tuple(asked["lights"][0]["direction"]),
+        fov_deg=tuple(np.degrees(asked["fov"]).tolist()) if asked["fov"] else (0.0, 0.0),
+        screen=screen and (screen["height"], *screen["center"], *screen["size"]),
+    )
+
+
+def drawn_right(
+    folder: Path, asked: dict[str, Any], hogel: tuple[int, int], wrong: Mistakes = RIGHT
+) -> Floats | Ints:
+    """Draw a hogel as the ray caster does, with the near offset that is stated."""
+    world = world_of(folder, asked["name"])
+    mistakes = replace(wrong, near=asked["near"]) if asked["near"] and not wrong.near else wrong
+    shown = ray_caster.draw(world, *hogel, mistakes)
+    if asked["asked"] in ("rgb", "srgb"):
+        return shown.radiance
+    return ray_caster.numbers(world, shown, asked["asked"])
+
+
+def draw(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats | Ints:
+    """Draw a hogel as the ray caster does, rightly."""
+    return drawn_right(folder, asked, hogel)
+
+
+def toy(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats | Ints:
+    """Draw a hogel as the wrong renderer does that the environment names."""
+    name = os.environ["XFRUSTUM_TOY"]
+    if asked["near"]:
+        raise NotImplementedError("no stated near offset")
+    picture = TOYS[name].draw(world_of(folder, asked["name"]), *hogel, asked["asked"]).astype(np.int64)
+    if asked["asked"] == "rgb":
+        return picture / 255
+    if asked["asked"] == "srgb":
+        return linear(picture / 255)
+    return np.asarray(picture @ [65536, 256, 1])

@@ -1,0 +1,259 @@
+"""The conformance suite end to end: frozen truths, a right renderer, wrong ones, and what a run leaves."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conformance.table import WRONG, tally, tried
+from xfrustum import InputError, open_scene
+from xfrustum.cli.main import main
+from xfrustum.compare.judging.conformance import agrees, judged, trace
+from xfrustum.reference import Reference
+from xfrustum.reports.blocks import Engine
+from xfrustum.reports.conformance.cases import Archive, export, open_archive, traced, write_case
+from xfrustum.reports.conformance.run import Contestant, Trial, run, write_hogel
+from xfrustum.reports.conformance.statement import FILES, Statement, write_statement
+from xfrustum.scenes.conformance.suite import LEVELS, Case, cases, chosen
+from xfrustum.scenes.model.hogel_image import HogelImage
+
+RIGHT = Contestant(python="tests.conformance.renderers:draw")
+FEW = ("L0-both-sides", "L0-order", "L0-placed")
+SOME = chosen(
+    names=("L0-both-sides", "L1-torus-before", "L2-harbor-d16-standard", "L4-lit-from-viewer-before")
+)
+
+
+def of(name: str) -> Case:
+    return chosen(names=(name,))[0]
+
+
+def truth_of(name: str) -> tuple[Case, Any, HogelImage]:
+    case = of(name)
+    scene = case.open()
+    return case, scene, trace(case, Reference(scene), case.apertures(scene)[0])
+
+
+def test_the_suite_has_some_120_cases_in_all_levels() -> None:
+    assert 110 <= len(cases()) <= 140
+    assert {case.level for case in cases()} == set(LEVELS)
+    assert len({case.name for case in cases()}) == len(cases())
+    assert all(case.why and case.digest and case.hogels for case in cases())
+
+
+@pytest.mark.parametrize("name", ["L0-behind", "L1-harbor-middle", "L3-attic-2", "L6-coincident-copies"])
+def test_a_truth_is_the_frozen_one(name: str) -> None:
+    case = of(name)
+    assert agrees(case, traced(case, case.open()))
+
+
+@pytest.mark.slow
+def test_all_truths_are_the_frozen_ones() -> None:
+    for case in cases():
+        traced(case, case.open())
+
+
+def test_another_truth_is_refused() -> None:
+    case = replace(of("L0-behind"), digest="0" * 64)
+    with pytest.raises(RuntimeError, match="digest"):
+        traced(case, case.open())
+
+
+def test_a_right_renderer_passes() -> None:
+    verdicts = run(SOME, Trial(contestant=RIGHT))
+    assert [one.verdict for one in verdicts] == ["pass"] * len(SOME)
+    assert all(one.pixels.shown > 100 and one.pixels.unexplained == 0 for one in verdicts)
+
+
+@pytest.mark.parametrize("name", ["mirrored", "blue-red", "no-front"])
+def test_a_wrong_convention_fails_its_level_with_its_cause(name: str) -> None:
+    one = next(one for one in WRONG if one.name == name)
+    found = tried(one, FEW)
+    assert found.right_level
+    assert found.right_cause
+    assert not found.false_reasons
+
+
+@pytest.mark.slow
+def test_wrong_renderers_fail_the_right_level_for_the_right_cause() -> None:
+    done = [tried(one) for one in WRONG]
+    assert len(done) >= 40
+    assert not [one.renderer.name for one in done if one.level is None], tally(done)
+    assert not [one.renderer.name for one in done if not one.right_level], tally(done)
+    assert not [one.renderer.name for one in done if not one.right_cause], tally(done)
+
+
+def test_one_wrong_pixel_fails_and_one_beside_an_edge_does_not() -> None:
+    case, scene, truth = truth_of("L1-box-behind")
+    inside = truth.triangle.copy()
+    row, column = np.argwhere(truth.triangle >= 0)[len(inside) // 2]
+    inside[row, column] = (inside[row, column] + 5) % len(scene.faces)
+    pixels, left = judged(case, scene, truth, replace(truth, triangle=inside))
+    assert pixels.unexplained == left.sum() == 1
+    assert not pixels.within(case)
+    assert judged(case, scene, truth, truth)[0].wrong == 0
+
+
+def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
+    case, scene, truth = truth_of("L6-coincident-copies")
+    first = truth.triangle[truth.companions[:, 0], truth.companions[:, 1]]
+    row, column, other = truth.companions[truth.companions[:, 2] != first].T
+    second, third = truth.triangle.copy(), truth.triangle.copy()
+    second[row, column] = other
+    inner = len(row) // 2
+    third[row[inner], column[inner]] = (other[inner] + 700) % len(scene.faces)
+    assert judged(case, scene, truth, replace(truth, triangle=second))[0].tie > 100
+    assert judged(case, scene, truth, replace(truth, triangle=second))[0].within(case)
+    assert not judged(case, scene, truth, replace(truth, triangle=third))[0].within(case)
+
+
+@pytest.mark.parametrize("name", ["L0-placed", "L1-harbor-middle", "L4-smooth", "L4-texture-behind"])
+def test_the_handed_mesh_is_the_scene(name: str, tmp_path: Path) -> None:
+    case, scene, _ = truth_of(name)
+    write_case(case, scene, tmp_path)
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        "[plate]\nsize = [1.0, 1.0]\nhogels = [1, 1]\n[frustum]\nresolution = [8, 8]\nfov_deg = [50.0, 50.0]\n"
+        'reach = [1.0, 1.0]\n[[object]]\nmesh = "scene.obj"\n'
+    )
+    read = open_scene(file)
+    assert np.array_equal(read.triangles, scene.triangles)
+    if scene.objects[0].vertex_normals is not None:
+        normals = [part.vertex_normals[part.faces] for part in scene.objects]
+        (mesh,) = read.objects
+        assert np.allclose(mesh.vertex_normals[mesh.faces], np.concatenate(normals))
+    assert (tmp_path / "scene.glb").read_bytes()[:4] == b"glTF"
+
+
+def test_an_archive_gives_the_same_statement_and_nothing_is_traced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = export(SOME, tmp_path)
+    fresh = run(SOME, Trial(contestant=RIGHT))
+    monkeypatch.setattr("xfrustum.reports.conformance.cases.trace", None)
+    monkeypatch.setattr("xfrustum.compare.renderer_model.pictures.first_surfaces", None)
+    packed = run(SOME, Trial(contestant=RIGHT, truths=Archive(path=path)))
+    statements = [
+        json.dumps(Statement(renderer="r", device="d", verdicts=one).summary()) for one in (fresh, packed)
+    ]
+    assert statements[0] == statements[1]
+
+
+def test_images_of_a_folder_are_judged_and_missing_ones_are_named(tmp_path: Path) -> None:
+    case, _, truth = truth_of("L0-both-sides")
+    (tmp_path / case.name).mkdir()
+    write_hogel(case, tmp_path / case.name, case.hogels[0], truth.triangle + 1)
+    absent = of("L0-behind")
+    (tmp_path / "L0-order").mkdir()
+    write_hogel(case, tmp_path / "L0-order", (0, 0), truth.triangle + 1)
+    found = run((case, absent, of("L0-order")), Trial(contestant=Contestant(images=str(tmp_path))))
+    assert [one.verdict for one in found] == ["pass", "unsupported", "fail"]
+    assert found[2].cause == "missing"
+
+
+PROGRAM = """
+import json, shutil, sys
+from pathlib import Path
+case, out, truths = map(Path, sys.argv[1:])
+asked = json.loads((case / "case.json").read_text())
+with open("calls", "a") as calls: calls.write(asked["name"] + chr(10))
+if asked["level"] == "L1": (out / "unsupported").write_text("no surfaces")
+elif (truths / asked["name"]).exists():
+    for file in (truths / asked["name"]).iterdir(): shutil.copy(file, out)
+else: sys.exit("no such truth")
+"""
+
+
+def test_a_command_is_run_once_for_each_case_and_a_stopped_run_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("program.py").write_text(PROGRAM)
+    case, _, truth = truth_of("L0-behind")
+    Path("truths", case.name).mkdir(parents=True)
+    write_hogel(case, Path("truths", case.name), case.hogels[0], truth.triangle + 1)
+    command = f"{sys.executable} program.py {{case}} {{out}} truths"
+    names = "L0-behind,L1-box-behind,L0-nothing"
+    asked = ["conformance", "run", "--command", command, "--case", names, "--out", "said", "--quiet"]
+    assert main(asked) == 1
+    statement = json.loads(Path("said/statement.json").read_text())
+    assert {one["name"]: one["verdict"] for one in statement["cases"]} == {
+        "L0-behind": "pass", "L0-nothing": "fail", "L1-box-behind": "unsupported",
+    }  # fmt: skip
+    assert all(Path("said", name).exists() for name in FILES)
+    assert json.loads(Path("said/badge.json").read_text())["schemaVersion"] == 1
+    # A part that is gone is made again, and no other.
+    Path("calls").unlink()
+    parts = sorted(Path("said/conformance.parquet").glob("part-*"))
+    parts[0].unlink()
+    capsys.readouterr()
+    main([*asked, "--json"])
+    out, err = capsys.readouterr()
+    assert json.loads(out)["cases"] == statement["cases"]
+    assert "2 of 3 cases were judged before" in err
+    assert Path("calls").read_text().split() == ["L0-behind"]
+
+
+def test_workers_say_what_one_process_says(tmp_path: Path) -> None:
+    some = SOME[:2]
+    alone = run(some, Trial(contestant=RIGHT))
+    assert run(some, Trial(contestant=RIGHT), tmp_path / "two", Engine(workers=2)) == alone
+
+
+def test_list_show_and_export_print_what_they_say(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["conformance", "list", "--json"]) in (0, None)
+    listed = json.loads(capsys.readouterr().out)
+    assert listed["suite"] == "1.0"
+    assert {"name", "level", "hogels", "digest"} == set(listed["cases"][0])
+    main(["conformance", "show", "L0-behind", "--out", str(tmp_path / "first")])
+    assert "accepted: the triangle" in capsys.readouterr().out
+    assert {file.name for file in (tmp_path / "first/case").iterdir()} >= {
+        "scene.obj",
+        "scene.glb",
+        "case.json",
+    }
+    assert (tmp_path / "first/truth/hogel_1x1.png").exists()
+    main(["conformance", "export", "--case", "L0-behind", "--out", str(tmp_path / "a"), "--quiet"])
+    assert "1 cases" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"command": "program {case}"},
+        {"command": "program {scene} {out}"},
+        {"images": "nowhere"},
+        {"python": "module"},
+        {"python": "json:loads", "images": "."},
+    ],
+)
+def test_a_renderer_that_cannot_be_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        Contestant(**given)
+
+
+def test_unknown_cases_and_modules_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="L0-behind"):
+        chosen(names=("L0-behnd",))
+    with pytest.raises(InputError, match="nowhere"):
+        run(SOME[:1], Trial(contestant=Contestant(python="nowhere_at_all:draw")))
+    (tmp_path / "a.zip").write_bytes(b"no archive")
+    with pytest.raises(InputError, match="no archive"):
+        open_archive(tmp_path / "a.zip")
+
+
+def test_a_page_names_what_fails(tmp_path: Path) -> None:
+    found = tried(next(one for one in WRONG if one.name == "mirrored"), FEW)
+    statement = Statement(renderer="<mirror>", device="none", verdicts=found.verdicts)
+    write_statement(statement, tmp_path)
+    page = (tmp_path / "index.html").read_text()
+    assert "&lt;mirror&gt;" in page
+    assert "orientation" in page
+    assert 'failures="3"' in (tmp_path / "junit.xml").read_text()
