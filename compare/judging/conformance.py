@@ -25,7 +25,7 @@ from xfrustum.compare.renderer_model.pictures import (
     drawn,
     reference_colors,
 )
-from xfrustum.compare.rounding.causes import find_causes
+from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
@@ -154,10 +154,12 @@ def judged(
         differs = truth.triangle != image.triangle
         tied = differs & _named_by_ties(truth, image.triangle)
         causes = find_causes(scene.triangles, cameras, truth, image, np.flatnonzero(differs & ~tied))
-        pixels = Pixels(
-            shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **causes.counts()
-        )
-        return pixels, causes.unexplained
+        # An edge excuses no triangle that lies elsewhere.
+        kept = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
+        counts = causes.some(kept).counts()
+        left = causes.unexplained | (differs & ~tied & ~_scattered(differs.shape, causes.pixels[kept]))
+        counts["unexplained"] = int(left.sum())
+        return Pixels(shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **counts), left
     if case.colored:
         if image.color is None:
             image = replace(image, color=np.full((*truth.triangle.shape, 3), np.nan, dtype=np.float32))
@@ -181,6 +183,13 @@ def judged(
         unexplained=int(left.sum()),
     )
     return pixels, left
+
+
+def _scattered(shape: tuple[int, ...], pixels: Indices) -> Mask:
+    """Return a mask of some shape in which these pixels are marked, given by their flat numbers."""
+    found = np.zeros(shape, dtype=np.bool_)
+    found.reshape(-1)[pixels] = True
+    return found
 
 
 def _ties(truth: HogelImage) -> Mask:

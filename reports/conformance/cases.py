@@ -130,11 +130,13 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
             lines += [f"vt {u!r} {v!r}" for u, v in np.nan_to_num(uv).tolist()]
         if normals is not None:
             lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in np.nan_to_num(normals).tolist()]
-        flat = (
-            np.zeros(len(part.faces), bool) if normals is None else np.isnan(normals[part.faces]).any((1, 2))
-        )
+        flat = np.full(len(part.faces), normals is None)
+        if normals is not None:
+            flat |= np.asarray(np.isnan(normals[part.faces]).any(axis=(1, 2)))
         used = None
-        offset_uv, offset_normal = _offsets(scene, number)
+        before = scene.objects[:number]
+        offset_uv = 1 + sum(len(one.vertices) for one in before if one.uv is not None)
+        offset_normal = 1 + sum(len(one.vertices) for one in before if one.vertex_normals is not None)
         for place, face in enumerate(part.faces.tolist()):
             if part.texture_of_triangle is not None and part.texture_of_triangle[place] != used:
                 used = int(part.texture_of_triangle[place])
@@ -142,7 +144,7 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
             corners = []
             for vertex in face:
                 t = f"{vertex + offset_uv}" if uv is not None else ""
-                n = f"/{vertex + offset_normal}" if normals is not None and not flat[place] else ""
+                n = f"/{vertex + offset_normal}" if not flat[place] else ""
                 corners.append(f"{vertex + first}" + (f"/{t}{n}" if t or n else ""))
             lines.append(f"f {' '.join(corners)}")
         first += len(part.vertices)
@@ -151,15 +153,6 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
     if not materials:
         lines = lines[1:]
     return "\n".join(lines) + "\n", "\n".join(materials)
-
-
-def _offsets(scene: Scene, number: int) -> tuple[int, int]:
-    """Return the numbers of an object's first texture coordinate and normal in the file."""
-    before = scene.objects[:number]
-    return (
-        1 + sum(len(one.vertices) for one in before if one.uv is not None),
-        1 + sum(len(one.vertices) for one in before if one.vertex_normals is not None),
-    )
 
 
 def _binary_gltf(scene: Scene) -> bytes:

@@ -119,8 +119,8 @@ def test_the_handed_mesh_is_the_scene(name: str, tmp_path: Path) -> None:
     write_case(case, scene, tmp_path)
     file = tmp_path / "scene.toml"
     file.write_text(
-        "[plate]\nsize = [1.0, 1.0]\nhogels = [1, 1]\n[frustum]\nresolution = [8, 8]\nfov_deg = [50.0, 50.0]\n"
-        'reach = [1.0, 1.0]\n[[object]]\nmesh = "scene.obj"\n'
+        "[plate]\nsize = [1.0, 1.0]\nhogels = [1, 1]\n[frustum]\nresolution = [8, 8]\nfov_deg = [50.0, 50.0]"
+        '\nreach = [1.0, 1.0]\n[[object]]\nmesh = "scene.obj"\n'
     )
     read = open_scene(file)
     assert np.array_equal(read.triangles, scene.triangles)

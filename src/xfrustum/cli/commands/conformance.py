@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from xfrustum.reports.conformance.run import Contestant
     from xfrustum.scenes.conformance.suite import Case
 
-_LEVELS = options.list_of(options.one_of(f"L{number}" for number in range(7)))
+_KNOWN = tuple(f"L{number}" for number in range(7))
+_LEVEL = options.Read("LEVEL", lambda text: _KNOWN[_KNOWN.index(text.upper())], f"one of {', '.join(_KNOWN)}")
+_LEVELS = options.list_of(_LEVEL)
 _NAMES = options.list_of(options.Read("NAME", str, "names of cases"))
 
 
@@ -34,8 +36,7 @@ class _Chosen(options.Measured):
         """The cases of the levels and names that are given."""
         from xfrustum.scenes.conformance.suite import chosen
 
-        levels = tuple(level.upper() for level in self.level)
-        return chosen(levels, tuple(self.case))
+        return chosen(self.level, self.case)
 
 
 class _List(_Chosen):
