@@ -33,7 +33,7 @@ from xfrustum.reports.conformance.cases import Truths, traced, write_case
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification.sources import ForeignRenderer, Problem, fields_of, run_program
 from xfrustum.reports.verification.verification import verify
-from xfrustum.scenes import HogelImage, InputError, Scene
+from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
@@ -182,8 +182,11 @@ class Contestant:
 
 
 def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> None:
-    """Write the image of a hogel from numbers plus one, or linear radiance, as a renderer writes it."""
+    """Write the image of a hogel from numbers plus one, linear radiance, or bytes of a picture."""
     path = out / f"hogel_{index[0]}x{index[1]}"
+    if case.colored and drawn.dtype == np.uint8:
+        Image.fromarray(drawn).save(path.with_suffix(".png"))
+        return
     if case.colored:
         planes = {name: drawn[..., place].astype(np.float32) for place, name in enumerate("RGB")}
         write_planes(path.with_suffix(".exr"), planes)
@@ -223,6 +226,9 @@ class Trial:
             found |= {"hogels": len(images), "pixels": pixels}
             if pixels.within(case):
                 return Verdict(**found, verdict="pass")
+            if not any(map(_shows, images.values())):
+                told = "nothing is shown, in any hogel"
+                return Verdict(**found, verdict="fail", cause="nothing-shown", words=(told,))
             return Verdict(**found, verdict="fail", **self._named(case, scene, out))
 
     def _image(self, case: Case, scene: Scene, out: Path, index: tuple[int, int]) -> HogelImage:
@@ -256,6 +262,12 @@ class Trial:
             "words": tuple(fault.words for fault in faults) or guesses,
             "pictures": {name: worst[name] for name in ("truth", "image", "error") if name in worst},
         }
+
+
+def _shows(image: HogelImage) -> bool:
+    """Return whether an image shows anything."""
+    named = (image.triangle != NOTHING).any() or (image.object != NOTHING).any()
+    return bool(named or (image.color is not None and (image.color > 0).any()))
 
 
 _VERDICT = TypeAdapter(Verdict)

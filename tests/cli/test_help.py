@@ -17,8 +17,8 @@ from xfrustum.cli.options import TRACERS
 CHEAP = ("scenes", "new", "check", "camera", "explain")
 """Examples that take about a second together; all others run with the slow tests."""
 
-NOT_RUN = ("study", "bench")
-"""Examples that measure speed or whole maps, which the tests of these commands run at smaller sizes."""
+NOT_RUN = ("study", "bench", "conformance")
+"""Examples that measure speed, whole maps or somebody's renderer, which tests of these commands run smaller."""
 
 
 def commands() -> dict[str, click.Command]:

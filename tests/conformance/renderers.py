@@ -15,7 +15,7 @@ import numpy as np
 
 from tests.wrong_renderers import ray_caster
 from tests.wrong_renderers.new_toys import TOYS
-from tests.wrong_renderers.ray_caster import RIGHT, Mistakes, linear
+from tests.wrong_renderers.ray_caster import RIGHT, Mistakes, Picture
 from tests.wrong_renderers.worlds import Floats, Ints, Part, World
 
 
@@ -64,6 +64,9 @@ def drawn_right(
     folder: Path, asked: dict[str, Any], hogel: tuple[int, int], wrong: Mistakes = RIGHT
 ) -> Floats | Ints:
     """Draw a hogel as the ray caster does, with the near offset that is stated."""
+    if not asked["objects"]:
+        width, height = asked["resolution"]
+        return np.zeros((height, width), dtype=np.int64)
     world = world_of(folder, asked["name"])
     mistakes = replace(wrong, near=asked["near"]) if asked["near"] and not wrong.near else wrong
     shown = ray_caster.draw(world, *hogel, mistakes)
@@ -77,14 +80,12 @@ def draw(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats 
     return drawn_right(folder, asked, hogel)
 
 
-def toy(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats | Ints:
+def toy(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Picture | Ints | Floats:
     """Draw a hogel as the wrong renderer does that the environment names."""
     name = os.environ["XFRUSTUM_TOY"]
     if asked["near"]:
         raise NotImplementedError("no stated near offset")
-    picture = TOYS[name].draw(world_of(folder, asked["name"]), *hogel, asked["asked"]).astype(np.int64)
-    if asked["asked"] == "rgb":
-        return picture / 255
-    if asked["asked"] == "srgb":
-        return linear(picture / 255)
-    return np.asarray(picture @ [65536, 256, 1])
+    picture = TOYS[name].draw(world_of(folder, asked["name"]), *hogel, asked["asked"])
+    if asked["asked"] in ("rgb", "srgb"):
+        return picture
+    return np.asarray(picture.astype(np.int64) @ [65536, 256, 1])
