@@ -227,8 +227,8 @@ class Trial:
             if pixels.within(case):
                 return Verdict(**found, verdict="pass")
             if not any(map(_shows, images.values())):
-                told = "nothing is shown, in any hogel"
-                return Verdict(**found, verdict="fail", cause="nothing-shown", words=(told,))
+                nothing = "nothing is shown, in any hogel"
+                return Verdict(**found, verdict="fail", cause="nothing-shown", words=(nothing,))
             return Verdict(**found, verdict="fail", **self._named(case, scene, out))
 
     def _image(self, case: Case, scene: Scene, out: Path, index: tuple[int, int]) -> HogelImage:

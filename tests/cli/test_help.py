@@ -18,7 +18,7 @@ CHEAP = ("scenes", "new", "check", "camera", "explain")
 """Examples that take about a second together; all others run with the slow tests."""
 
 NOT_RUN = ("study", "bench", "conformance")
-"""Examples that measure speed, whole maps or somebody's renderer, which tests of these commands run smaller."""
+"""Examples that measure speed, whole maps or a renderer, which tests of these commands run smaller."""
 
 
 def commands() -> dict[str, click.Command]:

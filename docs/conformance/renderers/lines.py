@@ -22,7 +22,7 @@ def lines(asked: dict[str, Any], hogel: tuple[int, int]) -> tuple[Any, Any]:
 
 
 def numbers(folder: Path, asked: dict[str, Any], hogel: tuple[int, int], first: Any) -> Any:
-    """Return what a case asks for from first triangles (H * W,), -1 for none, without those beyond the reach."""
+    """Return what a case asks for from first triangles (H * W,), -1 for none or beyond the reach."""
     scene = np.load(folder / "scene.npz")
     origins, directions = lines(asked, hogel)
     a, b, c = np.moveaxis(scene["vertices"][scene["faces"][np.maximum(first, 0)]], 1, 0)
