@@ -20,7 +20,8 @@ from xfrustum.raster.device.programs import (
     set_facing,
 )
 from xfrustum.raster.device.targets import Target
-from xfrustum.scenes.appearance.appearance import Material, decoded
+from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance.display import decoded
 from xfrustum.scenes.arrays import Bytes, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect

@@ -24,7 +24,7 @@ from xfrustum.reports.common.templates_environment import address, html_page, pn
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.scenes import Aperture, Cull, DoubleFrustum, HogelImage, Scene, notebook
-from xfrustum.scenes.appearance.appearance import LEVELS
+from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask

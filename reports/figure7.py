@@ -13,7 +13,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.scenes import Aperture, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance.appearance import LEVELS, encoded
+from xfrustum.scenes.appearance.display import LEVELS, encoded
 
 NEAR_PER_REACH = 1e-6
 """Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach

@@ -27,7 +27,7 @@ from xfrustum.reports.plate import store
 from xfrustum.reports.plate.store import COLOR, DAMAGE, TRIANGLE
 from xfrustum.reports.verification.sources import Files, Problem
 from xfrustum.scenes import NOTHING, DoubleFrustum, InputError, Offset
-from xfrustum.scenes.appearance.appearance import LEVELS
+from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.files.exr import write_eye_image

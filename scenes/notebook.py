@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.appearance.appearance import LEVELS, encoded
+from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Singles
 from xfrustum.scenes.errors import InputError
 

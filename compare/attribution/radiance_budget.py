@@ -23,7 +23,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.scenes.appearance.appearance import through_8_bits
+from xfrustum.scenes.appearance.display import through_8_bits
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError

@@ -25,7 +25,7 @@ from skimage.metrics import structural_similarity
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.reference.transport import PathTracer, RadianceEstimate
-from xfrustum.scenes.appearance.appearance import encoded
+from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

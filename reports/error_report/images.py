@@ -18,7 +18,7 @@ from skimage.measure import block_reduce
 from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.appearance.appearance import LEVELS, encoding_curve
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Floats, Mask
 
 if TYPE_CHECKING:

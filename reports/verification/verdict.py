@@ -38,7 +38,7 @@ from xfrustum.reports.common.templates_environment import Filters, address, html
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
-from xfrustum.scenes.appearance.appearance import LEVELS, encoding_curve
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.notebook import Figure, Shown, Table, plain

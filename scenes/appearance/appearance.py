@@ -1,4 +1,4 @@
-"""Phong materials, lights, an environment, and sRGB; both answers have own formulas (CONVENTIONS.md)."""
+"""Phong materials, lights and an environment; both answers have formulas of their own (CONVENTIONS.md)."""
 
 from __future__ import annotations
 
@@ -6,45 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from xfrustum.scenes.arguments import one_of, real, reals, settle
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
-
-LEVELS = 255  #: largest value of an 8-bit channel
-Kind = TypeVar("Kind", bound=np.floating)
-
-
-def encoding_curve(linear: NDArray[Kind]) -> NDArray[Kind]:
-    """Return sRGB values of linear ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
-    """Return linear values of sRGB ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
-
-
-def encoded(radiance: NDArray[np.floating]) -> Floats:
-    """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve; black for NaN."""
-    return encoding_curve(
-        np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
-    )
-
-
-def decoded(shown: NDArray[np.floating]) -> Floats:
-    """Return the linear radiance of sRGB values from 0 to 1."""
-    return decoding_curve(np.asarray(shown, dtype=np.float64))
-
-
-def through_8_bits(radiance: NDArray[np.floating]) -> Floats:
-    """Return the linear radiance that a picture has after 8-bit output."""
-    return decoded(np.rint(LEVELS * encoded(radiance)) / LEVELS)
-
 
 if TYPE_CHECKING:
     from xfrustum.scenes.arrays import Singles

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.appearance.appearance import decoding_curve, encoding_curve
+from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image

@@ -15,7 +15,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
-from xfrustum.scenes.appearance.appearance import encoded
+from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.exr import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect

@@ -39,7 +39,7 @@ from xfrustum.reports.budget import auto_budget
 from xfrustum.reports.scout import auto_apertures
 from xfrustum.reports.survey.survey import Chosen
 from xfrustum.scenes import Plate
-from xfrustum.scenes.appearance.appearance import encoded
+from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
 from xfrustum.scenes.notebook import MAX_SIDE_PX, MAX_TABLE_ROWS, Figure, Shown, Table, png
 

@@ -37,7 +37,8 @@ from xfrustum.reports.budget import CHAIN, command, table, write_budget
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material, decoded, encoded
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
+from xfrustum.scenes.appearance.display import decoded, encoded
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot

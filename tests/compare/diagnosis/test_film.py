@@ -16,7 +16,8 @@ from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, colored, t
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import Aperture, HogelImage, Scene
-from xfrustum.scenes.appearance.appearance import Material, decoding_curve, encoding_curve
+from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, Transfer, of_stored
 

@@ -28,7 +28,7 @@ from xfrustum.compare.metrics.radiance import (
 from xfrustum.reference import Reference
 from xfrustum.reference.transport import RadianceEstimate
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.appearance.appearance import decoded, encoded, through_8_bits
+from xfrustum.scenes.appearance.display import decoded, encoded, through_8_bits
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
