@@ -17,7 +17,7 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 	'tests/compare/diagnosis/test_faults.py::test_a_fault_of_sampling_of_the_cameras_or_of_composition_is_named_from_few_small_hogels[near]' \
 	tests/cli/test_cli.py
 
-.PHONY: help report test test-quick test-all test-blender fuzz kill setup lock docs clean
+.PHONY: help report test test-quick test-all test-blender test-device fuzz kill setup lock docs clean
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
@@ -25,6 +25,7 @@ help:
 	@echo 'make test-quick  one of each of them, in under a minute'
 	@echo 'make test-all  the same, with the slow tests'
 	@echo 'make test-blender  the tests that need Blender, which it installs into build/blender (900 MB)'
+	@echo 'make test-device  the tests of the truth on an NVIDIA card'
 	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
 	@echo 'make kill      signals at random moments of every command (KILL_ARGS="--count 5")'
 	@echo 'make setup     only the set-up: system packages where they are missing, and .venv'
@@ -70,6 +71,9 @@ $(READY): requirements.lock pyproject.toml $(wildcard scripts/*)
 test-blender: setup
 	scripts/make_blender_venv.sh
 	.venv/bin/pytest -m '' tests/reports/exchange/test_blender.py $(PYTEST_ARGS)
+
+test-device: setup
+	XFRUSTUM_DEVICE=cuda .venv/bin/pytest -m '' -rs tests/reference $(PYTEST_ARGS)
 
 fuzz: setup
 	.venv/bin/python -m tests.fuzz $(FUZZ_ARGS)

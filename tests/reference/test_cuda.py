@@ -103,7 +103,7 @@ def traced(driver: Path, folder: Path, *arguments: str) -> dict[str, str]:
     """Return the PTX of the kernels with doubles in them, by the names of their files in a folder."""
     environment = {
         **os.environ,
-        "XFRUSTUM_DEVICE": "cuda",
+        "XFRUSTUM_DEVICE": "auto",  # takes the card
         "DRJIT_LIBCUDA_PATH": str(driver),
         "KERNELS": str(folder),
     }
