@@ -679,7 +679,13 @@ def table(found: Verification) -> str:
 def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
-    return several if found.diagnosis.refuted else "no known fault explains what is wrong"
+    words = several if found.diagnosis.refuted else "no known fault explains what is wrong"
+    black = (found.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
+    if black and found.as_found is not None and found.as_found.by == "outlines":
+        # A surface that no light reaches and one that is not drawn make the same picture.
+        words += f"; {black:,} of the wrong pixels are black where the truth shows a surface: black is taken "
+        words += "for nothing; if they are unlit, draw with some ambient light, or write numbers of triangles"
+    return words
 
 
 def explained(found: Verification) -> list[str]:

@@ -239,7 +239,7 @@ def shade(world: World, hits: Hits, directions: Floats, wrong: Mistakes) -> Floa
     light = np.broadcast_to(np.array(world.light) / np.linalg.norm(world.light), eye.shape)
     if wrong.light == "not conjugated":
         light = np.where((hits.s < 0)[:, None], -light, light)
-    if wrong.light == "head":
+    if wrong.light in ("head", "other"):
         light = np.broadcast_to(np.array([0.0, 0.0, 1.0]), eye.shape)
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     facing, gloss = np.einsum("ni,ni->n", normal, light), np.einsum("ni,ni->n", mirrored, light)

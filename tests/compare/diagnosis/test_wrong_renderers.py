@@ -150,7 +150,7 @@ def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
         "right",
         *(
             pytest.param(toy, marks=pytest.mark.slow)
-            for toy in ("headlight", "gamma", "rolled", "mirrored", "moved-y", "near", "no-front", "white")
+            for toy in ("relit", "gamma", "rolled", "mirrored", "moved-y", "near", "no-front", "white")
         ),
     ],
 )
@@ -158,7 +158,17 @@ def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> Non
     """Plain pictures of another shading are judged by their outlines, where that is asked for."""
     case = Case(scene="attic", toy=toy, encoding="rgb")
     status, text = verify_by_command(studio, case, "--compare", "geometry")
-    assert status == (toy not in ("headlight", "gamma", "right")), text
+    assert status == (toy not in ("relit", "gamma", "right")), text
+
+
+@pytest.mark.slow
+def test_unlit_surfaces_without_ambient_light_are_not_told_from_nothing(studio: Studio) -> None:
+    """A half that is missing is as black: the verdict stays, and the text says what the renderer can do."""
+    case = Case(scene="attic", toy="headlight", encoding="rgb")
+    status, text = verify_by_command(studio, case, "--compare", "geometry")
+    assert status == 1
+    assert "1,348 of the wrong pixels are black where the truth shows a surface" in text
+    assert "ambient light" in text
 
 
 @pytest.mark.parametrize(
