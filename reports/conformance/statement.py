@@ -18,6 +18,8 @@ from xfrustum.scenes.conformance.suite import LEVELS, SUITE, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
 
+MAX_LISTED = 20  #: failed cases that the terminal names one by one
+
 COLORS = {"pass": "brightgreen", "fail": "red", "unsupported": "lightgrey"}
 """Colors of a badge, by the names that badge services know."""
 
@@ -100,9 +102,10 @@ class Statement:
         for level, told in self.levels.items():
             counts = ", ".join(f"{count} {name}" for name, count in sorted(self.counts[level].items()))
             lines.append(f"{level}  {told:<11}  {counts:<32}  {LEVELS[level]}")
-        failed = (one for one in self.verdicts if one.verdict == "fail")
-        lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed]
-        return "\n".join(lines)
+        failed = [one for one in self.verdicts if one.verdict == "fail"]
+        lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed[:MAX_LISTED]]
+        more = len(failed) - MAX_LISTED
+        return "\n".join([*lines, *([f"  and {more} more; --out has them all"] if more > 0 else [])])
 
 
 def write_statement(found: Statement, out: Path) -> tuple[Path, ...]:
