@@ -167,8 +167,10 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
             _, told = process.communicate()
         wrong, status = [], process.returncode
         if early:
-            # Python itself ends by the signal, or with its own traceback after Ctrl-C.
-            if status not in {-number, ENDS[number], victim.status}:
+            # Python itself ends by the signal, or with its own traceback after Ctrl-C; Ctrl-C while it starts
+            # itself, before any line of ours, is a fatal error of Python with status 1.
+            unborn = number is signal.SIGINT and status == 1 and told.startswith(b"Fatal Python error: init_")
+            if not unborn and status not in {-number, ENDS[number], victim.status}:
                 wrong.append(f"status {status} before the first line")
         elif status == ENDS[number]:
             if number in WORDS and told.removeprefix(whole.told) != WORDS[number]:
