@@ -64,8 +64,8 @@ class Staging:
     The folder `out` may exist: then files of the same name are replaced one by one, each atomically, and
     others stay. What links of the same name point to is replaced. `names` are those of the files that will be
     put there, where they are known beforehand.
-    InputError is raised on entering, when `out` is not a folder or cannot be written, and by `commit`, when
-    the disk is full.
+    InputError is raised on entering, when `out` is not a folder, has the name of a file or cannot be written,
+    and by `commit`, when the disk is full.
     """
 
     folder: Path  #: aside, to which the files are written
@@ -83,6 +83,11 @@ class Staging:
             host = next(parent for parent in place.parents if parent.exists())
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
+        if host != self.out and self.out.suffix in {Path(name).suffix for name in self.names} - {""}:
+            raise InputError(
+                f"--out {self.out}: give a folder, such as {self.out.with_suffix('')}, "
+                f"in which {', '.join(self.names)} will lie"
+            )
         with refused(f"--out {self.out}: cannot write in {host}", "choose another place"):
             for name in self.names:
                 _check_kind(self._place / name, f"--out {self.out}", f"{name} in it")

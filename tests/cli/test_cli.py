@@ -192,6 +192,7 @@ BAD = [
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
     ("trace boxes.toml --out x.png", "such as x.exr"),
+    ("camera boxes.toml --for json --near 1 --out x.json", "give a folder, such as x, in which cameras.json"),
     ("trace boxes.toml --out x", "such as x.exr"),
     ("raster boxes.toml --near 1 --out x.png", "such as x.exr"),
     ("trace boxes.toml --aperture 0,-1 --out x.exr", "outside the plate"),
