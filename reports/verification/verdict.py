@@ -343,7 +343,7 @@ class WorstHogels:
         if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
             return
         scene, pictures = self.scene, {}
-        shown = {"truth": _shown(as_found.answer), "image": _shown(as_found.image)}
+        shown = {"truth": _shown(as_found.answer, as_found.image), "image": _shown(as_found.image)}
         for name, pixels in (shown | {"error": _errors(as_found), "rest": _errors(corrected)}).items():
             step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
             pictures[name] = address(png(pixels[::step, ::step], optimize=False))
@@ -358,12 +358,15 @@ class WorstHogels:
         self.kept = worst_first[:MAX_SHOWN_HOGELS]
 
 
-def _shown(image: HogelImage) -> Bytes:
-    """Return what people can see of an image: its colors, else a color for each surface."""
+def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
+    """Return what people can see of an image: its colors, else a color for each surface.
+
+    That is a triangle or an object, whichever `like` names, by default the image itself: truth names both.
+    """
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
         return np.asarray(np.rint(LEVELS * encoding_curve(linear)), dtype=np.uint8)
-    named = image.triangle if (image.triangle != NOTHING).any() else image.object
+    named = image.triangle if ((like or image).triangle != NOTHING).any() else image.object
     if not (named != NOTHING).any():
         named = np.where(image.covered, 0, NOTHING)
     # Neighboring numbers get colors far apart: multiples of odd constants.
@@ -372,7 +375,8 @@ def _shown(image: HogelImage) -> Bytes:
 
 
 def _errors(figures: Figures) -> Bytes:
-    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - _shown(figures.answer).astype(np.float64))
+    shown = _shown(figures.answer, figures.image).astype(np.float64)
+    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - shown)
     beneath[~figures.answer.covered] = BACKGROUND_GRAY
     beneath[figures.error] = WRONG_RGB
     return np.asarray(beneath, dtype=np.uint8)
