@@ -119,12 +119,12 @@ class Contestant:
     @property
     def state(self) -> str:
         """Digest of names, sizes and times of the files that its images depend on, where they are known."""
-        if self.command is not None:
-            return ForeignRenderer(command=self.command, folder=self.working).state(())
+        command = self.command
         if self.python is not None:
-            return ForeignRenderer(command=self.python.partition(":")[0] + ".py", folder=self.working).state(
-                ()
-            )
+            module = sys.modules[self.function().__module__]
+            command = shlex.quote(str(getattr(module, "__file__", None)))
+        if command is not None:
+            return ForeignRenderer(command=command, folder=self.working).state(())
         place = self.working / str(self.images)
         files = (file for file in place.rglob("*") if file.is_file())
         known = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files)]
@@ -178,6 +178,13 @@ class Contestant:
             wanted = (height, width, 3) if case.colored else (height, width)
             if drawn.shape != wanted:
                 raise Problem(f"{self.python} returned an array of shape {drawn.shape}, not {wanted}")
+            # Three bytes of a picture hold no fraction, no NaN, and no number beyond: none is to be wrapped.
+            if not case.colored and not (
+                drawn.dtype.kind in "iu" and 0 <= drawn.min() <= drawn.max() < 1 << 24
+            ):
+                raise Problem(
+                    f"{self.python} returned {drawn.dtype}; give integers from 0 to {(1 << 24) - 1:,}"
+                )
             write_hogel(case, out, index, drawn)
 
 

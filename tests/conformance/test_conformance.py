@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import sys
 from dataclasses import replace
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.conformance.table import MISNAMED, WRONG, tally, tried
 from xfrustum import InputError, open_scene
@@ -56,7 +59,7 @@ def test_a_truth_is_the_frozen_one(name: str) -> None:
 @pytest.mark.slow
 def test_all_truths_are_the_frozen_ones() -> None:
     for case in cases():
-        traced(case, case.open())
+        assert agrees(case, traced(case, case.open())), case.name
 
 
 def test_another_truth_is_refused() -> None:
@@ -112,6 +115,22 @@ def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
     assert judged(case, scene, truth, replace(truth, triangle=second))[0].tie > 100
     assert judged(case, scene, truth, replace(truth, triangle=second))[0].within(case)
     assert not judged(case, scene, truth, replace(truth, triangle=third))[0].within(case)
+
+
+def test_pictures_of_objects_lie_beside_a_truth_in_objects(tmp_path: Path) -> None:
+    case = of("L0-objects")
+    truth, *others = traced(case, case.open())
+    numbers = np.where(np.arange(len(truth.object))[:, None] < len(truth.object) // 2, 0, truth.object + 1)
+    (tmp_path / case.name).mkdir()
+    for index, drawn in zip(case.hogels, (numbers, *(one.object + 1 for one in others)), strict=True):
+        write_hogel(case, tmp_path / case.name, index, drawn)
+    found = Trial(contestant=Contestant(images=str(tmp_path))).verdict(case)
+    shown = [
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(found.pictures[name].partition(",")[2]))))
+        for name in ("truth", "image")
+    ]
+    assert found.verdict == "fail"
+    assert np.array_equal((shown[0] != shown[1]).any(axis=-1), truth.object + 1 != numbers)
 
 
 @pytest.mark.parametrize("name", ["L0-placed", "L1-harbor-middle", "L4-smooth", "L4-texture-behind"])
@@ -222,6 +241,30 @@ def test_list_show_and_export_print_what_they_say(tmp_path: Path, capsys: pytest
     assert (tmp_path / "first/truth/hogel_1x1.png").exists()
     main(["conformance", "export", "--case", "L0-behind", "--out", str(tmp_path / "a"), "--quiet"])
     assert "1 cases" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("numbers", "told"),
+    [
+        ("[[0.5] * w] * h", "float64"),
+        ("[[-1] * w] * h", "0 to 16,777,215"),
+        ("[[1 << 24] * w] * h", "0 to 16,777,215"),
+        ("[[1] * h] * w", "shape"),
+    ],
+)
+def test_no_number_is_wrapped_or_rounded_into_a_right_one(
+    numbers: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = of("L0-film-wide")
+    (tmp_path / "strange_numbers.py").write_text(
+        f"def draw(folder, asked, hogel):\n    w, h = asked['resolution']\n    return {numbers}\n"
+    )
+    monkeypatch.delitem(sys.modules, "strange_numbers", raising=False)
+    contestant = Contestant(python="strange_numbers:draw", working=tmp_path)
+    (found,) = run((case,), Trial(contestant=contestant))
+    sys.path.remove(str(tmp_path))
+    assert found.cause == "missing"
+    assert told in found.words[0]
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def show(asked: _Show) -> None:
 class _Judged(_Chosen):
     truths = option(FOLDER, "Archive of `export`: truths are unpacked and not traced.", "--truth")
     renderer = option(TEXT, "Name of the renderer in the statement.  [default: how it is given]")
-    device = option(TEXT, "Device that it ran on, in the statement.  [default: this machine's processor]")
+    device = option(TEXT, "Device that it ran on, in the statement.  [default: not stated]")
     engine = options.engine_options("this process", draws=False)
     out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
 
@@ -113,7 +113,6 @@ class _Judged(_Chosen):
         if not cases:
             raise click.UsageError("no case has these names in these levels")
         from xfrustum.reports.blocks import HERE
-        from xfrustum.reports.common.provenance import machine
         from xfrustum.reports.conformance import run, statement
         from xfrustum.reports.conformance.cases import open_archive, traced
 
@@ -128,7 +127,7 @@ class _Judged(_Chosen):
             return 0
         found = statement.Statement(
             renderer=self.renderer or contestant.name,
-            device=self.device or machine()["processor"],
+            device=self.device or "not stated",
             verdicts=verdicts,
         )
         if self.out is not None:
