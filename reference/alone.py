@@ -25,7 +25,10 @@ DECISIONS = (CERTIFIED, *TRACERS)  #: names of what can decide which surface a p
 
 
 class PlainReference(Reference):
-    """A ray tracer whose pictures stand for the truth; InputError for several samples a pixel."""
+    """A ray tracer of a scene, whose own pictures stand for the true ones; parameters as of `Reference`.
+
+    Raises InputError where the scene asks for several samples a pixel, taken along certified lines alone.
+    """
 
     def __init__(
         self, scene: Scene, tracer: str = "embree", effects: frozenset[Effect] | None = None
@@ -52,7 +55,10 @@ class PlainReference(Reference):
         return replace(image, rendering=self.rendering(sampling)) if colored else image
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
-        """Return what the tracer shows to these settings' cameras; InputError where faces are culled."""
+        """Return what the tracer shows along the lines of the cameras of these settings.
+
+        Raises InputError where the settings cull faces: the tracer has all of them.
+        """
         settings.check_against(self.scene.frustum)
         if settings.cull is not Cull.NONE:
             raise InputError(
@@ -80,7 +86,10 @@ class Decision:
 
 
 def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
-    """Return the certified truth of a scene, or what a tracer shows alone; InputError where it cannot."""
+    """Return the certified truth of a scene, or what a tracer shows alone; `effects` as for `Reference`.
+
+    Raises InputError where there is no such tracer, or it cannot decide about this scene alone.
+    """
     if decision.by == CERTIFIED:
         return Reference(scene, tracer=decision.tracer, effects=effects)
     return PlainReference(scene, decision.by, effects)

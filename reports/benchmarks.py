@@ -179,7 +179,10 @@ def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Callable[[]
 def benchmark_truth(
     scene: Scene, resolutions: Sequence[int] = (512, 1024, 2048), repeat: int = 9, *, progress: bool = False
 ) -> Record:
-    """Race the certified truth of a scene's middle aperture; InputError where it has no triangles."""
+    """Measure the certified truth of a scene's middle aperture beside bare tracers, W = H of each race.
+
+    InputError where the scene has no triangles.
+    """
     scenes, races = [sized(scene, side) for side in resolutions], []
     with progress_bar(len(scenes) * len(TRUTH_MEANINGS), "bench", "contestant", shown=progress) as bar:
         for one in scenes:

@@ -371,7 +371,11 @@ class Option:
         return not is_beyond(self.displacement_p99_px, self.surface_fraction, tolerance_px)
 
     def beats(self, other: Option) -> bool:
-        """Whether it is nowhere worse than another, and somewhere better; times count where told apart."""
+        """Whether this option is in nothing worse than another, and in something better.
+
+        Its time is no worse where its median is not beyond the other's interval, and better where the two
+        times are told apart.
+        """
         mine, others = ((one.displacement_p99_px, one.surface_fraction) for one in (self, other))
         if self.time_s.median > other.time_s.interval[1] or mine[0] > others[0] or mine[1] > others[1]:
             return False
@@ -546,7 +550,11 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
 
 
 def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> Figure:
-    """Draw each option's displacement over its time, filled on the front, of wrong surfaces too."""
+    """Draw the displacement of every option against its time; options on the front are filled.
+
+    More options are on the front of displacement, time and wrong surfaces than the line goes through: a
+    picture with many wrong surfaces may be fast and displaced little.
+    """
     lifted = (max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one in options)
     drawn = [replace(one, displacement_p99_px=px) for one, px in zip(options, lifted, strict=True)]
     front, data = pareto(options), list[Figure]()

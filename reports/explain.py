@@ -55,7 +55,11 @@ Image = Callable[[], object]
 
 
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
-    """Return the time of the first of two images beyond the second; pairs are made in alternating order."""
+    """Return the time that the first of two images takes beyond the second.
+
+    After one pair that warms up, the images of a pair are made in alternating order: the second may find
+    caches filled, or a processor slowed down.
+    """
     differences, plain = [], []
     for turn in range(repeat + 1):
         taken = {}
@@ -430,7 +434,11 @@ def _duration(seconds: float) -> str:
 
 
 def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dict[str, Any]:
-    """Return `viewer` of `explain --viewer --json`, as if all surfaces within the reach were seen."""
+    """Return what a display can show to a viewer at a distance, and whether a near offset is seen there.
+
+    The key `viewer` of `explain --viewer --json`. All surfaces within the reach count, as if every one were
+    seen; InputError where one lies behind the viewer.
+    """
     # Eyes are measured with the reference, which takes longer to load than all the rest takes to answer.
     from xfrustum.compare.eye import noticeable  # noqa: PLC0415
     from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement, binding  # noqa: PLC0415

@@ -127,7 +127,10 @@ class InspectedHogel:
         return cls(aperture=aperture.index, size=size, words=words, layers=tuple(heads), stream=stream)
 
     def values(self) -> dict[str, dict[str, NDArray[Any]]]:
-        """Return (H, W) values by layer and channel, if there is a stream; ValueError where it lacks some."""
+        """Return the (H, W) values by the names of layer and channel; none of a hogel without a stream.
+
+        Raises ValueError where the stream does not hold these channels.
+        """
         found: dict[str, dict[str, NDArray[Any]]] = {}
         content, place = zlib.decompress(self.stream) if self.stream else b"", 0
         for layer in self.layers if self.stream else ():

@@ -57,7 +57,11 @@ class Parts:
         return self.folder / f"part-{number:07d}.parquet"
 
     def open(self, description: dict[str, Any]) -> None:
-        """Make the folder, or see that it has this description, else InputError; processes may race."""
+        """Make the folder, or see that it belongs to the same result; several processes may do so at once.
+
+        The description is everything that decides the rows, in JSON's own types. InputError where the folder
+        holds something else.
+        """
         path, wanted = self.folder / DESCRIPTION, json.loads(json.dumps(description))
         with refused(f"--out {self.out}: cannot write there"):
             self.folder.mkdir(parents=True, exist_ok=True)

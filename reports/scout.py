@@ -92,7 +92,11 @@ def map_figures(auto: AutoApertures) -> tuple[Figure, Figure]:
 def plate_cells(
     hogels: tuple[int, int], places: ArrayLike, values: ArrayLike, worst: np.ufunc = np.fmax
 ) -> tuple[Floats, Mask]:
-    """Return values of hogels at places (A, 2) on cells of a map, by `worst` in each, and which have one."""
+    """Return values (A,) of some hogels on the cells of a map (rows, columns), and which cells have one.
+
+    `places` (A, 2) are columns and rows. `worst` is `np.fmin` or `np.fmax`: of hogels in the same cell, the
+    one whose value counts.
+    """
     cells = tuple(min(count, MAX_MAP_CELLS) for count in hogels)
     columns, rows = (np.reshape(places, (-1, 2)).astype(np.int64) * cells // hogels).T
     shown, looked = np.full(cells[::-1], np.nan), np.zeros(cells[::-1], dtype=bool)

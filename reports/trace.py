@@ -51,7 +51,10 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
 
 
 def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> dict[str, Any]:
-    """Write as EXR, whole or not at all, what a tracer in single precision takes for the truth."""
+    """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
+
+    InputError where the file cannot be written: it appears complete, or not at all.
+    """
     image = reference.propose(aperture)
     camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
     write_image(path, replace(image, camera=camera, rendering=reference.rendering()))

@@ -88,7 +88,11 @@ def _levels(values: Singles | Floats) -> Bytes:
 
 
 def marked(picture: Bytes, wrong: Mask | None, moved: Floats) -> Bytes:
-    """Return a picture in dimmed gray, wrong surfaces red, and blue by `moved`, a share or NaN."""
+    """Return a picture (H, W, 3) in dimmed gray, with wrong surfaces red and displaced points blue.
+
+    `moved` is the displacement as a share of the one in full color, NaN for none; `wrong` is None if not
+    known.
+    """
     found = np.repeat(picture.mean(axis=-1, keepdims=True) * DIMMED, 3, axis=-1)
     share = np.nan_to_num(np.clip(moved, 0.0, 1.0))[..., None]
     found = found * (1 - MARKED * share) + MARKED * share * np.array(MOVED)

@@ -102,7 +102,10 @@ def length_in(length: tuple[float, str | None], units: str, name: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """A pair of eyes straight before the plate, distance in scene units; InputError of no positive number."""
+    """A pair of eyes straight before the plate, at a distance from it in scene units.
+
+    InputError where a number is not positive and finite.
+    """
 
     distance: float
     acuity_arcmin: float = ACUITY_ARCMIN

@@ -48,7 +48,11 @@ def buffer_limits(
     requirement: Requirement,
     buffers: Sequence[search.DepthBuffer] = COMPARED_BUFFERS,
 ) -> tuple[BufferLimit, ...]:
-    """Return the smallest near with which each depth buffer keeps what is asked of depth at all views."""
+    """Return the smallest near with which each depth buffer keeps what a requirement asks of depth.
+
+    Sheets at the farthest visible surface are in order, and few pixels are wrong by depth, at all of the
+    views; both improve as near grows.
+    """
     frustum = scouted.scene.frustum
     (low, high), found = search.indices_of(frustum), []
     for depth, mapping in buffers:

@@ -425,7 +425,10 @@ class DrawnModel:
         )
 
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
-        """Return column and row (.., 2) where points are drawn; NaN in the plate and on an uneven film."""
+        """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate.
+
+        NaN everywhere on an uneven film, of which only the reverse is known.
+        """
         found = np.full((*points.shape[:-1], 2), np.nan)
         if self.film != EVEN:
             return found

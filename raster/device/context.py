@@ -143,7 +143,11 @@ class StageTime:
 
 
 class GpuTimer:
-    """Seconds per named stage, which adds up, by timestamps: elapsed-time queries may not overlap."""
+    """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
+
+    Timestamps enclose each stage, because elapsed-time queries may not overlap; only `collect` waits for
+    them.
+    """
 
     def __init__(self) -> None:
         self._queries: list[tuple[str, int, int]] = []

@@ -136,7 +136,11 @@ class _Groups:
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
     def tied(self, exact: ExactPencil) -> Mask:
-        """Return which groups every line meets at one s: in one plane, or through the center, at s = 0."""
+        """Return which groups consist of triangles that every line meets at one and the same s.
+
+        These are triangles through the center, which are met at s = 0 without any error, and triangles
+        in exactly one plane.
+        """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
         # Triangles through the center: s = 0 without error, like the first of the group.

@@ -150,7 +150,10 @@ def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum)
 def _slab_camera(
     frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, section: tuple[float, float], side: int
 ) -> ModelCamera:
-    """Return C (side 1) or C* (side -1) between two |z|; only the first slab's steps back by near."""
+    """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
+
+    The camera of the first slab steps back from the plate by near; all others stand in the aperture itself.
+    """
     low, high = section
     first = low == 0
     step = settings.near if first and settings.offset is Offset.PLATE else 0.0

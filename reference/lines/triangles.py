@@ -25,7 +25,11 @@ def triangle_normals(corners: Floats) -> Floats:
 
 
 def plane_places(corners: Floats, normals: Floats, center: Floats, directions: Floats) -> Floats:
-    """Return s (N,) where lines meet planes (N, 3, 3) of `normals`; not finite if parallel, or no area."""
+    """Return s (N,) at which lines center + s d meet the planes of triangles (N, 3, 3), one for each line.
+
+    `normals` are their `triangle_normals`; s is not finite where a line is parallel to the plane, or where
+    the triangle has no area.
+    """
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(offset / np.einsum("ij,ij->i", normals, directions))

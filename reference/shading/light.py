@@ -60,7 +60,10 @@ class Textures:
         self._linear = table(LINEAR)
 
     def color(self, triangle: Any, uv: Sequence[Any]) -> list[Any]:
-        """Return linear RGB of points at `uv`, v up, repeated beyond 0 to 1; 1 where there is no picture."""
+        """Return the linear RGB of points on triangles; 1 where a triangle has no picture.
+
+        `uv` are in units of the picture: u to the right, v up, repeated beyond 0 to 1.
+        """
         (number,) = self._of_triangle(triangle)
         textured = number >= 0
         start, height, width = self._sizes(dr.maximum(number, 0))
@@ -193,7 +196,10 @@ class LightModel:
             self._environment = Surroundings(appearance.environment)
 
     def radiance(self, triangle: Any, position: Vector, direction: Vector) -> list[Any]:
-        """Return linear RGB toward the viewer of points on triangles; `direction` is d of their lines."""
+        """Return each channel of linear RGB toward the viewer at points of triangles, in scene units.
+
+        `direction` is d of each point's line, of any length, from the viewer to the back.
+        """
         flat = self._flat(triangle)
         normal, albedo = self._surface(triangle, position, flat)
         # The side that is seen is that of the triangle, not that of a smoother normal.

@@ -72,7 +72,10 @@ def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbe
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SecondOpinion(Brief):
-    """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer."""
+    """The pixels at which a tracer contradicts decisions of some rows; calling it asks the tracer.
+
+    Triangle numbers and `Certainty` (rows, W) are those that were decided.
+    """
 
     tracer: Callable[[], Tracer]
     scene: Scene

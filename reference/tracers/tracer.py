@@ -19,6 +19,9 @@ class Tracer(Protocol):
 
 
 def unit_scale(vertices: Floats) -> float:
-    """Return the power of two that brings a scene to about unit size, as Embree's constants expect."""
+    """Return the power of two that brings a scene to about unit size: it changes no bit of a mantissa.
+
+    Embree has absolute constants near the limits of float32.
+    """
     size = float(np.abs(vertices).max(initial=0.0))
     return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0

@@ -22,7 +22,11 @@ _UNIONS = (Union, UnionType)  #: both forms in which Python names a type that ma
 
 
 def named_columns(pattern: str) -> Mapping[str, str]:
-    """Return metadata of a field that names the columns of its parts, such as `time_{}_s`."""
+    """Return metadata of a field that names the columns of a group, such as `time_{}_s`.
+
+    `{}` stands for the name of a part. Without such metadata the columns of a group are called after the
+    group and the part, `height_rms`.
+    """
     return {"columns": pattern}
 
 

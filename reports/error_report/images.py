@@ -127,7 +127,10 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
 
 
 def displacement_map(length: Floats, reduction: int = 1) -> bytes:
-    """Encode (H, W) displacements as PNG over `DISPLACEMENT_RANGE_PX`, transparent where undefined."""
+    """Encode (H, W) lengths of displacements as PNG, transparent where undefined.
+
+    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
+    """
     known = np.isfinite(length)
     level = np.floor(_level(length[known], DISPLACEMENT_RANGE_PX, _STEPS))
     return _palette_png(known, 1 + np.clip(level, 0, _STEPS - 1), DISPLACEMENT_SCALE, reduction)
@@ -146,7 +149,11 @@ def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
 def height_map(
     height: NDArray[np.floating], reach: float, heights: tuple[float, float], reduction: int = 1
 ) -> bytes:
-    """Encode the signed (H, W) height error as PNG: red nearer, blue farther, on the scale of `heights`."""
+    """Encode the signed (H, W) height error as PNG, transparent where undefined.
+
+    Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the ends of
+    a `height_range`, in fractions of the reach.
+    """
     known = np.isfinite(height)
     error = height[known]
     level = np.clip(_level(np.abs(error) / reach, heights, _HEIGHT_STEPS), 0, _HEIGHT_STEPS)
@@ -155,7 +162,11 @@ def height_map(
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
-    """Encode the worst channel's radiance error (H, W, 3) as PNG over `RADIANCE_RANGE`, or nothing."""
+    """Encode the size of the radiance error (H, W, 3) as PNG; the channel that is farthest off counts.
+
+    The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged are
+    transparent.
+    """
     size = np.abs(error).max(axis=-1)
     known = size >= RADIANCE_RANGE[0]
     level = np.floor(_level(size[known], RADIANCE_RANGE, _STEPS))

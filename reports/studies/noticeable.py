@@ -235,7 +235,11 @@ def film_columns(size: tuple[float, float], pixels: int) -> int:
 def make_study(
     out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
 ) -> StudyFiles | None:
-    """Answer a study and write it; None where other parts of a job array are not replayed yet."""
+    """Answer a study, closed forms in this process, and write its document and data.
+
+    A block of replays that is in the folder already, from the same libraries and device, is not made again.
+    Returns None where other parts of a job array are not replayed yet.
+    """
     sweep = Sweep.of(f"noticeable-{study.pixels}", out, Replay, partial(replay, pixels=study.pixels))
     check_folder(out, "noticeable")
     cells = list(study.cells())

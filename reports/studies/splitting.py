@@ -325,7 +325,11 @@ def predicted_separation(sheets: Cell) -> float:
 def make_study(
     out: Path = DEFAULT_FOLDER, study: Study = FULL, engine: Engine = HERE, *, progress: bool = False
 ) -> StudyFiles | None:
-    """Measure where one pair of frusta is enough, and write it; None while other parts are missing."""
+    """Measure where one pair of frusta is enough, and write document, figures and data.
+
+    A block that is in the folder already, from the same libraries and device, is not measured again. Returns
+    None where other parts of a job array are not measured yet.
+    """
     check_folder(out, "when-to-split")
     sweep = Sweep.of("splitting", out, Row, measure)
     nears, grids = study

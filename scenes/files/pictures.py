@@ -239,7 +239,11 @@ _RUN_WIDTHS = range(8, 1 << 15)
 
 
 def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
-    """Read a latitude-longitude map in linear RGB, OpenEXR or Radiance HDR; InputError where it is none."""
+    """Read a latitude-longitude map as it is stored, in linear RGB; OpenEXR or Radiance HDR.
+
+    Raises InputError where the file is missing, damaged, not RGB, or has radiance that is negative or not
+    finite.
+    """
     with input_files.bounded_memory(path):
         if input_files.head_of(path, "environment map", len(MAGIC)) == MAGIC:
             radiance, header = read_rgb_channels(path, "an environment map is an RGB picture")

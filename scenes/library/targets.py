@@ -19,7 +19,10 @@ Vector = tuple[float, float, float]
 
 
 def asymmetric() -> tuple[SceneObject, ...]:
-    """Return unlike parts: the torus in front hides the box behind; the bar crosses the plate beside it."""
+    """Return unlike parts on both sides of the plate, none symmetric with another.
+
+    The torus in front hides the box behind from the middle aperture; the bar crosses the plate beside it.
+    """
     corners, faces = shapes.box()
     along = corners[:, 2:] + 0.5
     middle = np.array((17.0, 7.0, -75.0)) * (1 - along) + np.array((9.0, -18.0, 75.0)) * along
@@ -130,7 +133,11 @@ def crossing() -> tuple[SceneObject, ...]:
 
 
 def large_triangles() -> tuple[SceneObject, ...]:
-    """Return a wall, a floor and a slope of one huge triangle each, mostly clipped, and small parts."""
+    """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
+
+    Each crosses the plate beside the middle aperture, which sees a hundredth of it or less: the rest is to be
+    clipped.
+    """
     large = {
         "wall": ((26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
         "floor": ((-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
@@ -151,7 +158,10 @@ _BLACK = (0.0, 0.0, 0.0)
 
 
 def mirror_spheres() -> tuple[SceneObject, ...]:
-    """Return the mirror spheres, in facets of about two degrees, with normals as long as the radius."""
+    """Return the mirror spheres, in facets of about two degrees.
+
+    Normals are as long as the radius: interpolated, they point from the center to the facet's point exactly.
+    """
     spheres = []
     for number, (center, radius) in enumerate(MIRROR_SPHERES):
         outward, faces = shapes.ball(radius, 96, 192)

@@ -128,7 +128,10 @@ UNTEXTURED = -1  #: number in `texture_of_triangle` of a triangle without a text
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SurfaceAttributes(Brief):
-    """Attributes of all objects' vertices and triangles; without any, colors are one and the rest NaN."""
+    """Attributes of the vertices and triangles of all objects, as in `SceneObject`; None where none has any.
+
+    Where an object has none, colors are one, normals and texture coordinates NaN.
+    """
 
     vertex_normals: Floats | None
     vertex_colors: Floats | None
