@@ -112,7 +112,9 @@ def find_causes(
         one, other = _stored(drawn, cameras, images, chosen)
         order = _by_any(one.indistinguishable_from(other))
         lost = _by_any(one.lost()) & ~order
-    # Seams take long to find, and are looked for where nothing else explains the pixel.
+    # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both are looked
+    # at where nothing else explains the pixel.
+    edge |= (before.near_cut | after.near_cut) & ~(order | lost)
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
     # The marks exclude each other: a pixel without any is left at the last heading.
@@ -153,14 +155,19 @@ def _marks(
     drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
 ) -> list[Placement]:
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
-    marks = np.zeros((3, len(cameras), len(images), len(pixels)), dtype=np.bool_)
+    marks = np.zeros((4, len(cameras), len(images), len(pixels)), dtype=np.bool_)
     if len(drawn.slots):
         placed = placement(drawn)
-        marks.reshape(3, -1)[:, drawn.slots] = placed.possible, placed.near_edge, placed.near_moved
+        marks.reshape(4, -1)[:, drawn.slots] = (
+            placed.possible,
+            placed.near_edge,
+            placed.near_moved,
+            placed.near_cut,
+        )
     marks[0] |= [image.triangle.reshape(-1).take(pixels) == NOTHING for image in images]
     return [
-        Placement(possible=possible, near_edge=near, near_moved=moved)
-        for possible, near, moved in zip(*np.logical_or.reduce(marks, axis=1), strict=True)
+        Placement(possible=possible, near_edge=near, near_moved=moved, near_cut=cut)
+        for possible, near, moved, cut in zip(*np.logical_or.reduce(marks, axis=1), strict=True)
     ]
 
 

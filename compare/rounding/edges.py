@@ -22,23 +22,26 @@ FAR_ROUNDINGS = 4
 plane."""
 
 
-def far_cut_rounding(film: FilmTriangles) -> Floats:
-    """Return by how much 1 / w of the far cut of triangles may be off, (T,).
+def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest 1 / w at which the far plane may cut triangles, (T,) each.
 
     Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is a
-    small difference of large numbers, and the cut is interpolated between corners where it has an
-    error relative to their w: for n below 2^-24 w it is nothing but rounding, and nothing is
-    cut. Reversed clip depth is zero at the far plane and has no such difference.
+    small difference of large numbers, known at each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two
+    corners it is linear, and so is its error: the cut lies where |w - z| is at most the larger of the two
+    errors, within (f - n) / n of that of w = f. Where this is more than f, as with n below 2^-24 w, it may
+    lie at any distance, beside the camera or behind it, and whole triangles are left out. Reversed clip depth
+    is zero at the far plane and has no such difference.
     """
     n, f = film.planes
     match film.precision.mapping:
         case DepthMapping.REVERSED:
-            return np.zeros_like(f)
+            return 1 / f, 1 / f
         # Where fragments write depth, clip depth may run either way: the larger bound holds for both.
         case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
-            w = np.abs(film.vertices[..., 2]).max(axis=1, initial=0.0)
-            share = FAR_ROUNDINGS * FLOAT32_ROUNDING * np.maximum(w, f) / f * (f - n) / n
-            return np.asarray(np.minimum(1.0, share) / f)
+            w = np.maximum(np.abs(film.vertices[..., 2]).max(axis=1, initial=0.0), f)
+            moved = FAR_ROUNDINGS * FLOAT32_ROUNDING * w * (f - n) / n
+            with np.errstate(divide="ignore"):
+                return 1 / (f + moved), 1 / np.maximum(f - moved, 0.0)
         case _:
             assert_never(film.precision.mapping)
 
@@ -58,6 +61,8 @@ class Placement:
     #: (N,) the center is near an edge that may move farther than by snapping: near a cut, or where
     #: coordinates are rounded as coarsely as in the camera's own plane
     near_moved: Mask
+    #: (N,) the center is possible, and the cut by the far plane may run there: see `far_cuts`
+    near_cut: Mask
 
 
 def placement(shown: PixelTriangles) -> Placement:
@@ -81,13 +86,25 @@ def placement(shown: PixelTriangles) -> Placement:
     moves = (near & (shifts > snapped[:3])).any(axis=0)
 
     # Cuts by near and far plane are edges too. On the triangle, 1/s = plane . (u, v, 1) / volume.
-    distances = np.abs(film.ends)
-    is_far = distances == film.planes[1]
-    far = np.where(is_far, np.abs(film.volume) * far_cut_rounding(film), 0.0)
-    margins = snapped[3] + shifts.sum(axis=0) + shown.each(volume_bound / distances) + shown.each(far)
-    moves |= (np.abs(values[3] - shown.each(film.volume / film.ends)) <= margins).any(axis=0)
+    volume = np.abs(film.volume)
+    inverse = values[3] * shown.each(np.where(film.orthoscopic, 1.0, -1.0) * np.sign(film.volume))
+    margin = snapped[3] + shifts.sum(axis=0)
+    n, f = film.planes
+
+    def may_be_cut(low: Floats, high: Floats) -> Mask:
+        # A triangle seen edge-on has no volume, and no cut.
+        with np.errstate(invalid="ignore"):
+            begin, end = volume * low - volume_bound * low, volume * high + volume_bound * high
+        return np.asarray((inverse >= shown.each(begin) - margin) & (inverse <= shown.each(end) + margin))
+
+    moves |= may_be_cut(1 / n, 1 / n) | may_be_cut(1 / f, 1 / f)
     edge: Mask = possible & (near.any(axis=0) | moves)
-    return Placement(possible=np.asarray(possible), near_edge=edge, near_moved=possible & moves)
+    return Placement(
+        possible=np.asarray(possible),
+        near_edge=edge,
+        near_moved=possible & moves,
+        near_cut=possible & may_be_cut(*far_cuts(film)),
+    )
 
 
 def _per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:
