@@ -30,6 +30,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
@@ -207,6 +208,11 @@ class Judge:
                 self._drawing.shutdown()
 
     @property
+    def model(self) -> DeviceModel:
+        """The model of the device that draws, by which pixels are explained."""
+        return self._rasterizer.model
+
+    @property
     def device(self) -> dict[str, str]:
         """Names of the device that draws."""
         return self._rasterizer.device
@@ -298,7 +304,7 @@ class _Loop(Generic[Result]):
     def __init__(self, judge: Judge, wanted: Wanted, finish: Callable[[JudgedFrame], Result]) -> None:
         self._judge, self._wanted, self._finish = judge, wanted, finish
         self._reference = judge.reference
-        self._subpixel_bits = int(judge.device["subpixel_bits"])
+        self._device = judge.model
         self._tracing = ThreadPoolExecutor(1, thread_name_prefix="tracing")
         self._judging = ThreadPoolExecutor(worker_count(), thread_name_prefix="judging")
 
@@ -335,7 +341,7 @@ class _Loop(Generic[Result]):
             return _timed(partial(self._reference.trace, aperture, colored=colored))
 
         def predicting(truth: Future[Timed[HogelImage]]) -> Predictor:
-            return Predictor(truth.result()[0], self._reference, self._subpixel_bits)
+            return Predictor(truth.result()[0], self._reference, self._device.subpixel_bits)
 
         def predict(
             predictor: Future[Predictor], settings: list[DoubleFrustum]
@@ -392,7 +398,7 @@ class _Loop(Generic[Result]):
     ) -> ChainStart:
         """Return the chain up to R0, and find in this thread all that budgets share."""
         images = (truth.result()[0], *models.result(), last.result()[0].image)
-        start = ChainStart(reference=self._reference, images=images, subpixel_bits=self._subpixel_bits)
+        start = ChainStart(reference=self._reference, images=images, device=self._device)
         start.find_shared()
         return start
 

@@ -26,6 +26,7 @@ from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import model_of
 from xfrustum.scenes.model.effects import Effect, Question, checked, loses_far_plane, needed
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
@@ -141,6 +142,7 @@ class Rasterizer(ContextOwner):
         self._beyond_reach: frozenset[Effect] | None = None
         self._context = open_context()
         self.device = describe(self._context)
+        self.model = model_of(self.device)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:

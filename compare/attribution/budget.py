@@ -18,6 +18,7 @@ from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window, model_cameras, pixel_places
 from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief, Shown
@@ -120,7 +121,7 @@ class ChainStart(Brief):
 
     reference: Reference
     images: tuple[HogelImage, ...]
-    subpixel_bits: int  #: of the device that drew R0
+    device: DeviceModel  #: that drew R0
 
     @property
     def truth(self) -> HogelImage:
@@ -210,7 +211,7 @@ class ChainStart(Brief):
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
         model, drawn = self.images[-2:]
-        return explain(self.reference.scene, model, drawn, self.subpixel_bits)
+        return explain(self.reference.scene, model, drawn, self.device)
 
     @cached_property
     def shear(self) -> ShearNumbers | None:
@@ -333,8 +334,8 @@ class Budget(Shown):
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:
     """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
-    start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
-    predictor = Predictor(start.truth, reference, chain.subpixel_bits)
+    start = ChainStart(reference=reference, images=chain.images[:-1], device=chain.device)
+    predictor = Predictor(start.truth, reference, chain.device.subpixel_bits)
     errors = error_maps.pixel_errors(start.truth, chain.images[-1], reference, start.exact)
     return charged(start, errors, predictor.predict_links(chain.settings))
 
@@ -356,7 +357,7 @@ def charged(
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     rounding = start.rounding
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
-    swapped = explain(start.reference.scene, exact, drawn, start.subpixel_bits, by_depth)
+    swapped = explain(start.reference.scene, exact, drawn, start.device, by_depth)
     return Budget(
         start=start,
         drawn=drawn,
@@ -370,20 +371,20 @@ def charged(
 
 
 def explain(
-    scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int, pixels: Indices | None = None
+    scene: Scene, model: HogelImage, raster: HogelImage, device: DeviceModel, pixels: Indices | None = None
 ) -> Causes:
     """Find the causes of a change by rounding, at pixels (N,) or wherever the images differ."""
     if pixels is None:
         pixels = np.flatnonzero(model.triangle != raster.triangle)
-    cameras = drawing_cameras(scene, raster, subpixel_bits) if len(pixels) else []
+    cameras = drawing_cameras(scene, raster, device) if len(pixels) else []
     return find_causes(scene.triangles, cameras, model, raster, pixels)
 
 
-def drawing_cameras(scene: Scene, raster: HogelImage, subpixel_bits: int) -> list[RoundingCamera]:
+def drawing_cameras(scene: Scene, raster: HogelImage, device: DeviceModel) -> list[RoundingCamera]:
     """Return the cameras that drew an image of our rasterizer; each draws the heights of its own slab."""
     settings = raster.camera.settings
     assert settings is not None
-    precision = Precision(subpixel_bits=subpixel_bits, depth=settings.depth, mapping=settings.mapping)
+    precision = Precision(device=device, depth=settings.depth, mapping=settings.mapping)
     return [
         RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
         for camera in model_cameras(scene.frustum, raster.camera.aperture, settings)

@@ -42,22 +42,16 @@ from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.files.foreign_images import Transfer, stored_rgb
+from xfrustum.scenes.model.device_model import safe_model
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
 
-SUBPIXEL_BITS = 4
-"""Fewest subpixel bits that OpenGL allows (GL_SUBPIXEL_BITS): every rasterizer has at least so many."""
-
 # A renderer with a near offset has the usual depth buffer. Where cameras stand in the aperture itself, depth
 # must hold any ratio of near to far, which no buffer of fixed point does.
-OFFSET_PRECISION = Precision(
-    subpixel_bits=SUBPIXEL_BITS, depth=DepthFormat.D24, mapping=DepthMapping.STANDARD
-)
-CENTERED_PRECISION = Precision(
-    subpixel_bits=SUBPIXEL_BITS, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED
-)
+OFFSET_PRECISION = Precision(device=safe_model(), depth=DepthFormat.D24, mapping=DepthMapping.STANDARD)
+CENTERED_PRECISION = Precision(device=safe_model(), depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 NEAR_PLANE_PER_REACH = 1e-6
 """Near plane of a camera that stands in the aperture, as a part of the reach: such a camera has none, but

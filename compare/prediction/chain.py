@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
@@ -30,7 +31,7 @@ class Chain(Brief):
 
     images: tuple[HogelImage, ...]
     settings: DoubleFrustum
-    subpixel_bits: int  #: of the device that drew both
+    device: DeviceModel  #: that drew both
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
@@ -84,5 +85,5 @@ def make_chain(
     return Chain(
         images=(reference.trace(aperture), *traced, *drawn),
         settings=settings,
-        subpixel_bits=int(rasterizer.device["subpixel_bits"]),
+        device=rasterizer.model,
     )

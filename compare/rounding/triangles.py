@@ -15,6 +15,7 @@ from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
@@ -23,15 +24,14 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 class Precision:
     """How exactly a device draws."""
 
-    #: Binary digits of a pixel to which the device rounds the places of vertices (GL_SUBPIXEL_BITS)
-    subpixel_bits: int
+    device: DeviceModel
     depth: DepthFormat
     mapping: DepthMapping
 
     @property
     def snap_px(self) -> float:
         """Largest distance by which the nearest subpixel lies from a vertex: half a step along each axis."""
-        return math.sqrt(2) / 2 * 2.0**-self.subpixel_bits
+        return math.sqrt(2) / 2 * 2 * self.device.half_step
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,7 @@ def assert_explained(name: str, nears: tuple[float, ...]) -> None:
     reference = Reference(scene)
     report = []
     with Rasterizer(scene) as raster:
-        bits = int(raster.device["subpixel_bits"])
+        bits = raster.model
         for near in nears:
             settings = reversed_d32f(near * scene.frustum.longest_reach)
             for aperture in scene.default_apertures():
@@ -99,7 +99,7 @@ def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(name: str, 
     model = Reference(scene).trace_model(aperture, settings)
     with Rasterizer(scene) as raster:
         drawn = raster.render(aperture, settings, normals=False, color=False)
-        explanation = explain(scene, model, drawn, int(raster.device["subpixel_bits"]))
+        explanation = explain(scene, model, drawn, raster.model)
     counts = explanation.counts()
     assert counts["unexplained"] == 0
     assert counts["order"] > 100
@@ -121,7 +121,7 @@ class Case:
 
     def draw(self, settings: DoubleFrustum) -> HogelImage:
         with Rasterizer(self.scene) as raster:
-            self.bits = int(raster.device["subpixel_bits"])
+            self.bits = raster.model
             return raster.render(self.aperture, settings, normals=False, color=False)
 
     def assert_unexplained(self, drawn: HogelImage) -> None:
@@ -210,7 +210,7 @@ def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
     scene = view("car", (256, 192))
     aperture, settings = scene.plate.middle, reversed_d32f(0.15)
     with Rasterizer(scene) as raster:
-        bits = int(raster.device["subpixel_bits"])
+        bits = raster.model
         right = raster.render(aperture, settings)
         assert not misplaced(scene, right, bits).any()
     right_shader = programs.shader

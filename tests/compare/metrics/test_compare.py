@@ -453,7 +453,7 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
                 off = np.abs(measured - closed_form(drawn, float(near)))[shown]
             z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
             # The points are computed on the drawn triangles: these must have been drawn there.
-            assert not misplaced(scene, drawn, int(raster.device["subpixel_bits"])).any()
+            assert not misplaced(scene, drawn, raster.model).any()
             known = POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
             bound = known * np.array([256, 192]) / (2 * z * half_extent)
             assert (off <= bound).all()

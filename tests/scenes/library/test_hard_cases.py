@@ -136,7 +136,7 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
                     judged = compare_images(truth_of(name, aperture), drawn, reference)
                     json.dumps(judged.summary(), allow_nan=False)
                     model = reference.trace_model(where, settings)
-                    explained = explain(scene, model, drawn, int(one.device["subpixel_bits"]))
+                    explained = explain(scene, model, drawn, one.model)
                     assert not explained.unexplained.any(), (aperture, settings)
 
 
