@@ -1,0 +1,121 @@
+"""How exactly a device knows what it interpolates over a triangle: depth, or 1 / w."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
+from xfrustum.compare.rounding.triangles import NEXT
+from xfrustum.reference.lines.triangles import cross_products
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.device_model import DeviceModel
+
+CUT_ROUNDINGS = 8
+"""Roundings of 2^-24 in the plane of a triangle that a clip plane cuts, relative to the largest term.
+
+Four in the clip coordinate, one each for the division by w, the viewport, and the two steps of
+the plane equation along x and y.
+"""
+
+GRADIENT_ROUNDINGS = 5
+"""Roundings of 2^-24 in the gradient of a plane through three corners, relative to the products in it.
+
+Each product of an edge and a difference of depth has five: the edge, the difference, the quotient of edge
+and area, the product, and the difference of two products. The area has three in each of its two products,
+and two after that. Where the corners lie nearly on one line these products are large and cancel.
+"""
+
+PLANE_ROUNDINGS = 11
+"""Roundings of 2^-24 in a plane's value at a pixel, relative to that and to its rise from the film's corner.
+
+Four in a corner's place in pixels (quotient, two products, a sum), one each in the two products and the two
+sums that carry the plane to the film's corner, one each in the two products and the sum that carry it to the
+pixel. Renderers that begin at the triangle have fewer.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Planes:
+    """A quantity Z / w over triangles (T,) in homogeneous film coordinates, linear on the film.
+
+    A device interpolates between corners V' = V + d: the triangle's, or those of a polygon that clipping
+    makes of it, each a mean of the triangle's. At a pixel p it finds sum(m_i Z'_i) with weights m_i >= 0 for
+    which sum(m_i V'_i) = (p, 1). On the exact plane Z = G . V, so that
+
+        found - exact = sum(m_i (dZ_i - G . d_i)),        sum(m_i w_i) = 1,
+
+    whatever triangles the polygon is drawn as. Two things move corners, and one the plane between them:
+
+    * snapping, by half a subpixel step along each axis, where the plane is taken from snapped vertices;
+    * float32, by the bounds of each corner. A corner that clipping made has the bounds of the largest;
+    * the setup of the plane from corners in pixels, `GRADIENT_ROUNDINGS` and `PLANE_ROUNDINGS`.
+    """
+
+    vertices: Floats  #: (T, 3, 3) corners V = (x, y, w); x / w and y / w lie between -1 and 1 on the film
+    value: Floats  #: (T, 3) Z of the corners
+    moved: Floats  #: (T, 3, 3) bounds of the float32 errors of V
+    moved_value: Floats  #: (T, 3) those of Z
+    uncut: Mask  #: (T,) triangles that neither near nor far plane cuts
+    largest: Floats  #: (T,) largest term of the quantity on what is left of a triangle
+    resolution: tuple[int, int]  #: W, H of the film in pixels
+
+    @cached_property
+    def weights(self) -> Floats:
+        """(3, T, 3) weight of each corner at a film point as linear functions of (u, v, 1)."""
+        following, after = (self.vertices.take(one, axis=1).reshape(-1, 3) for one in (NEXT, (2, 0, 1)))
+        lines = cross_products(following, after).reshape(-1, 3, 3)
+        volume = np.einsum("tc,tc->t", self.vertices[:, 0], lines[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((lines / volume[:, None, None]).transpose(1, 0, 2))
+
+    @cached_property
+    def gradient(self) -> Floats:
+        """(T, 3) G, with which the quantity is G . (u, v, 1) on the film."""
+        return np.asarray(np.einsum("ktc,tk->tc", self.weights, self.value))
+
+    def exact(self, which: Indices, points: Floats) -> Floats:
+        """Return the exact quantity of triangles `which` (N,) at film points (u, v, 1), (N, 3)."""
+        return np.asarray(np.einsum("nc,nc->n", self.gradient.take(which, axis=0), points))
+
+    def tolerance(self, which: Indices, points: Floats, device: DeviceModel) -> Floats:
+        """Return how far what a device finds there may lie from the exact quantity, (N,)."""
+        gradient, size = np.abs(self.gradient), np.asarray(self.resolution, dtype=np.float64)
+        slope_px = gradient[:, :2] * (2 / size)
+        snapped = slope_px.sum(axis=1) * device.half_step if device.snaps_depth else 0.0
+        moved = np.einsum("tc,tkc->tk", gradient, self.moved) + self.moved_value
+        each = np.einsum("ktc,tk->tc", self.weights, moved).take(which, axis=0)
+        # sum(m_i) is 1 / w at the pixel, but for what the same errors do to 1 / w itself.
+        over_w = self.weights.sum(axis=0)
+        aside = np.einsum("tc,tkc->tk", np.abs(over_w), self.moved).max(axis=1, initial=0.0)
+        all_alike = moved.max(axis=1, initial=0.0) / np.maximum(1 - aside, 0.0)
+        by_corners = np.where(
+            self.uncut.take(which),
+            np.abs(np.einsum("nc,nc->n", each, points)),
+            np.abs(np.einsum("nc,nc->n", over_w.take(which, axis=0), points)) * all_alike.take(which),
+        )
+        cut = CUT_ROUNDINGS * (self.largest + slope_px @ size)
+        whole = self._setup(slope_px, size) + PLANE_ROUNDINGS * self.largest
+        setup = snapped + FLOAT32_ROUNDING * np.where(self.uncut, whole, cut)
+        return np.asarray(by_corners + setup.take(which))
+
+    def _setup(self, slope_px: Floats, size: Floats) -> Floats:
+        """Return the roundings (T,) of planes through corners in pixels: the worst of three to start from."""
+        w = self.vertices[:, :, 2:]
+        places, value = (self.vertices[:, :, :2] / w + 1) / 2 * size, self.value / w[..., 0]
+        worst = np.zeros(len(value))
+        for i in range(3):
+            one, other = places[:, i] - places[:, i - 2], places[:, i - 1] - places[:, i]
+            rise, fall = np.abs(value[:, i] - value[:, i - 2]), np.abs(value[:, i - 1] - value[:, i])
+            # Edges crosswise: that along y gives the slope along x.
+            crosswise, otherwise = np.abs(one[:, ::-1]), np.abs(other[:, ::-1])
+            area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+            gradient = rise[:, None] * otherwise + fall[:, None] * crosswise
+            farthest = np.maximum(np.abs(one), np.abs(other))
+            products = (np.abs(one) * otherwise).sum(axis=1) * np.maximum(rise, fall)
+            cancelled = ((gradient * farthest).sum(axis=1) + products) / area
+            origin = (slope_px * (np.abs(places[:, i]) + size)).sum(axis=1)
+            worst = np.maximum(worst, GRADIENT_ROUNDINGS * cancelled + PLANE_ROUNDINGS * origin)
+        return worst

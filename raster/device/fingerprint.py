@@ -1,0 +1,261 @@
+"""Draws triangles, writes depths and filters a texture, so that a device shows how it rounds.
+
+It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw hogels; without
+clip control all clip depth runs from -1 to 1.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+
+from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.scenes.arrays import Mask, Singles
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+
+SIZE = 64  #: pixels along each side of what is drawn
+TRIANGLES, EDGES = 240, 160  #: triangles whose depth is looked at, and those whose coverage is
+SEED = 11  #: of the random triangles; the recorded fingerprints have the same ones
+EMPTY = -9.0  #: what pixels hold at which no fragment was drawn
+
+WRITTEN = ((0.96, 101), (0.5, 1021), (0.25, 1), (0.1, 977), (0.001, 4099), (1e-6, 65537), (0.9999, 1))
+"""First depth that fragments write, and the step from one to the next in units in the last place."""
+
+_READ: dict[DepthFormat, tuple[int, type]] = {
+    DepthFormat.D16: (GL.GL_UNSIGNED_SHORT, np.uint16),
+    DepthFormat.D24: (GL.GL_UNSIGNED_INT, np.uint32),
+    DepthFormat.D32F: (GL.GL_FLOAT, np.float32),
+}
+
+_VERTEX = """#version 330
+in vec4 p; in vec2 a; smooth out vec2 s; noperspective out vec2 l; flat out vec2 c;
+void main() { gl_Position = p; s = a; l = a; c = a; }"""
+
+_OUT = "#version 330\nlayout(location = 0) out vec4 o; layout(location = 1) out vec4 q;\n"
+
+_FRAGMENT = f"""{_OUT}smooth in vec2 s; noperspective in vec2 l; flat in vec2 c;
+void main() {{ o = vec4(gl_FragCoord.z, gl_FragCoord.w, s); q = vec4(l, c); }}"""
+
+_PLACE = "ivec2 at = ivec2(gl_FragCoord.xy); int n = at.y * 64 + at.x;"
+
+_WRITES = f"""{_OUT}uniform float base; uniform int step;
+void main() {{ {_PLACE} gl_FragDepth = intBitsToFloat(floatBitsToInt(base) + n * step); o = vec4(gl_FragDepth); q = o; }}"""
+
+_FILTERS = f"""{_OUT}uniform sampler2D t;
+void main() {{ {_PLACE} o = texture(t, vec2((0.5 + (float(n) + 0.5) / 4096.0) / 2.0, 0.5)); q = o; }}"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fingerprint:
+    """What a device drew: `vertices` (T, 3, 4) are clip coordinates, pictures (T, 64, 64), row 0 at the bottom."""
+
+    device: dict[str, str]
+    vertices: Singles
+    zero_to_one: NDArray[np.bool_]  #: (T,) whether clip depth runs from 0 to 1, not from -1
+    varyings: Singles  #: (T, 3, 2) of the corners
+    stored: dict[DepthFormat, NDArray[Any]]  #: stored depths, in steps of D16 and D24
+    fragment: Singles  #: (T, 64, 64, 4) gl_FragCoord.z and .w, smooth varyings; `EMPTY` where nothing is
+    others: Singles  #: likewise, noperspective varyings, then flat ones
+    #: stored depths of each format by those that fragments wrote, float32
+    written: dict[DepthFormat, tuple[Singles, NDArray[Any]]]
+    filtered: Singles  #: (4096,) places between a texel of 0 and one of 1, as a filter in float32 weighs them
+    edge_vertices: Singles  #: (E, 3, 4) triangles with corners at centers, or at 1/512 pixel
+    covered: Mask  #: (E, 64, 64) pixels that they cover
+
+    @property
+    def drawn(self) -> Mask:
+        """(T, 64, 64) pixels with a fragment."""
+        return np.asarray(self.fragment[..., 0] != EMPTY)
+
+    @classmethod
+    def read(cls, path: Path) -> Fingerprint:
+        """Read a recorded fingerprint; D24 is recorded in the upper 24 bits."""
+        with np.load(path) as found:
+            names = json.loads(str(found["device"]))
+            at = [f"{base:g}" for base, _ in WRITTEN]
+
+            def of(depth: DepthFormat, what: str) -> NDArray[Any]:
+                return np.concatenate([found[f"written|{depth}|{base}|{what}"] for base in at])
+
+            steps = {depth: _in_steps(depth, found[depth.value]) for depth in DepthFormat}
+            written = {d: (of(d, "float"), _in_steps(d, of(d, "stored"))) for d in DepthFormat}
+            return cls(
+                device={name: str(value) for name, value in names.items()},
+                zero_to_one=found["zero_to_one"] != 0,
+                stored=steps,
+                written=written,
+                fragment=found["frag"],
+                others=found["flat"],
+                filtered=found["filter|f4"],
+                covered=np.unpackbits(found["covered"], axis=-1) != 0,
+                **{name: found[name] for name in ("vertices", "varyings", "edge_vertices")},
+            )
+
+
+def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
+    """Return depths as they were read in steps of the format: D24 comes in the upper bits of 32."""
+    return read >> 8 if depth is DepthFormat.D24 else read
+
+
+def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
+    """Yield corners in clip coordinates (3, 4) and varyings (3, 2): of every size, near one depth, seen askew."""
+    rng = np.random.default_rng(SEED)
+    for k in range(TRIANGLES):
+        kind = k % 6
+        size = (20.0, 2.0, 0.5, 0.05, 1.0, 1.0)[kind]
+        xy = rng.uniform(-1, 1, (3, 2)) * size + (rng.uniform(-0.8, 0.8, 2) if kind in (2, 3) else 0)
+        w = np.ones(3) if kind in (0, 3) else np.exp(rng.uniform(-4, 4, 3))
+        z = rng.uniform(-0.98, 0.98, 3) if kind != 5 else 1 - np.exp(rng.uniform(-14, -8, 3))
+        corners = np.concatenate([xy, z[:, None], np.ones((3, 1))], axis=1) * w[:, None]
+        varyings = rng.uniform(0, 1, (3, 2)).astype(np.float32)
+        if k % 7 == 0:
+            varyings[:] = varyings[0]
+        yield corners.astype(np.float32), varyings
+
+
+def edge_triangles() -> Iterator[Singles]:
+    """Yield corners (3, 4) at pixel centers, so that ties decide, and at odd multiples of 1/512 pixel."""
+    rng = np.random.default_rng(SEED)
+    for k in range(EDGES):
+        at = rng.integers(-40 * 512, 40 * 512, (3, 2)) / 512 if k % 2 else rng.integers(-40, 40, (3, 2)) + 0.5
+        corners = np.ones((3, 4), np.float32)
+        corners[:, :2], corners[:, 2] = at / (SIZE / 2), 0
+        yield corners
+
+
+class _Canvas:
+    """Two float32 pictures, and a depth buffer of each format that goes with them, in the current context."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        pictures = [self._texture(GL.GL_RGBA32F) for _ in range(2)]
+        self._framebuffers = {}
+        for depth, internal in INTERNAL_FORMAT.items():
+            self._framebuffers[depth] = int(GL.glGenFramebuffers(1))
+            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[depth])
+            points = [GL.GL_COLOR_ATTACHMENT0, GL.GL_COLOR_ATTACHMENT1]
+            for point, texture in zip(points, pictures, strict=True):
+                GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, GL.GL_TEXTURE_2D, texture, 0)
+            stored = self._texture(internal)
+            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, stored, 0)
+            GL.glDrawBuffers(2, points)
+
+    @staticmethod
+    def _texture(internal: int) -> int:
+        texture = int(GL.glGenTextures(1))
+        GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+        is_depth = internal in INTERNAL_FORMAT.values()
+        layout = (GL.GL_DEPTH_COMPONENT if is_depth else GL.GL_RGBA), GL.GL_FLOAT
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, SIZE, SIZE, 0, *layout, None)
+        for name in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, name, GL.GL_NEAREST)
+        return texture
+
+    def draw(self, program: moderngl.Program, corners: Singles, depth: DepthFormat, content: str) -> None:
+        """Draw corners with what `content` says is with each, into cleared pictures."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[depth])
+        GL.glViewport(0, 0, SIZE, SIZE)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        GL.glDepthFunc(GL.GL_ALWAYS)
+        for picture in range(2):
+            GL.glClearBufferfv(GL.GL_COLOR, picture, np.full(4, EMPTY, np.float32))
+        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.zeros(1, np.float32))
+        names = [name for name in ("p", "a") if name in program]
+        buffer = self._context.buffer(np.ascontiguousarray(corners, dtype=np.float32).tobytes())
+        vertices = self._context.vertex_array(program, [(buffer, content, *names)])
+        vertices.render(moderngl.TRIANGLES)
+        vertices.release()
+        buffer.release()
+
+    def depth(self, depth: DepthFormat) -> NDArray[Any]:
+        """Return what the depth buffer that was drawn into last holds, in steps of its format."""
+        kind, dtype = _READ[depth]
+        into: NDArray[Any] = np.empty((SIZE, SIZE), dtype)
+        GL.glReadPixels(0, 0, SIZE, SIZE, GL.GL_DEPTH_COMPONENT, kind, into)
+        return _in_steps(depth, into)
+
+    def picture(self, number: int) -> Singles:
+        """Return one of the pictures."""
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + number)
+        into: Singles = np.empty((SIZE, SIZE, 4), np.float32)
+        GL.glReadPixels(0, 0, SIZE, SIZE, GL.GL_RGBA, GL.GL_FLOAT, into)
+        return into
+
+
+def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Fingerprint:
+    """Draw the fingerprint of the device whose context is current; it takes a second or two in software."""
+    canvas, clip_control = _Canvas(context), bool(GL.glClipControl)
+    program = context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
+    vertices, varyings, fragment, others, zero_to_one = [], [], [], [], []
+    stored: dict[DepthFormat, list[NDArray[Any]]] = {depth: [] for depth in DepthFormat}
+    for number, (corners, values) in enumerate(fingerprint_triangles()):
+        from_zero = bool(number % 2) and clip_control
+        if clip_control:
+            GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE if from_zero else GL.GL_NEGATIVE_ONE_TO_ONE)
+        for depth, pictures in stored.items():
+            canvas.draw(program, np.concatenate([corners, values], axis=1), depth, "4f 2f")
+            pictures.append(canvas.depth(depth))
+        for pictures, one in ((fragment, 0), (others, 1)):
+            pictures.append(canvas.picture(one))
+        vertices.append(corners)
+        varyings.append(values)
+        zero_to_one.append(from_zero)
+    edges, covered = list(edge_triangles()), []
+    for corners in edges:
+        canvas.draw(program, np.concatenate([corners, np.zeros((3, 2))], axis=1), DepthFormat.D32F, "4f 2f")
+        covered.append(canvas.picture(0)[..., 0] != EMPTY)
+    return Fingerprint(
+        device=device,
+        vertices=np.array(vertices),
+        varyings=np.array(varyings),
+        zero_to_one=np.array(zero_to_one),
+        stored={depth: np.array(pictures) for depth, pictures in stored.items()},
+        fragment=np.array(fragment),
+        others=np.array(others),
+        written=_written(context, canvas),
+        filtered=_filtered(context, canvas),
+        edge_vertices=np.array(edges),
+        covered=np.array(covered),
+    )
+
+
+_WHOLE = np.array([[-1, -1, 0, 1], [3, -1, 0, 1], [-1, 3, 0, 1]], np.float32)
+_WHOLE_VERTEX = "#version 330\nin vec4 p; void main() { gl_Position = p; }"
+
+
+def _written(
+    context: moderngl.Context, canvas: _Canvas
+) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
+    """Return depths that fragments wrote, and what each format kept of them."""
+    program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_WRITES)
+    found = {}
+    for depth in DepthFormat:
+        pairs = []
+        for base, step in WRITTEN:
+            program["base"], program["step"] = base, step
+            canvas.draw(program, _WHOLE, depth, "4f")
+            pairs.append((canvas.picture(0)[..., 0].ravel(), canvas.depth(depth).ravel()))
+        wrote, kept = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        found[depth] = (wrote, kept)
+    return found
+
+
+def _filtered(context: moderngl.Context, canvas: _Canvas) -> Singles:
+    """Return the mean of two texels, 0 and 1, at 4,096 places between them."""
+    program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_FILTERS)
+    texture = context.texture((2, 1), 1, np.array([0, 1], np.float32).tobytes(), dtype="f4")
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    texture.use(0)
+    canvas.draw(program, _WHOLE, DepthFormat.D32F, "4f")
+    texture.release()
+    return np.ascontiguousarray(canvas.picture(0)[..., 0].ravel())
+
