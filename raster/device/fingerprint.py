@@ -1,7 +1,7 @@
 """Draws triangles, writes depths and filters a texture, so that a device shows how it rounds.
 
-It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw hogels; without
-clip control all clip depth runs from -1 to 1.
+It asks for no more of OpenGL than 3.3, so that devices show themselves that are too old to draw hogels;
+without clip control all clip depth runs from -1 to 1.
 """
 
 from __future__ import annotations
@@ -47,7 +47,10 @@ void main() {{ o = vec4(gl_FragCoord.z, gl_FragCoord.w, s); q = vec4(l, c); }}""
 _PLACE = "ivec2 at = ivec2(gl_FragCoord.xy); int n = at.y * 64 + at.x;"
 
 _WRITES = f"""{_OUT}uniform float base; uniform int step;
-void main() {{ {_PLACE} gl_FragDepth = intBitsToFloat(floatBitsToInt(base) + n * step); o = vec4(gl_FragDepth); q = o; }}"""
+void main() {{
+    {_PLACE}
+    gl_FragDepth = intBitsToFloat(floatBitsToInt(base) + n * step); o = vec4(gl_FragDepth); q = o;
+}}"""
 
 _FILTERS = f"""{_OUT}uniform sampler2D t;
 void main() {{ {_PLACE} o = texture(t, vec2((0.5 + (float(n) + 0.5) / 4096.0) / 2.0, 0.5)); q = o; }}"""
@@ -55,7 +58,7 @@ void main() {{ {_PLACE} o = texture(t, vec2((0.5 + (float(n) + 0.5) / 4096.0) / 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fingerprint:
-    """What a device drew: `vertices` (T, 3, 4) are clip coordinates, pictures (T, 64, 64), row 0 at the bottom."""
+    """What a device drew: `vertices` (T, 3, 4) in clip coordinates, pictures with row 0 at the bottom."""
 
     device: dict[str, str]
     vertices: Singles
@@ -106,7 +109,7 @@ def _in_steps(depth: DepthFormat, read: NDArray[Any]) -> NDArray[Any]:
 
 
 def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
-    """Yield corners in clip coordinates (3, 4) and varyings (3, 2): of every size, near one depth, seen askew."""
+    """Yield clip coordinates (3, 4) and varyings (3, 2) of corners: of every size, near one depth, askew."""
     rng = np.random.default_rng(SEED)
     for k in range(TRIANGLES):
         kind = k % 6
@@ -194,7 +197,9 @@ def draw_fingerprint(context: moderngl.Context, device: dict[str, str]) -> Finge
     """Draw the fingerprint of the device whose context is current; it takes a second or two in software."""
     canvas, clip_control = _Canvas(context), bool(GL.glClipControl)
     program = context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
-    vertices, varyings, fragment, others, zero_to_one = [], [], [], [], []
+    vertices, varyings, zero_to_one = [], [], []
+    fragment: list[Singles] = []
+    others: list[Singles] = []
     stored: dict[DepthFormat, list[NDArray[Any]]] = {depth: [] for depth in DepthFormat}
     for number, (corners, values) in enumerate(fingerprint_triangles()):
         from_zero = bool(number % 2) and clip_control
@@ -231,9 +236,7 @@ _WHOLE = np.array([[-1, -1, 0, 1], [3, -1, 0, 1], [-1, 3, 0, 1]], np.float32)
 _WHOLE_VERTEX = "#version 330\nin vec4 p; void main() { gl_Position = p; }"
 
 
-def _written(
-    context: moderngl.Context, canvas: _Canvas
-) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
+def _written(context: moderngl.Context, canvas: _Canvas) -> dict[DepthFormat, tuple[Singles, NDArray[Any]]]:
     """Return depths that fragments wrote, and what each format kept of them."""
     program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_WRITES)
     found = {}
@@ -258,4 +261,3 @@ def _filtered(context: moderngl.Context, canvas: _Canvas) -> Singles:
     canvas.draw(program, _WHOLE, DepthFormat.D32F, "4f")
     texture.release()
     return np.ascontiguousarray(canvas.picture(0)[..., 0].ravel())
-

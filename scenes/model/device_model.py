@@ -84,8 +84,6 @@ H100 = DeviceModel(
     snaps_depth=True,
     # A depth is cut off to sixteenths of a step, and half goes down: the next step begins at 9 / 16.
     d16=(-0.5 - SIXTEENTH, 0.5),
-    # Half goes up, and for depths below some 1e-5 so does what is less than a sixteenth below half.
-    d24=(-0.5, 0.5 + SIXTEENTH),
     filter_bits=8,
 )
 """NVIDIA H100, driver 580.159.04, as measured in November 2026."""

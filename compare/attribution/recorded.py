@@ -1,0 +1,203 @@
+"""Frames that were recorded on some machine, explained by the model of the device that drew them."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.rounding.causes import HEADINGS, find_causes
+from xfrustum.compare.rounding.triangles import NEXT, Precision, RoundingCamera, film_points
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import ModelCamera, model_cameras
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import DeviceModel, model_of
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.opening import open_scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFrame:
+    """One frame by its name, `scene|near/reach|depth|mapping|column,row`."""
+
+    name: str
+    triangle: Numbers  #: (H, W) numbers as drawn, `NOTHING` where nothing is
+
+    @property
+    def scene(self) -> str:
+        """The scene that was drawn."""
+        return self.name.split("|")[0]
+
+    def asked(self, scene: Scene) -> tuple[Aperture, DoubleFrustum]:
+        """Return for which hogel of the scene, and with which settings, it was drawn."""
+        try:
+            _, near, depth, mapping, place = self.name.split("|")
+            column, row = (int(number) for number in place.split(","))
+            near_of_scene = float(near) * scene.frustum.longest_reach
+        except ValueError as error:
+            raise InputError(
+                f"{self.name!r} names no frame; frames are called scene|near/reach|depth|mapping|column,row"
+            ) from error
+        settings = DoubleFrustum(near=near_of_scene, depth=depth, mapping=mapping)  # type: ignore[arg-type]
+        return scene.plate.aperture(column, row), settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replayed:
+    """Why recorded frames differ from what their cameras show without rounding."""
+
+    frames: int
+    device: str  #: name of the device that drew
+    model: DeviceModel  #: by which they were explained
+    counts: dict[str, int]  #: pixels by their heading
+    unexplained: dict[str, int]  #: pixels of each frame that has some
+
+    @property
+    def wrong(self) -> int:
+        """Number of pixels that differ."""
+        return sum(self.counts.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `device --replay --json` prints."""
+        return {
+            "frames": self.frames,
+            "wrong": self.wrong,
+            **self.counts,
+            "device": self.device,
+            "device_model": self.model.name,
+            "frames_unexplained": self.unexplained,
+        }
+
+
+def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
+    """Read the names of the device and the frames of a recording; InputError where it is none."""
+    try:
+        with np.load(path) as found:
+            device = json.loads(str(found["device"]))
+            frames = [RecordedFrame(name=n, triangle=found[n]) for n in found.files if n != "device"]
+            {name: str(device[name]) for name in ("renderer", "subpixel_bits")}
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; give a recording of frames, a .npz") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path} is no recording of frames: {error}") from error
+    if any(frame.triangle.ndim != 2 or frame.triangle.dtype.kind != "i" for frame in frames):
+        raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
+    return device, frames
+
+
+def replay(
+    recording: tuple[dict[str, str], list[RecordedFrame]],
+    model: DeviceModel | None = None,
+    begun: Callable[[RecordedFrame], None] = lambda frame: None,
+) -> Replayed:
+    """Explain recorded frames by a model, None for that of their device; `begun` hears of each frame."""
+    device, frames = recording
+    model = model or model_of(device)
+    counts, unexplained = Counter(dict.fromkeys(HEADINGS, 0)), {}
+    references: dict[tuple[str, tuple[int, ...]], Reference] = {}
+    traced: dict[tuple[str, tuple[int, ...], float, tuple[int, int]], HogelImage] = {}
+    for frame in frames:
+        begun(frame)
+        opened = frame.scene, frame.triangle.shape
+        if opened not in references:
+            references[opened] = Reference(_scene_of(frame))
+        reference = references[opened]
+        aperture, settings = frame.asked(reference.scene)
+        # What exact cameras show does not depend on the depth buffer.
+        key = (*opened, settings.near, aperture.index)
+        if key not in traced:
+            traced[key] = reference.trace_model(aperture, settings, shaded=False)
+        expected = traced[key]
+        pixels = np.flatnonzero(expected.triangle != frame.triangle)
+        found = causes_of(reference.scene, expected, frame, pixels, model)
+        counts.update(found)
+        if found["unexplained"]:
+            unexplained[frame.name] = found["unexplained"]
+    return Replayed(
+        frames=len(frames),
+        device=str(device["renderer"]),
+        model=model,
+        counts=dict(counts),
+        unexplained=unexplained,
+    )
+
+
+def causes_of(
+    scene: Scene, expected: HogelImage, frame: RecordedFrame, pixels: Indices, model: DeviceModel
+) -> dict[str, int]:
+    """Return how many of the pixels (N,) of a frame are under each heading."""
+    aperture, settings = frame.asked(scene)
+    precision = Precision(device=model, depth=settings.depth, mapping=settings.mapping)
+    drawn_by = model_cameras(scene.frustum, aperture, settings)
+    cameras = [
+        RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
+        for camera in drawn_by
+    ]
+    position = np.full((*frame.triangle.shape, 3), np.nan)
+    position[..., 2] = shown_heights(scene.triangles, drawn_by, frame.triangle)
+    shown = HogelImage(
+        camera=expected.camera,
+        triangle=frame.triangle,
+        object=np.zeros_like(frame.triangle),
+        position=position,
+    )
+    return find_causes(scene.triangles, cameras, expected, shown, pixels).counts()
+
+
+BESIDE_PX = 0.05
+"""Distance outside of a triangle, pixels, up to which a pixel may still be the triangle's, as snapping moves
+edges by 2^-9 of a pixel and float32 by less than a tenth of that, but for triangles cut beside the camera."""
+
+
+def shown_heights(triangles: Floats, cameras: Sequence[ModelCamera], shown: Numbers) -> Floats:
+    """Return the heights (H, W) of what a recording shows, NaN where that is nothing.
+
+    A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the triangle
+    covers the pixel as C* sees it; else the camera by which the pixel lies least outside of the triangle.
+    """
+    found = np.full(shown.shape, np.nan)
+    rows, columns = np.nonzero(shown != NOTHING)
+    corners = triangles[shown[rows, columns]]
+    best, height = np.full(len(rows), -np.inf), np.full(len(rows), np.nan)
+    for camera in reversed(cameras):
+        pencil = camera.pencil
+        (first, last), points = (
+            sorted(map(abs, pencil.s_range)),
+            film_points(pencil.resolution, (columns, rows)),
+        )
+        side = 1.0 if camera.orthoscopic else -1.0
+        offset = corners - np.asarray(pencil.center)
+        s = -offset[..., 2:]
+        vertices = np.concatenate(
+            ((offset[..., :2] - np.multiply(pencil.shear, s)) / pencil.half_extent, s), -1
+        )
+        edges = np.cross(vertices, vertices[:, NEXT])
+        plane = edges.sum(axis=1)
+        volume = np.einsum("ij,ij->i", vertices[:, 0], edges[:, 1])
+        per_px = [np.hypot(*(one[..., :2] * 2 / pencil.resolution).T).T for one in (edges, plane)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = np.einsum("ij,ij->i", plane, points) * side / volume
+            w = np.clip(1 / inverse, first, last)
+            inside = np.einsum("nij,nj->ni", edges, points) * (side * np.sign(volume))[:, None] / per_px[0]
+            beyond = np.abs(1 / w - inverse) * np.abs(volume) / per_px[1]
+        least = np.minimum(np.minimum(inside.min(axis=1), 0.0), -beyond)
+        least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf)
+        taken = (least > best + BESIDE_PX) | np.isnan(height)
+        height[taken], best[taken] = (pencil.center[2] - side * w)[taken], least[taken]
+    found[rows, columns] = height
+    return found
+
+
+def _scene_of(frame: RecordedFrame) -> Scene:
+    scene = open_scene(frame.scene)
+    height, width = frame.triangle.shape
+    return replace(scene, frustum=replace(scene.frustum, resolution=(width, height)))

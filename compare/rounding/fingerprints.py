@@ -1,0 +1,249 @@
+"""What a fingerprint says of its device: a model of it, and whether a model holds for what it drew."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.rounding.depth import STEP
+from xfrustum.compare.rounding.planes import Planes
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
+from xfrustum.compare.rounding.triangles import CLIPPED_VERTEX_ROUNDINGS
+from xfrustum.raster.device.fingerprint import SIZE, Fingerprint
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.device_model import KNOWN, SIXTEENTH, DeviceModel, Range, safe_model
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+
+FIXED = (DepthFormat.D16, DepthFormat.D24)
+LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}
+"""The step that stands for a depth of one."""
+
+MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
+"""The finest grids that are looked for. Weights are odd multiples of 2^-13, which no coarser grid has."""
+
+SNAP_DOUBT = 2.0**-12
+"""Distance in pixels from an edge within which coverage does not count. Float32 places a corner that is up to
+40 pixels from the middle within 2^-18; the rest is for ties."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Within:
+    """How the depths that a device stored lie between a model's bounds."""
+
+    pixels: int
+    within: int  #: that lie between the bounds
+    share_of_safe: float  #: median ratio of the tolerances to those of a device that nobody has measured
+
+    @property
+    def share(self) -> float:
+        """Share of the pixels within the bounds."""
+        return self.within / self.pixels if self.pixels else 1.0
+
+
+class Measured:
+    """What a fingerprint says of its device."""
+
+    def __init__(self, fingerprint: Fingerprint) -> None:
+        self.fingerprint = fingerprint
+
+    @cached_property
+    def model(self) -> DeviceModel:
+        """The model of the device, by measurement alone."""
+        fixed = {depth.value: self._stored_range(depth) for depth in FIXED}
+        return DeviceModel(
+            name=self.fingerprint.device["renderer"],
+            subpixel_bits=self.subpixel_bits,
+            snaps_depth=self.snaps_depth,
+            filter_bits=self.filter_bits,
+            **fixed,
+        )
+
+    @cached_property
+    def known(self) -> DeviceModel:
+        """The known model of the device; the measured one where it is not known."""
+        names = (name for name in KNOWN if name in self.fingerprint.device["renderer"])
+        return next((KNOWN[name] for name in names), self.model)
+
+    @cached_property
+    def coverage_differs(self) -> dict[int, int]:
+        """Pixels that other triangles cover than those whose corners are snapped to so many bits."""
+        return {bits: self._coverage_differs(bits) for bits in range(MOST_SUBPIXEL_BITS + 1)}
+
+    @cached_property
+    def subpixel_bits(self) -> int:
+        """Bits of the grid that explains coverage best, but no more than the device says that it has."""
+        said = int(self.fingerprint.device["subpixel_bits"])
+        counts = {bits: count for bits, count in self.coverage_differs.items() if bits <= said}
+        return min(counts, key=lambda bits: (counts[bits], -bits))
+
+    @cached_property
+    def snaps_depth(self) -> bool:
+        """Whether stored depths are nearer to planes through snapped corners than to the others."""
+        off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
+        return bool(np.median(off[1]) < np.median(off[0]))
+
+    @cached_property
+    def filter_bits(self) -> int | None:
+        """Bits of the weights of a bilinear filter; None where they are finer than is looked for."""
+        for bits in range(MOST_FILTER_BITS + 1):
+            scaled = self.fingerprint.filtered.astype(np.float64) * 2.0**bits
+            if np.array_equal(scaled, np.round(scaled)):
+                return bits
+        return None
+
+    def written_steps(self, depth: DepthFormat) -> Range:
+        """Return lowest and highest difference, in steps, of what is stored and what fragments wrote."""
+        wrote, kept = self.fingerprint.written[depth]
+        # What is beyond one is clamped, and negative or no numbers are not depths.
+        valid = (wrote >= 0) & (wrote <= 1)
+        if depth not in FIXED:
+            off = (kept[valid].astype(np.float64) - wrote[valid]) / FLOAT32_ROUNDING
+        else:
+            off = kept[valid].astype(np.float64) - wrote[valid].astype(np.float64) * LARGEST[depth]
+        return float(off.min()), float(off.max())
+
+    def interpolated_steps(self, depth: DepthFormat) -> Range:
+        """Return the same for interpolated depths, beside planes through snapped corners if it snaps them."""
+        off = self._off_planes(snapped=self.snaps_depth, depth=depth)
+        return float(off.min()), float(off.max())
+
+    def varyings(self) -> dict[str, float]:
+        """Return how far varyings that are equal at all corners are off at pixels, by their interpolation."""
+        fingerprint, found = self.fingerprint, {}
+        equal = np.asarray((fingerprint.varyings == fingerprint.varyings[:, :1]).all(axis=(1, 2)))
+        shown = fingerprint.drawn & equal[:, None, None]
+        corner = fingerprint.varyings[np.nonzero(shown)[0], 0]
+        pictures = {
+            "smooth": fingerprint.fragment[..., 2:],
+            "noperspective": fingerprint.others[..., :2],
+            "flat": fingerprint.others[..., 2:],
+        }
+        for name, values in pictures.items():
+            off = np.abs(values[shown].astype(np.float64) - corner)
+            found[name] = float(np.nanmax(off, initial=0.0))
+        return found
+
+    def within(self, model: DeviceModel, depth: DepthFormat = DepthFormat.D32F) -> Within:
+        """Hold the stored depths of all triangles against a model's bounds."""
+        which, points, stored = self._stored(depth, self.fingerprint.drawn)
+        planes = self._planes
+        exact = planes.exact(which, points)
+        step, (low, high) = STEP[depth], model.stored(depth)
+        kept = FLOAT32_ROUNDING * np.abs(exact)
+        tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
+        safe = (
+            planes.tolerance(which, points, safe_model(model.subpixel_bits)) + kept + step * (0.5 + SIXTEENTH)
+        )
+        # What clipping leaves lies between zero and one, and is clamped to that.
+        inside = np.abs(stored - np.clip(exact, 0.0, 1.0) - step * (high + low) / 2) <= tolerance
+        ratio = float(np.median(tolerance / safe)) if len(stored) else 1.0
+        return Within(pixels=len(stored), within=int(inside.sum()), share_of_safe=ratio)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return `device.json`: what was measured, the model, and the model that pixels are explained by."""
+        device, depths = self.fingerprint.device, {}
+        for depth in DepthFormat:
+            steps = {"written_steps": self.written_steps(depth)}
+            depths[depth.value] = {**steps, "interpolated_steps": self.interpolated_steps(depth)}
+        return {
+            "renderer": device["renderer"],
+            "version": device["version"],
+            "software": any(name in device["renderer"] for name in ("llvmpipe", "softpipe", "SwiftShader")),
+            "subpixel_bits": self.subpixel_bits,
+            "snaps_depth": self.snaps_depth,
+            "depth": depths,
+            "filter_bits": self.filter_bits,
+            "varyings": self.varyings(),
+            "tried": {
+                "triangles": len(self.fingerprint.vertices),
+                "pixels": int(self.fingerprint.drawn.sum()),
+                "edges": len(self.fingerprint.edge_vertices),
+                "written": {d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()},
+                "filtered": len(self.fingerprint.filtered),
+            },
+            "within": {depth.value: asdict(self.within(self.known, depth)) for depth in DepthFormat},
+            "model": self.known.as_json(),
+        }
+
+    @cached_property
+    def _planes(self) -> Planes:
+        corners = self.fingerprint.vertices.astype(np.float64)
+        from_zero = self.fingerprint.zero_to_one[:, None]
+        w, z = corners[..., 3], corners[..., 2]
+        value = np.where(from_zero, z, (z + w) / 2)
+        moved = CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * np.abs(corners)
+        return Planes(
+            vertices=corners[..., (0, 1, 3)],
+            value=value,
+            moved=moved[..., (0, 1, 3)],
+            moved_value=np.where(from_zero, moved[..., 2], (moved[..., 2] + moved[..., 3]) / 2),
+            uncut=np.asarray(((value >= 0) & (value <= w)).all(axis=1)),
+            largest=np.ones(len(corners)),
+            resolution=(SIZE, SIZE),
+        )
+
+    def _stored(self, depth: DepthFormat, where: Mask) -> tuple[Indices, Floats, Floats]:
+        """Return triangle, film point and stored depth, 0 to 1, of pixels."""
+        which, row, column = np.nonzero(where)
+        # Rows count up here.
+        u, v = (2 * column + 1) / SIZE - 1, (2 * row + 1) / SIZE - 1
+        stored = self.fingerprint.stored[depth][where].astype(np.float64) / LARGEST.get(depth, 1)
+        return which, np.stack((u, v, np.ones(len(u))), axis=-1), stored
+
+    def _off_planes(self, *, snapped: bool, depth: DepthFormat = DepthFormat.D32F) -> Floats:
+        """Return stored minus exact depths of uncut triangles in steps, 2^-24 for D32F."""
+        planes = self._planes
+        corners = planes.vertices / planes.vertices[..., 2:]
+        if snapped:
+            per_film = SIZE / 2 * 2.0**self.subpixel_bits
+            corners = np.concatenate((np.round(corners[..., :2] * per_film) / per_film, corners[..., 2:]), -1)
+        # Triangles that snapping leaves without an area are not drawn.
+        drawn = self.fingerprint.drawn & planes.uncut[:, None, None]
+        which, points, stored = self._stored(depth, drawn)
+        depths = planes.value / planes.vertices[..., 2]
+        volume = np.linalg.det(corners)
+        solid = np.abs(volume) > 0
+        gradient = np.zeros((len(volume), 3))
+        gradient[solid] = np.linalg.solve(corners[solid], depths[solid][..., None])[..., 0]
+        kept = solid.take(which)
+        exact = np.einsum("nc,nc->n", gradient.take(which, axis=0), points)
+        return np.asarray(((stored - exact) / (STEP[depth] or FLOAT32_ROUNDING))[kept])
+
+    def _stored_range(self, depth: DepthFormat) -> Range:
+        """Return how float32 depths are stored, to sixteenths of a step: those that fragments have are known.
+
+        The product with the number of steps is rounded in float32 first, which is no part of this.
+        """
+        fragment = self.fingerprint.fragment[..., 0][self.fingerprint.drawn].astype(np.float64)
+        stored = self.fingerprint.stored[depth][self.fingerprint.drawn]
+        wrote, kept = self.fingerprint.written[depth]
+        valid = (wrote >= 0) & (wrote <= 1)
+        given = np.concatenate((fragment, wrote[valid].astype(np.float64)))
+        off = np.concatenate((stored, kept[valid])) - given * LARGEST[depth]
+        product = FLOAT32_ROUNDING * given * LARGEST[depth]
+        low, high = float((off + product).min()), float((off - product).max())
+        sixteenths = np.ceil(np.array([-low, high]) / SIXTEENTH - 2.0**-10) * SIXTEENTH
+        return min(-0.5, -float(sixteenths[0])), max(0.5, float(sixteenths[1]))
+
+    def _coverage_differs(self, bits: int) -> int:
+        """Return at how many pixels coverage is not that of corners snapped to so many bits, but for ties."""
+        grid = 2.0**bits
+        corners = self.fingerprint.edge_vertices[..., :2].astype(np.float64)
+        places = np.round((corners + 1) / 2 * SIZE * grid) / grid
+        rows, columns = np.mgrid[0:SIZE, 0:SIZE] + 0.5
+        inside, doubtful = np.ones((2, len(places), SIZE, SIZE), dtype=np.bool_)
+        doubtful[:] = False
+        (x, y), (right, up) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
+        turned = np.sign(x * up - y * right)
+        for i in range(3):
+            one, along = places[:, i], places[:, (i + 1) % 3] - places[:, i]
+            x, y = (one[:, k, None, None] for k in range(2))
+            side = along[:, 0, None, None] * (rows - y) - along[:, 1, None, None] * (columns - x)
+            side = side * turned[:, None, None]
+            inside &= side > 0
+            doubtful |= np.abs(side) <= SNAP_DOUBT * np.linalg.norm(along, axis=1)[:, None, None]
+        solid = (turned != 0)[:, None, None]
+        return int(((inside != self.fingerprint.covered) & ~doubtful & solid).sum())

@@ -1,0 +1,146 @@
+"""What devices drew, recorded there or drawn here, lies within the bounds of their models and of no other."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.views import SHARED
+from xfrustum.compare.rounding.fingerprints import Measured
+from xfrustum.compare.rounding.planes import Planes
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
+from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes.model.device_model import H100, LLVMPIPE, DeviceModel, model_of, safe_model
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+
+RECORDED = SHARED / "data" / "devices"
+MODELS = {"llvmpipe": LLVMPIPE, "h100": H100}
+
+
+@pytest.fixture(scope="module", params=sorted(MODELS))
+def recorded(request: pytest.FixtureRequest) -> tuple[Measured, DeviceModel]:
+    path = RECORDED / f"{request.param}-fingerprint.npz"
+    if not path.exists():
+        pytest.skip(f"needs ../shared/data/devices/{path.name}, beside the checkout")
+    return Measured(Fingerprint.read(path)), MODELS[request.param]
+
+
+def test_a_recorded_fingerprint_measures_the_known_model(recorded: tuple[Measured, DeviceModel]) -> None:
+    measured, known = recorded
+    assert replace(measured.model, name=known.name) == known
+    assert measured.known == known
+
+
+@pytest.mark.parametrize("depth", list(DepthFormat))
+def test_all_stored_depths_lie_within_the_bounds_of_their_device(
+    recorded: tuple[Measured, DeviceModel], depth: DepthFormat
+) -> None:
+    measured, known = recorded
+    found = measured.within(known, depth)
+    assert found.pixels > 90_000
+    assert found.within == found.pixels
+    assert found.share_of_safe <= 1.0
+
+
+def test_a_device_that_does_not_snap_depth_has_half_the_bounds_of_one_that_nobody_knows() -> None:
+    path = RECORDED / "llvmpipe-fingerprint.npz"
+    if not path.exists():
+        pytest.skip("needs ../shared/data/devices, beside the checkout")
+    assert Measured(Fingerprint.read(path)).within(LLVMPIPE).share_of_safe < 0.6
+
+
+def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_not_snap_them() -> None:
+    path = RECORDED / "h100-fingerprint.npz"
+    if not path.exists():
+        pytest.skip("needs ../shared/data/devices, beside the checkout")
+    measured = Measured(Fingerprint.read(path))
+    for depth in (DepthFormat.D24, DepthFormat.D32F):
+        assert 1 - measured.within(LLVMPIPE, depth).share > 0.15
+    # Half a step and no more is not how it stores D16.
+    nearest = replace(H100, d16=(-0.5, 0.5))
+    found = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
+    assert found[0].share_of_safe > found[1].share_of_safe
+
+
+def test_the_device_at_hand_draws_as_its_model_says() -> None:
+    with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
+        measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
+    for depth in DepthFormat:
+        assert measured.within(rasterizer.model, depth).share == 1.0
+        assert measured.within(measured.model, depth).share == 1.0
+
+
+def plane_of(corners: np.ndarray) -> Planes:
+    """Make one uncut triangle of corners (x, y, w, Z), its errors those of float32."""
+    one = np.asarray(corners, dtype=np.float64)[None]
+    moved = 2.0**-24 * np.abs(one)
+    return Planes(
+        vertices=one[..., :3],
+        value=one[..., 3],
+        moved=moved[..., :3],
+        moved_value=moved[..., 3],
+        uncut=np.ones(1, dtype=np.bool_),
+        largest=np.ones(1),
+        resolution=(64, 64),
+    )
+
+
+@pytest.mark.parametrize("snaps", [False, True])
+def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tolerance(*, snaps: bool) -> None:
+    """Corners are moved at random by up to what float32 and, if it does, snapping move them."""
+    rng = np.random.default_rng(7)
+    model = replace(LLVMPIPE, snaps_depth=snaps)
+    for _ in range(60):
+        w = np.exp(rng.uniform(-3, 3, 3))
+        film = rng.uniform(-1, 1, (3, 2))
+        value = rng.uniform(0, 1, 3)
+        planes = plane_of(np.column_stack((film * w[:, None], w, value * w)))
+        share = rng.dirichlet(np.ones(3), 20)
+        points = np.column_stack((share @ film, np.ones(20)))
+        moved = np.column_stack((planes.vertices[0], planes.value[0]))
+        moved = moved + rng.choice((-1, 1), (3, 4)) * 2.0**-24 * np.abs(moved)
+        places = moved[:, :2] / moved[:, 2:3]
+        if snaps:
+            places = places + rng.choice((-1, 1), (3, 2)) * model.half_step * 2 / 64
+        corners = np.column_stack((places, np.ones(3)))
+        found = points @ np.linalg.solve(corners, moved[:, 3] / moved[:, 2])
+        which = np.zeros(20, dtype=np.int64)
+        off = np.abs(found - planes.exact(which, points))
+        # Points near the rim may lie outside of the triangle that moved: there planes go on.
+        assert (off <= 1.02 * planes.tolerance(which, points, model)).all()
+
+
+def test_the_thinner_a_triangle_the_less_is_known_of_its_plane() -> None:
+    """The gradient is a difference of products that cancel: so it is measured on both devices' slivers."""
+    known = []
+    for height in (0.5, 1e-2, 1e-4):
+        corners = np.array([(-0.5, 0.0, 1.0, 0.2), (0.5, 0.1, 1.0, 0.7), (0.0, 0.05 + height, 1.0, 0.45)])
+        point = np.array([[0.0, 0.05 + height / 3, 1.0]])
+        known.append(float(plane_of(corners).tolerance(np.zeros(1, dtype=np.int64), point, LLVMPIPE)[0]))
+    assert known[0] < known[1] < known[2] / 20
+
+
+def test_a_device_nobody_measured_has_the_widest_bounds() -> None:
+    known = model_of({"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "subpixel_bits": "8"})
+    assert known == LLVMPIPE
+    foreign = model_of({"renderer": "A card of tomorrow", "subpixel_bits": "6"})
+    assert foreign == safe_model(6)
+    assert foreign.snaps_depth
+    assert foreign.half_step == 2.0**-7
+
+
+def test_a_model_is_read_from_the_file_that_the_command_writes(tmp_path: Path) -> None:
+    path = tmp_path / "device.json"
+    path.write_text(json.dumps({"model": H100.as_json()}))
+    assert DeviceModel.read(path) == H100
+    for wrong in ("{}", "[]", '{"model": {"name": "x"}}', "no json"):
+        path.write_text(wrong)
+        with pytest.raises(InputError, match=r"no device\.json"):
+            DeviceModel.read(path)
+    with pytest.raises(InputError, match="xfrustum device --out"):
+        DeviceModel.read(tmp_path / "nothing.json")
