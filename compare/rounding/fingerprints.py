@@ -12,6 +12,7 @@ from xfrustum.compare.rounding.depth import STEP
 from xfrustum.compare.rounding.planes import Planes
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.compare.rounding.triangles import CLIPPED_VERTEX_ROUNDINGS
+from xfrustum.raster.device.context import is_software
 from xfrustum.raster.device.fingerprint import SIZE, Fingerprint
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import KNOWN, SIXTEENTH, DeviceModel, Range, safe_model
@@ -151,7 +152,7 @@ class Measured:
         return {
             "renderer": device["renderer"],
             "version": device["version"],
-            "software": any(name in device["renderer"] for name in ("llvmpipe", "softpipe", "SwiftShader")),
+            "software": is_software(device["renderer"]),
             "subpixel_bits": self.subpixel_bits,
             "snaps_depth": self.snaps_depth,
             "depth": depths,

@@ -1,6 +1,7 @@
 """The one place that makes an OpenGL context: moderngl over EGL, without a display."""
 
 import ctypes
+import os
 import time
 from abc import ABC, abstractmethod
 from bisect import bisect_left
@@ -50,25 +51,102 @@ def open_context() -> moderngl.Context:
     except Exception as error:
         # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
         reason = " ".join(str(error).split())
-        raise InputError(f"no OpenGL 4.5 through EGL ({reason}); {_found()}: {_HELP}") from error
+        helps = overlooked_card() or _HELP
+        raise InputError(f"no OpenGL 4.5 through EGL ({reason}); {_found()}: {helps}") from error
 
 
-def _context(version: int) -> moderngl.Context:
+def oldest_context() -> moderngl.Context:
+    """Return a new context of OpenGL 3.3 or later, for what asks for no more; InputError without one."""
+    try:
+        return _context(OLDEST_VERSION)
+    except Exception as error:  # as above
+        reason = " ".join(str(error).split())
+        raise InputError(f"no OpenGL 3.3 through EGL ({reason}): {overlooked_card() or _HELP}") from error
+
+
+def _context(version: int, index: int = 0) -> moderngl.Context:
     """Return a context of at least some version: drivers such as NVIDIA's give exactly what is asked for."""
     # moderngl's own annotation asks for a dictionary where its code takes a name.
-    backend: dict[str, Any] = {"backend": "egl"}
+    backend: dict[str, Any] = {"backend": "egl", "device_index": index}
     return moderngl.create_context(require=version, standalone=True, **backend)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EglDevice:
+    """One of the devices that EGL lists."""
+
+    index: int
+    renderer: str  #: as OpenGL calls it; empty where it gives no context
+    version: str  #: of its OpenGL, or why there is none
+
+
+def egl_devices() -> tuple[EglDevice, ...]:
+    """Return all devices that EGL lists, each with the newest OpenGL that it has."""
+    found = []
+    for index in range(_device_count()):
+        reason, context = "", None
+        for version in (REQUIRED_VERSION, OLDEST_VERSION):
+            try:
+                context = _context(version, index)
+                break
+            except Exception as error:
+                reason = " ".join(str(error).split())
+        if context is None:
+            found.append(EglDevice(index=index, renderer="", version=reason))
+            continue
+        names = describe(context)
+        found.append(EglDevice(index=index, renderer=names["renderer"], version=names["version"]))
+        context.release()
+    return tuple(found)
 
 
 def _found() -> str:
     """Return in words what the machine has, where it lacks `REQUIRED_VERSION`."""
-    try:
-        context = _context(OLDEST_VERSION)
-    except Exception:  # as above
-        return "this machine has no OpenGL at all"
-    info = context.info
-    context.release()
-    return f"this machine has OpenGL {info['GL_VERSION']} of {info['GL_RENDERER']}"
+    found = [f"OpenGL {one.version} of {one.renderer}" for one in egl_devices() if one.renderer]
+    return f"this machine has {', '.join(found)}" if found else "this machine has no OpenGL at all"
+
+
+NVIDIA_CARDS = Path("/proc/driver/nvidia/gpus")
+"""Where NVIDIA's kernel driver lists its cards, whether or not EGL knows of them."""
+
+VENDORS_ASKED = "__EGL_VENDOR_LIBRARY_FILENAMES"
+VENDOR_FOLDERS = tuple(
+    Path(folder) / "glvnd/egl_vendor.d" for folder in ("/etc", "/usr/share", "/usr/local/share")
+)
+SOFTWARE_ASKED = ("LIBGL_ALWAYS_SOFTWARE", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER_OVERRIDE")
+"""Environment variables that make Mesa draw in software, or in another way than it would by itself."""
+
+
+def overlooked_card() -> str | None:
+    """Return what to do about a card that the machine has, and EGL does not draw on; None without one."""
+    models = [_card_name(card) for card in sorted(NVIDIA_CARDS.glob("*/information"))]
+    if gpu_indices():
+        asked = [name for name in SOFTWARE_ASKED if os.environ.get(name)]
+        return f"this machine has a card, and {asked[0]} keeps EGL from it; unset that" if asked else None
+    if not models:
+        return None
+    named = os.environ.get(VENDORS_ASKED, "")
+    files = [Path(one) for one in named.split(os.pathsep)] if named else []
+    if not named:
+        files = [file for folder in VENDOR_FOLDERS for file in sorted(folder.glob("*nvidia*.json"))]
+    if any(file.is_file() and "nvidia" in file.name for file in files):
+        return f"this machine has {models[0]}, and EGL does not list it; see whether its libraries are there"
+    return (
+        f"this machine has {models[0]}, which is not registered with EGL: put 10_nvidia.json, with "
+        '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}, into '
+        f"{VENDOR_FOLDERS[1]}, or set {VENDORS_ASKED} to it"
+    )
+
+
+def _card_name(information: Path) -> str:
+    lines = information.read_text(errors="replace").splitlines()
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("Model:")), "")
+    return model or "an NVIDIA card"
+
+
+def is_software(renderer: str) -> bool:
+    """Return whether a renderer of some name draws on the processor."""
+    return any(name in renderer for name in ("llvmpipe", "softpipe", "SwiftShader", "swr"))
 
 
 def describe(context: moderngl.Context) -> dict[str, str]:
@@ -115,6 +193,14 @@ def gpu_indices() -> tuple[int, ...]:
     except error.Error:
         # The driver has no such extension: nobody can choose a device then.
         return ()
+
+
+def _device_count() -> int:
+    """Return the number of devices that EGL lists; one where it does not tell."""
+    try:
+        return sum(1 for _ in _extensions())
+    except error.Error:
+        return 1
 
 
 def _extensions() -> Iterator[bytes]:

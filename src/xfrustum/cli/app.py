@@ -20,7 +20,7 @@ USES = {
     "State what a renderer does": ("conformance", "conformance"),
     "The viewer's eye": ("eye", "view"),
     "Studies and benchmarks": ("studies", "study bench"),
-    "Checks of xfrustum itself": ("studies", "selfcheck"),
+    "Checks of xfrustum itself": ("studies", "selfcheck device"),
 }
 """Module of `commands` and names of commands by use, in the order in which people need them."""
 

@@ -29,6 +29,7 @@ from xfrustum.tolerances import TOLERANCE_PX
 if TYPE_CHECKING:
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.reports.blocks import Engine
+    from xfrustum.scenes.model.device_model import DeviceModel
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
 
@@ -362,6 +363,17 @@ ACCEPTED = Read("NAME,NAME,..", _accepted, "a list of conventions")
 
 scene_argument: str = argument(shell_complete=_scenes)
 aperture_option = option(INDEX, "Column,row on the plate.  [default: the middle]")
+
+
+def _device_model(text: str) -> DeviceModel:
+    from xfrustum.scenes.model.device_model import DeviceModel
+
+    return DeviceModel.read(Path(text))
+
+
+device_option = option(
+    Read("FILE", _device_model, ""), "device.json of the machine that drew.  [default: as known]", "--device"
+)
 tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
 decided_by_option = choice(
     "certified embree mitsuba", "Certified truth, or a tracer's own picture.", default="certified"

@@ -164,3 +164,39 @@ def selfcheck(asked: _Selfcheck) -> int:
     found = checking.selfcheck(asked.scenes, quick=asked.quick, progress=asked.progress)
     asked.tell(found.summary, lambda: checking.table(found))
     return 0 if found.agrees else options.LIMIT_EXCEEDED
+
+
+class _Device(options.Measured):
+    listed = flag("Name the devices that EGL lists, and measure none.", "--list")
+    out = option(FOLDER, "Folder for device.json.")
+    replay = option(FOLDER, "Explain recorded frames (.npz) instead.")
+    device = options.device_option
+
+
+@options.command("xfrustum device --out measured")
+def device(asked: _Device) -> int:
+    """Measure how the OpenGL device at hand rounds: snapping, depth, varyings, filter.
+
+    It draws adversarial triangles of every size, writes depths, and filters a texture, in seconds. The file
+    device.json, given to `budget`, `report` and `verify` as --device, says how the machine that drew rounds.
+    With --replay, recorded frames are explained by the model of the device that drew them; exit status 1 if
+    pixels stay unexplained.
+    """
+    from xfrustum.reports import device as measuring
+
+    options.check_out(asked.out, measuring.FILES)
+    if asked.replay is not None:
+        replayed = measuring.replayed(asked.replay, asked.device, progress=asked.progress)
+        asked.tell(replayed.as_json, lambda: measuring.replay_table(replayed))
+        return options.LIMIT_EXCEEDED if replayed.counts["unexplained"] else 0
+    if asked.listed:
+        found = measuring.listed()
+        asked.tell(lambda: found, lambda: measuring.list_table(found))
+        return 0
+    measured = measuring.measure_device()
+    if measured.note is not None:
+        options.note(measured.note)
+    if asked.out is not None:
+        measuring.write_device(measured, asked.out)
+    asked.tell(measured.as_json, lambda: measuring.table(measured))
+    return 0

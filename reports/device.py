@@ -1,0 +1,128 @@
+"""`xfrustum device`: how the OpenGL device at hand rounds, as a table and as `device.json`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.compare.attribution.recorded import Replayed, read_frames, replay
+from xfrustum.compare.rounding.fingerprints import Measured
+from xfrustum.raster.device.context import (
+    describe,
+    egl_devices,
+    is_software,
+    oldest_context,
+    overlooked_card,
+)
+from xfrustum.raster.device.fingerprint import draw_fingerprint
+from xfrustum.reports.common.json_ready import write_json
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.notebook import aligned, percent
+
+DATA = "device.json"
+FILES = (DATA,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DeviceReport:
+    """What was measured of the device at hand."""
+
+    measured: Measured
+    note: str | None  #: about a card that the machine has, and EGL did not give
+
+    def as_json(self) -> dict[str, Any]:
+        """Return `device.json`."""
+        return self.measured.as_json()
+
+
+def measure_device() -> DeviceReport:
+    """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3."""
+    with oldest_context() as context:
+        names = describe(context)
+        measured = Measured(draw_fingerprint(context, names))
+    context.release()
+    software = is_software(names["renderer"])
+    card = overlooked_card() if software else None
+    note = f"{names['renderer']} draws in software: {card}" if card else None
+    return DeviceReport(measured=measured, note=note)
+
+
+def table(report: DeviceReport) -> str:
+    """Return what was measured as aligned lines, with how often each was tried."""
+    found = report.as_json()
+    tried = found["tried"]
+    pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
+    snapped = "snapped" if found["snaps_depth"] else "unsnapped"
+    bits, filtered = found["subpixel_bits"], found["filter_bits"]
+    rows = [
+        ("measured", "", "tried"),
+        ("subpixel bits", f"{bits}, vertices snapped to 1/{2**bits} px", f"{tried['edges']} triangles"),
+        ("depth planes", f"from {snapped} vertices", pixels),
+    ]
+    for name, steps in found["depth"].items():
+        unit = "steps of 2^-24" if name == "d32f" else "steps"
+        rows += [
+            (
+                f"{name} written",
+                f"{_steps(steps['written_steps'])} {unit}",
+                f"{tried['written'][name]:,} depths",
+            ),
+            (f"{name} interpolated", f"{_steps(steps['interpolated_steps'])} {unit}", pixels),
+        ]
+    weights = "float32" if filtered is None else f"multiples of 1/{2**filtered}"
+    rows.append(("filter weights", weights, f"{tried['filtered']:,} places"))
+    equal = ", ".join(f"{name} {off:.2g}" for name, off in found["varyings"].items())
+    rows.append(("equal varyings off by", equal, "every 7th triangle"))
+    within = ", ".join(
+        f"{name} {percent(one['within'] / max(one['pixels'], 1))}" for name, one in found["within"].items()
+    )
+    smaller = ", ".join(f"{name} {one['share_of_safe']:.2f}" for name, one in found["within"].items())
+    rows += [
+        (f"depths within the bounds of {found['model']['name']}", within, pixels),
+        ("these bounds, relative to those of any device", smaller, ""),
+    ]
+    return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows)}"
+
+
+def _steps(steps: tuple[float, float]) -> str:
+    low, high = steps
+    return f"{low:+.3g} to {high:+.3g}"
+
+
+def write_device(report: DeviceReport, out: Path) -> tuple[Path, ...]:
+    """Write device.json to a folder; InputError where it cannot be written."""
+    with Staging(out, FILES) as staging:
+        write_json(staging.folder / DATA, report.as_json())
+        return staging.commit()
+
+
+def listed() -> dict[str, Any]:
+    """Return all devices that EGL lists, and what keeps it from a card that it does not draw on."""
+    return {"devices": [vars(one) for one in egl_devices()], "overlooked": overlooked_card()}
+
+
+def list_table(found: dict[str, Any]) -> str:
+    """Return the devices of EGL as aligned lines."""
+    rows = [("EGL device", "renderer", "OpenGL")]
+    rows += [(str(one["index"]), one["renderer"] or "none", one["version"]) for one in found["devices"]]
+    return "\n".join(filter(None, (aligned(rows), found["overlooked"])))
+
+
+def replayed(frames: Path, model: DeviceModel | None = None, *, progress: bool = False) -> Replayed:
+    """Explain recorded frames by a model, None for that of the device that drew them."""
+    recording = read_frames(frames)
+    with progress_bar(len(recording[1]), "replay", "frame", shown=progress) as bar:
+        return replay(recording, model, lambda frame: bar.update())
+
+
+def replay_table(found: Replayed) -> str:
+    """Return why recorded frames differ from exact cameras as text."""
+    counts = ", ".join(f"{name} {count:,}" for name, count in found.counts.items())
+    lines = [
+        f"{found.frames} frames of {found.device}, explained by the model of {found.model.name}:",
+        f"{found.wrong:,} pixels differ from exact cameras: {counts}",
+    ]
+    return "\n".join([*lines, *(f"unexplained in {name}: {n:,}" for name, n in found.unexplained.items())])
