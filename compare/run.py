@@ -168,8 +168,8 @@ class Judge:
     """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
 
     A context manager: leaving it frees the rasterizer. The tracer does not matter where there is a reference;
-    effects are those that the scene calls for where they are None. Raises InputError where there is no such
-    tracer, or no usable OpenGL.
+    effects are those that the scene calls for where they are None; `model` is that of the device, None for
+    what is known of it. Raises InputError where there is no such tracer, or no usable OpenGL.
     """
 
     def __init__(
@@ -179,6 +179,7 @@ class Judge:
         *,
         reference: Reference | None = None,
         effects: frozenset[Effect] | None = None,
+        model: DeviceModel | None = None,
     ) -> None:
         one_of(scene, Scene, "scene")
         self.scene = scene
@@ -187,7 +188,7 @@ class Judge:
         self._drawing = ThreadPoolExecutor(1, thread_name_prefix="drawing")
         self._released = False
         try:
-            self._rasterizer = self._drawing.submit(Rasterizer, scene, effects).result()
+            self._rasterizer = self._drawing.submit(Rasterizer, scene, effects, model).result()
         except BaseException:
             self._drawing.shutdown(cancel_futures=True)
             raise

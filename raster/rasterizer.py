@@ -26,7 +26,7 @@ from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.device_model import model_of
+from xfrustum.scenes.model.device_model import DeviceModel, model_of
 from xfrustum.scenes.model.effects import Effect, Question, checked, loses_far_plane, needed
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, Rendering
 from xfrustum.scenes.model.scene import Scene
@@ -130,11 +130,13 @@ class Rasterizer(ContextOwner):
 
     A context manager: leaving it frees the context. `effects` are those that are simulated, None for those
     that the scene calls for, more with settings whose near is so tiny that surfaces beyond the reach are
-    shown. Raises InputError where there is no usable OpenGL, the scene is too large for it, or an effect is
-    not one.
+    shown. `model` is that of the device, None for what is known of it. Raises InputError where there is no
+    usable OpenGL, the scene is too large for it, or an effect is not one.
     """
 
-    def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
+    def __init__(
+        self, scene: Scene, effects: frozenset[Effect] | None = None, model: DeviceModel | None = None
+    ) -> None:
         one_of(scene, Scene, "scene")
         self.scene = scene
         self.effects = needed(scene) if effects is None else checked(effects)
@@ -142,7 +144,7 @@ class Rasterizer(ContextOwner):
         self._beyond_reach: frozenset[Effect] | None = None
         self._context = open_context()
         self.device = describe(self._context)
-        self.model = model_of(self.device)
+        self.model = model or model_of(self.device)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:

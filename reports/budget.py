@@ -28,6 +28,7 @@ from xfrustum.scenes.appearance.display import LEVELS
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.notebook import png as notebook_png
 
 CHAIN = {
@@ -156,29 +157,41 @@ class AutoBudget(notebook.Shown):
 
 
 def auto_budget(
-    scene: Scene, settings: DoubleFrustum, auto: AutoApertures, *, progress: bool = False
+    scene: Scene,
+    settings: DoubleFrustum,
+    auto: AutoApertures,
+    *,
+    progress: bool = False,
+    device: DeviceModel | None = None,
 ) -> AutoBudget:
     """Return a budget at each of the apertures that were chosen for a plate; see `budget`."""
     budgets = [
-        replace(budget(scene, settings, one.aperture, progress=progress), why=one.why) for one in auto.chosen
+        replace(budget(scene, settings, one.aperture, progress=progress, device=device), why=one.why)
+        for one in auto.chosen
     ]
     return AutoBudget(budgets=tuple(budgets))
 
 
 def budget(
-    scene: Scene, settings: DoubleFrustum, aperture: Aperture | None = None, *, progress: bool = False
+    scene: Scene,
+    settings: DoubleFrustum,
+    aperture: Aperture | None = None,
+    *,
+    progress: bool = False,
+    device: DeviceModel | None = None,
 ) -> BudgetReport:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
 
     Sampling and light transport of the scene are links of the radiance error. The aperture is the middle one
-    where None; `progress` draws a bar on standard error. InputError where the settings make no sense for the
-    scene, the aperture sees nothing of the objects, or there is no usable OpenGL.
+    where None; `progress` draws a bar on standard error; rounding is explained by `device`, None for what is
+    known of the device at hand. InputError where the settings make no sense for the scene, the aperture sees
+    nothing of the objects, or there is no usable OpenGL.
     """
     one_of(scene, Scene, "scene")
     one_of(settings, DoubleFrustum, "settings")
     aperture = scene.plate.middle if aperture is None else aperture
     settings.check_against(scene.frustum)
-    charged, chain = budget_of(scene, aperture, settings)
+    charged, chain = budget_of(scene, aperture, settings, device)
     total = radiance_budget.steps(scene)
     with progress_bar(total, "radiance", "image", shown=progress and total > 0) as bar:
         radiance = radiance_budget.make_radiance_budget(scene, chain, bar.update)
@@ -187,13 +200,15 @@ def budget(
     )
 
 
-def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tuple[Budget, Chain]:
+def budget_of(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, device: DeviceModel | None = None
+) -> tuple[Budget, Chain]:
     """Trace and draw the chain of one aperture, and charge every wrong pixel to a link; see `budget`."""
     require_seen(scene, [aperture])
     # The links of geometry are about what pixels' centers show.
     once = replace(scene, sampling=Sampling())
     reference = Reference(once)
-    with Rasterizer(once) as rasterizer:
+    with Rasterizer(once, model=device) as rasterizer:
         chain = make_chain(reference, rasterizer, aperture, settings)
     return make_budget(reference, chain), chain
 
@@ -253,7 +268,7 @@ def table(geometry: Budget) -> str:
     notes = "".join(f"{note}\n" for note in prediction_notes(numbers))
     return (
         f"{headline(numbers)}\n{notebook.aligned(_link_cells(numbers))}\n{notes}"
-        f"explained: {reasons}; unexplained {numbers.unexplained:,}\n"
+        f"explained by the model of {numbers.device_model}: {reasons}; unexplained {numbers.unexplained:,}\n"
         f"right in the end although some link differed: {numbers.cancelled:,}"
     )
 

@@ -68,7 +68,7 @@ def table(report: DeviceReport) -> str:
             (
                 f"{name} written",
                 f"{_steps(steps['written_steps'])} {unit}",
-                f"{tried['written'][name]:,} depths",
+                f"{tried['written'][name]:,}",
             ),
             (f"{name} interpolated", f"{_steps(steps['interpolated_steps'])} {unit}", pixels),
         ]

@@ -77,6 +77,7 @@ class BudgetNumbers:
     unexplained: int
     not_in_every_link: int
     prediction_reasons: Reasons
+    device_model: str  #: name of the model by which rounding is explained
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -320,6 +321,7 @@ class Budget(Shown):
             cancelled=int(cancelled.sum()),
             not_in_every_link=self.displacement.elsewhere,
             prediction_reasons=self.reasons,
+            device_model=self.start.device.name,
         )
 
     def summary(self) -> dict[str, Any]:

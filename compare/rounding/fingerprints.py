@@ -132,12 +132,10 @@ class Measured:
         which, points, stored = self._stored(depth, self.fingerprint.drawn)
         planes = self._planes
         exact = planes.exact(which, points)
-        step, (low, high) = STEP[depth], model.stored(depth)
+        step, (low, high), unknown = STEP[depth], model.stored(depth), safe_model(model.subpixel_bits)
         kept = FLOAT32_ROUNDING * np.abs(exact)
         tolerance = planes.tolerance(which, points, model) + kept + step * (high - low) / 2
-        safe = (
-            planes.tolerance(which, points, safe_model(model.subpixel_bits)) + kept + step * (0.5 + SIXTEENTH)
-        )
+        safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
         # What clipping leaves lies between zero and one, and is clamped to that.
         inside = np.abs(stored - np.clip(exact, 0.0, 1.0) - step * (high + low) / 2) <= tolerance
         ratio = float(np.median(tolerance / safe)) if len(stored) else 1.0

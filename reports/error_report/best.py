@@ -21,6 +21,7 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.records import named_columns
 from xfrustum.scenes import Aperture, Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.notebook import digits, percent, plain
 from xfrustum.scenes.plate.plate import Frustum
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
@@ -68,6 +69,8 @@ class ReportOptions:
     decided_by: str = CERTIFIED
     #: Whether wrong pixels are charged to causes, and errors predicted.
     causes: bool = True
+    #: By which rounding is explained; None for the known model of the device at hand.
+    device: DeviceModel | None = None
     #: Whether there is a progress bar on standard error.
     progress: bool = False
 

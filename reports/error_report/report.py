@@ -233,6 +233,7 @@ class Sweep:
     reduction: int  #: image pixels per picture pixel, along each side
     versions: Mapping[str, str]
     devices: Mapping[str, str]
+    device_model: str  #: name of the model by which rounding is explained
     #: Seconds of each stage, added up over all frames: `prepare`, `trace`, `raster`, `compare`, `predict`,
     #: `causes`, `pictures` of the page, `alone` for the tracers alone, `inspection` for that page, and of a
     #: shaded scene `light`. Stages run at the same time: the sum exceeds `wall_s`.
@@ -319,7 +320,8 @@ def sweep(
     width, height = scene.frustum.resolution
     pixels = width * height * len(apertures) * len(settings)
     reduction = max(1, math.ceil(math.sqrt(pixels / PAGE_PIXELS)))
-    with Judge(scene, reference=alone.open_reference(scene, decision, effects), effects=effects) as judge:
+    reference = alone.open_reference(scene, decision, effects)
+    with Judge(scene, reference=reference, effects=effects, model=options.device) as judge:
         seconds = defaultdict(float, prepare=time.perf_counter() - begun)
         found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
         rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
@@ -344,6 +346,7 @@ def sweep(
         reduction=reduction,
         versions={**provenance.versions(), **judge.reference.versions},
         devices={**provenance.machine(), **opengl},
+        device_model=judge.model.name,
         times_s=seconds,
         wall_s=time.perf_counter() - begun,
         inspected=inspected,
@@ -580,6 +583,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
             "decided_by": measured.decided_by,
             "versions": measured.versions,
             "devices": measured.devices,
+            "device_model": measured.device_model,
             "times_s": measured.times_s,
             "cost": {
                 "wall_s": measured.wall_s,

@@ -93,8 +93,8 @@ FEWEST_SUBPIXEL_BITS = 4
 
 
 def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
-    """Return the model of a device that nobody has measured: the widest of what was ever seen."""
-    wide = -0.5 - SIXTEENTH, 0.5 + SIXTEENTH
+    """Return the model of a device that nobody has measured: it may store the step below, or that above."""
+    wide = -1.0, 1.0
     return DeviceModel(
         name=f"any device with {subpixel_bits} subpixel bits",
         subpixel_bits=subpixel_bits,

@@ -46,6 +46,7 @@ class _Report(options.Measured):
     tracer = options.tracer_option
     decided_by = options.decided_by_option
     light = light_options(*ALL)
+    device = options.device_option
     out = option(FOLDER, "Folder.  [default: report/NAME]")
 
 
@@ -77,6 +78,7 @@ def report(asked: _Report) -> None:
         effects=asked.light.effects,
         decided_by=asked.decided_by,
         progress=asked.progress,
+        device=asked.device,
         **asked.sweep,
     )
     files = make_report(opened, asked.out, how)
@@ -114,6 +116,7 @@ def compare(asked: _Compare) -> None:
 class _Budget(options.OneOrAuto):
     settings = options.settings_options(required=True)
     light = light_options(*BUDGET)
+    device = options.device_option
     out = option(FOLDER, "Folder for a page, and pictures of causes and links.")
 
 
@@ -135,7 +138,7 @@ def budget(asked: _Budget) -> None:
         charge = budgeting.auto_budget
         for one in chosen.apertures:
             options.check_out(asked.out and asked.out / budgeting.folder_of(one), budgeting.FILES)
-    charged = charge(opened, asked.settings, chosen, progress=asked.progress)
+    charged = charge(opened, asked.settings, chosen, progress=asked.progress, device=asked.device)
     files = () if asked.out is None else budgeting.write_budget(charged, asked.out)
     pages = [str(file) for file in files if file.name == budgeting.PAGE]
     asked.tell(charged.summary, lambda: "\n".join((charged.table(), *pages)))
