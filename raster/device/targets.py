@@ -25,6 +25,45 @@ IDENTITY, COLOR = 0, 1
 
 _FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
 
+_OFF = (
+    GL.GL_SCISSOR_TEST,
+    GL.GL_STENCIL_TEST,
+    GL.GL_DEPTH_CLAMP,
+    GL.GL_POLYGON_OFFSET_FILL,
+    GL.GL_FRAMEBUFFER_SRGB,
+    GL.GL_RASTERIZER_DISCARD,
+    GL.GL_COLOR_LOGIC_OP,
+    GL.GL_PRIMITIVE_RESTART,
+    GL.GL_SAMPLE_ALPHA_TO_COVERAGE,
+    GL.GL_SAMPLE_MASK,
+    GL.GL_DITHER,
+    *(GL.GL_CLIP_DISTANCE0 + number for number in range(8)),
+)
+"""What no picture is drawn with."""
+
+
+def forget_history() -> None:
+    """Set all that pictures depend on and that no draw sets for itself, so that none depends on another.
+
+    What a draw sets for itself: its framebuffer and viewport, depth test and function, blending, culling and
+    the facing of faces, clip control, programs, buffers and textures.
+    """
+    for state in _OFF:
+        GL.glDisable(state)
+    GL.glEnable(GL.GL_MULTISAMPLE)
+    GL.glPolygonMode(GL.GL_FRONT_AND_BACK, GL.GL_FILL)
+    GL.glDepthMask(GL.GL_TRUE)
+    GL.glDepthRange(0.0, 1.0)
+    GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
+    GL.glProvokingVertex(GL.GL_LAST_VERTEX_CONVENTION)
+    GL.glBlendEquation(GL.GL_FUNC_ADD)
+    GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+    for unit in range(2):  # samplers would stand above what textures say of themselves
+        GL.glBindSampler(unit, 0)
+    for name in (GL.GL_PACK_ROW_LENGTH, GL.GL_PACK_SKIP_ROWS, GL.GL_PACK_SKIP_PIXELS):
+        GL.glPixelStorei(name, 0)
+
+
 _SAMPLE_LIMITS = (
     GL.GL_MAX_SAMPLES,
     GL.GL_MAX_INTEGER_SAMPLES,
@@ -100,6 +139,7 @@ class Target:
 
     def begin(self, *, color: bool = True) -> None:
         """Draw here from now on, on an empty image: number 0 and, unless no color is wanted, black."""
+        forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture if color else self._numbers)
         GL.glViewport(0, 0, *self.size)
         GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))

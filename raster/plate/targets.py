@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
-from xfrustum.raster.device.targets import COLOR, IDENTITY
+from xfrustum.raster.device.targets import COLOR, IDENTITY, forget_history
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
@@ -127,6 +127,7 @@ class LayeredTarget:
         `box` is the part of the films that is drawn and read: first column, first row from the bottom, width
         and height; None for all. What lies outside reads as black.
         """
+        forget_history()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
         self._box = (0, 0, *self.size) if box is None or not bool(GL.glGetTextureSubImage) else box
