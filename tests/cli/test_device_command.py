@@ -1,0 +1,114 @@
+"""`xfrustum device`: what it prints, writes and refuses; cards that EGL does not draw on."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.views import SHARED
+from xfrustum.cli.main import main
+from xfrustum.raster.device import context
+from xfrustum.scenes.model.device_model import DeviceModel
+
+
+def test_the_device_at_hand_is_measured_and_its_model_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["device", "--json", "--quiet", "--out", str(tmp_path / "measured")]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {"renderer", "version", "software", "subpixel_bits", "snaps_depth", "depth"} <= set(found)
+    assert {"filter_bits", "varyings", "tried", "within", "model"} <= set(found)
+    assert set(found["depth"]) == {"d16", "d24", "d32f"}
+    assert found["varyings"]["flat"] == 0
+    for one in found["within"].values():
+        assert one["within"] == one["pixels"] > 50_000
+    path = tmp_path / "measured" / "device.json"
+    assert json.loads(path.read_text()) == found
+    assert DeviceModel.read(path).subpixel_bits == found["subpixel_bits"]
+
+
+def test_the_devices_of_egl_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["device", "--list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    opened = context.open_context()
+    names = context.describe(opened)
+    opened.release()
+    assert names["renderer"] in {one["renderer"] for one in found["devices"]}
+
+
+def test_a_recording_is_explained_by_the_model_of_its_device(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = SHARED / "data" / "devices" / "h100-frames.npz"
+    if not whole.exists():
+        pytest.skip("needs ../shared/data/devices, beside the checkout")
+    with np.load(whole) as found:
+        kept = {name: found[name] for name in ("device", "crossing|0.01|d24|standard|40,30")}
+    shifted = {n: a if n == "device" else np.roll(a, 1, axis=1) for n, a in kept.items()}
+    for name, frames, status in (("right", kept, 0), ("shifted", shifted, 1)):
+        path = tmp_path / f"{name}.npz"
+        np.savez(path, **frames)
+        assert main(["device", "--replay", str(path), "--json", "--quiet"]) == status
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["frames"] == 1
+        assert answer["device_model"] == "NVIDIA H100"
+        parts = sum(answer[name] for name in ("edge", "order", "lost", "unexplained"))
+        assert answer["wrong"] == parts
+        assert (answer["unexplained"] > 0) == (name == "shifted")
+
+
+def test_a_file_that_is_no_model_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "device.json"
+    path.write_text('{"renderer": "x"}')
+    assert main(["budget", "car", "--near", "0.1", "--device", str(path)]) == 2
+    told = capsys.readouterr().err.strip()
+    assert "no device.json" in told
+    assert "\n" not in told
+
+
+@pytest.fixture
+def card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a machine of which NVIDIA's kernel driver has a card and EGL does not."""
+    listed = tmp_path / "gpus" / "0000:01:00.0"
+    listed.mkdir(parents=True)
+    (listed / "information").write_text("Model: \t\t NVIDIA H100 80GB HBM3\nIRQ: 1\n")
+    monkeypatch.setattr(context, "NVIDIA_CARDS", tmp_path / "gpus")
+    monkeypatch.setattr(context, "VENDOR_FOLDERS", (tmp_path / "etc", tmp_path / "share"))
+    monkeypatch.setattr(context, "gpu_indices", lambda: ())
+    monkeypatch.delenv(context.VENDORS_ASKED, raising=False)
+    return tmp_path
+
+
+def test_a_card_that_is_not_registered_with_egl_is_named_with_what_to_do(card: Path) -> None:
+    told = context.overlooked_card()
+    assert told is not None
+    assert "NVIDIA H100 80GB HBM3" in told
+    assert "10_nvidia.json" in told
+    vendor = card / "share" / "10_nvidia.json"
+    vendor.parent.mkdir()
+    vendor.write_text("{}")
+    assert "libraries" in str(context.overlooked_card())
+
+
+def test_software_is_said_to_be_software_where_there_is_a_card(
+    card: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened = context.open_context()
+    renderer = context.describe(opened)["renderer"]
+    opened.release()
+    if not context.is_software(renderer):
+        pytest.skip("the device at hand is a card")
+    assert main(["device", "--quiet"]) == 0
+    assert f"{renderer} draws in software" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_variable_that_asks_for_software_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(context, "gpu_indices", lambda: (0,))
+    for name in context.SOFTWARE_ASKED:
+        monkeypatch.delenv(name, raising=False)
+    assert context.overlooked_card() is None
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+    assert "LIBGL_ALWAYS_SOFTWARE" in str(context.overlooked_card())
