@@ -16,9 +16,7 @@ from xfrustum.raster.device.context import (
     overlooked_card,
 )
 from xfrustum.raster.device.fingerprint import draw_fingerprint
-from xfrustum.reports.common.json_ready import write_json
-from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.outputs import progress_bar, write_files
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.notebook import aligned, percent
 
@@ -94,9 +92,7 @@ def _steps(steps: tuple[float, float]) -> str:
 
 def write_device(report: DeviceReport, out: Path) -> tuple[Path, ...]:
     """Write device.json to a folder; InputError where it cannot be written."""
-    with Staging(out, FILES) as staging:
-        write_json(staging.folder / DATA, report.as_json())
-        return staging.commit()
+    return write_files(out, {DATA: report.as_json()})
 
 
 def listed() -> dict[str, Any]:

@@ -7,10 +7,11 @@ is the other half of the measurement, that the triangle was drawn where its came
 from xfrustum.compare.attribution.budget import drawing_cameras
 from xfrustum.compare.rounding.causes import misplaced_pixels
 from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
-def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
+def misplaced(scene: Scene, raster: HogelImage, device: DeviceModel) -> Mask:
     """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
-    return misplaced_pixels(scene.triangles, drawing_cameras(scene, raster, subpixel_bits), raster)
+    return misplaced_pixels(scene.triangles, drawing_cameras(scene, raster, device), raster)
