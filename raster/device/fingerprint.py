@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
 from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
