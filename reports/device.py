@@ -79,7 +79,7 @@ def table(report: DeviceReport) -> str:
     )
     smaller = ", ".join(f"{name} {one['share_of_safe']:.2f}" for name, one in found["within"].items())
     rows += [
-        (f"depths within the bounds of {found['model']['name']}", within, pixels),
+        (f"within the bounds of {found['model']['name']}", within, pixels),
         ("these bounds, relative to those of any device", smaller, ""),
     ]
     return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows)}"

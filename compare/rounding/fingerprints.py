@@ -25,6 +25,10 @@ LARGEST = {DepthFormat.D16: 2**16 - 1, DepthFormat.D24: 2**24 - 1}
 MOST_SUBPIXEL_BITS, MOST_FILTER_BITS = 12, 12
 """The finest grids that are looked for. Weights are odd multiples of 2^-13, which no coarser grid has."""
 
+FILTER_ROUNDINGS = 4
+"""Roundings of 2^-24 in the weight of a texel of two: one each in the place between 0 and 1, in its product
+with their number, in the half that is taken off, and in the mean."""
+
 SNAP_DOUBT = 2.0**-12
 """Distance in pixels from an edge within which coverage does not count. Float32 places a corner that is up to
 40 pixels from the middle within 2^-18; the rest is for ties."""
@@ -141,6 +145,30 @@ class Measured:
         ratio = float(np.median(tolerance / safe)) if len(stored) else 1.0
         return Within(pixels=len(stored), within=int(inside.sum()), share_of_safe=ratio)
 
+    def varyings_within(self, model: DeviceModel) -> Within:
+        """Hold the smooth varyings of all triangles against a model's bounds."""
+        which, points, _ = self._stored(DepthFormat.D32F, self.fingerprint.drawn)
+        safe, off, bounds = safe_model(model.subpixel_bits), [], []
+        for number in range(2):
+            corners = self.fingerprint.varyings[..., number].astype(np.float64)
+            exact, tolerance = self._planes.varying(corners, which, points, model)
+            found = self.fingerprint.fragment[..., 2 + number][self.fingerprint.drawn]
+            off.append(np.abs(found - exact) <= tolerance)
+            bounds.append(tolerance / self._planes.varying(corners, which, points, safe)[1])
+        inside = off[0] & off[1]
+        ratio = float(np.median(bounds)) if len(inside) else 1.0
+        return Within(pixels=len(inside), within=int(inside.sum()), share_of_safe=ratio)
+
+    def filtered_within(self, model: DeviceModel) -> Within:
+        """Hold filtered means of a texel of 0 and one of 1, which are weights, against a model's bounds."""
+        filtered = self.fingerprint.filtered
+        exact = (np.arange(len(filtered)) + 0.5) / len(filtered)
+        bound, safe = (
+            one.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING for one in (model, safe_model())
+        )
+        inside = np.abs(filtered - exact) <= bound
+        return Within(pixels=len(filtered), within=int(inside.sum()), share_of_safe=bound / safe)
+
     def as_json(self) -> dict[str, Any]:
         """Return `device.json`: what was measured, the model, and the model that pixels are explained by."""
         device, depths = self.fingerprint.device, {}
@@ -163,7 +191,11 @@ class Measured:
                 "written": {d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()},
                 "filtered": len(self.fingerprint.filtered),
             },
-            "within": {depth.value: asdict(self.within(self.known, depth)) for depth in DepthFormat},
+            "within": {
+                **{depth.value: asdict(self.within(self.known, depth)) for depth in DepthFormat},
+                "varyings": asdict(self.varyings_within(self.known)),
+                "filter": asdict(self.filtered_within(self.known)),
+            },
             "model": self.known.as_json(),
         }
 

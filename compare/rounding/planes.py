@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -100,6 +100,32 @@ class Planes:
         whole = self._setup(slope_px, size) + PLANE_ROUNDINGS * self.largest
         setup = snapped + FLOAT32_ROUNDING * np.where(self.uncut, whole, cut)
         return np.asarray(by_corners + setup.take(which))
+
+    def varying(
+        self, values: Floats, which: Indices, points: Floats, device: DeviceModel
+    ) -> tuple[Floats, Floats]:
+        """Return what a smooth varying (T, 3) is at film points, exactly, and how far a device may be off.
+
+        It is the quotient of two planes, a / w and 1 / w. Snapping moves both alike: what is found at p is
+        exact at a point within half a subpixel step of it, where a minus its exact value at p has risen by
+        its own slope alone. Float32 moves each by itself. Where 1 / w may vanish, nothing is known.
+        """
+        w, size = self.vertices[..., 2], np.asarray(self.resolution, dtype=np.float64)
+        largest = [(np.abs(one) / w).max(axis=1) for one in (values, np.ones_like(w))]
+        over = replace(self, value=values, moved_value=FLOAT32_ROUNDING * np.abs(values), largest=largest[0])
+        inverse = replace(self, value=np.ones_like(w), moved_value=np.zeros_like(w), largest=largest[1])
+        one_over_w = inverse.exact(which, points)
+        exact = over.exact(which, points) / one_over_w
+        flat = inverse.gradient.take(which, axis=0)
+        rises = over.gradient.take(which, axis=0) - exact[:, None] * flat
+        step_px = device.half_step if device.snaps_depth else 0.0
+        moved, less = (np.abs(one[:, :2]) @ (2 / size) * step_px for one in (rises, flat))
+        unsnapped = replace(device, snaps_depth=False)
+        doubt, of_w = (one.tolerance(which, points, unsnapped) for one in (over, inverse))
+        least = one_over_w - less - of_w
+        with np.errstate(divide="ignore"):
+            off = (moved + doubt + np.abs(exact) * of_w) / np.maximum(least, 0.0)
+        return exact, np.asarray(off + FLOAT32_ROUNDING * np.abs(exact))
 
     def _setup(self, slope_px: Floats, size: Floats) -> Floats:
         """Return the roundings (T,) of planes through corners in pixels: the worst of three to start from."""

@@ -31,7 +31,7 @@ class DeviceModel:
     name: str  #: for people, and in what commands print as `device_model`
     #: Binary digits of a pixel to which vertices are snapped (GL_SUBPIXEL_BITS)
     subpixel_bits: int
-    #: Whether depth and 1 / w are interpolated from snapped vertices, so that they move with their edges
+    #: Whether depth, 1 / w and varyings are interpolated from snapped vertices, so that they move with edges
     snaps_depth: bool
     #: d16, d24: how a depth in float32 is rounded to the steps of a format. D32F keeps it as it is.
     d16: Range = NEAREST
@@ -42,6 +42,11 @@ class DeviceModel:
     def half_step(self) -> float:
         """Largest distance of a snapped vertex from its place along one axis, pixels."""
         return float(2.0 ** -(self.subpixel_bits + 1))
+
+    @property
+    def filter_rounding(self) -> float:
+        """Largest rounding of the weight that a bilinear filter gives a texel along one axis."""
+        return 0.0 if self.filter_bits is None else float(2.0 ** -(self.filter_bits + 1))
 
     def stored(self, depth: DepthFormat) -> Range:
         """Return how a float32 depth is rounded to the steps of a format."""

@@ -3,14 +3,18 @@
 With the true eye vector and no flips, at the surface points that the cameras of the double frustum draw.
 """
 
+import functools
+import itertools
 from dataclasses import replace
 
 import numpy as np
 
 from tests.support.views import lines_by_definition, view
+from xfrustum.raster.device.context import describe, open_context
 from xfrustum.scenes import HogelImage, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
+from xfrustum.scenes.model.device_model import DeviceModel, model_of
 
 SHINY = Material(
     ambient=(0.05, 0.1, 0.15),
@@ -58,17 +62,23 @@ def environment_along(environment: Environment, direction: Floats) -> Floats:
     return environment.strength * bilinear(picture, right * columns, down * rows, wrap_rows=False)
 
 
-def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Floats, Floats]:
+def weights_on_triangles(
+    scene: Scene, image: HogelImage, shift_px: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Floats, Floats]:
     """Return, for the pixels that show a surface, corner weights (N, 3) and unit eye vectors (N, 3).
 
-    Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
+    Every pixel's line is that of its camera, stepped back by near: parallel to the true one. Weights are
+    those at points beside the pixels' centers, by columns and rows; the eye is that of the centers.
     """
     settings = image.camera.settings
     near = 0.0
     if settings is not None:
         assert settings.slabs == ()
         near = settings.near
-    d = lines_by_definition(scene, image.camera.aperture)[image.covered]
+    lines = lines_by_definition(scene, image.camera.aperture)
+    beside = shift_px[0] * (lines[0, 1] - lines[0, 0]) + shift_px[1] * (lines[1, 0] - lines[0, 0])
+    eye = -unit(lines[image.covered])
+    d = lines[image.covered] + beside
     corners = scene.triangles[image.triangle[image.covered]]
     side = np.where(image.height[image.covered] > 0, -1.0, 1.0)
     # C stands at z = +n on the shear through the aperture, C* at z = -n.
@@ -81,7 +91,7 @@ def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Floats, Float
     determinant = np.einsum("ni,ni->n", e1, across)
     one = np.einsum("ni,ni->n", from_corner, across) / determinant
     two = np.einsum("ni,ni->n", d, np.cross(from_corner, e1)) / determinant
-    return np.stack((1 - one - two, one, two), axis=1), -unit(d)
+    return np.stack((1 - one - two, one, two), axis=1), eye
 
 
 def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
@@ -110,11 +120,20 @@ def normals_to_the_viewer(scene: Scene, triangle: Numbers, weight: Floats, eye: 
     return np.where(back[:, None], -normal, normal)
 
 
-def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Floats:
-    """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none."""
+def radiance_by_definition(
+    scene: Scene,
+    image: HogelImage,
+    *,
+    reflections: bool = True,
+    shift_px: tuple[float, float] = (0.0, 0.0),
+) -> Floats:
+    """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none.
+
+    Attributes may be those of points beside the pixels' centers.
+    """
     covered = image.covered
     triangle = image.triangle[covered]
-    weight, eye = weights_on_triangles(scene, image)
+    weight, eye = weights_on_triangles(scene, image, shift_px)
     normal = normals_to_the_viewer(scene, triangle, weight, eye)
     mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
     albedo = texture_colors(scene, triangle, weight)
@@ -136,6 +155,30 @@ def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool
     picture = np.zeros((*image.triangle.shape, 3))
     picture[covered] = radiance
     return picture
+
+
+def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Floats:
+    """Return how far (H, W, 3) radiance may be off where attributes are interpolated from snapped vertices.
+
+    They are exact at a point within half a subpixel step of the pixel's center along each axis
+    (`Planes.varying`). What is nearly linear over that square changes most toward one of its corners.
+    """
+    exact = radiance_by_definition(scene, image)
+    if not model.snaps_depth:
+        return np.zeros_like(exact)
+    step = model.half_step
+    corners = itertools.product((-step, step), repeat=2)
+    moved = [radiance_by_definition(scene, image, shift_px=corner) for corner in corners]
+    return np.asarray(np.abs(np.array(moved) - exact).max(axis=0))
+
+
+@functools.cache
+def device_at_hand() -> DeviceModel:
+    """Return the model of the device that draws."""
+    with open_context() as context:
+        model = model_of(describe(context))
+    context.release()
+    return model
 
 
 def patterned_environment(seed: int = 5, size: tuple[int, int] = (12, 7)) -> Environment:

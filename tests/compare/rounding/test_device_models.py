@@ -67,12 +67,34 @@ def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_n
     assert found[0].share_of_safe > found[1].share_of_safe
 
 
+def test_varyings_and_weights_of_a_filter_lie_within_the_bounds_of_their_device(
+    recorded: tuple[Measured, DeviceModel],
+) -> None:
+    measured, known = recorded
+    varyings, filtered = measured.varyings_within(known), measured.filtered_within(known)
+    assert varyings.within == varyings.pixels > 90_000
+    assert varyings.share_of_safe <= 1.0
+    assert filtered.within == filtered.pixels == 4096
+
+
+def test_varyings_and_weights_of_the_card_are_out_of_the_bounds_of_an_exact_device() -> None:
+    path = RECORDED / "h100-fingerprint.npz"
+    if not path.exists():
+        pytest.skip("needs ../shared/data/devices, beside the checkout")
+    measured = Measured(Fingerprint.read(path))
+    assert 1 - measured.varyings_within(LLVMPIPE).share > 0.1
+    # The places are odd multiples of 2^-13: none is a multiple of 2^-8.
+    assert measured.filtered_within(LLVMPIPE).within == 0
+
+
 def test_the_device_at_hand_draws_as_its_model_says() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
     for depth in DepthFormat:
         assert measured.within(rasterizer.model, depth).share == 1.0
         assert measured.within(measured.model, depth).share == 1.0
+    assert measured.varyings_within(rasterizer.model).share == 1.0
+    assert measured.filtered_within(rasterizer.model).share == 1.0
 
 
 def plane_of(corners: np.ndarray) -> Planes:
