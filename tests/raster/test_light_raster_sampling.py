@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.support.light import dressed_scene
+from tests.support.light import dressed_scene, moved_by_snapping
 from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer, rasterizer
@@ -53,14 +53,18 @@ def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(n: int) ->
 def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tiles do not divide the film: 96 x 72 pixels in tiles of 11 x 11."""
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
-    with Rasterizer(scene) as raster:
+    larger = replace(scene, frustum=replace(scene.frustum, resolution=(3 * RESOLUTION[0], 3 * RESOLUTION[1])))
+    with Rasterizer(scene) as raster, Rasterizer(larger) as fine:
+        # Corners have other places on a tile, so that snapping may move attributes the other way.
+        image = fine.render(scene.default_apertures()[-1], SETTINGS)
+        moved = boxes(moved_by_snapping(larger, image, fine.model), 3).max(axis=-1)
         whole = color(raster, supersample=3)
         monkeypatch.setattr(rasterizer, "POINTS_AT_ONCE", 33 * 33)
         assert {tile.size for tile in rasterizer.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
         monkeypatch.setattr("xfrustum.raster.rasterizer.largest_image", lambda: 33)
         parts = color(raster, supersample=3)
     # Where a corner is snapped to another subpixel an edge may take or leave one point of a pixel.
-    different = np.abs(parts - whole).max(axis=-1) > 1e-4
+    different = np.abs(parts - whole).max(axis=-1) > 1e-4 + 2 * moved
     assert different.mean() < 0.01
 
 

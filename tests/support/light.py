@@ -4,7 +4,6 @@ With the true eye vector and no flips, at the surface points that the cameras of
 """
 
 import functools
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -157,18 +156,20 @@ def radiance_by_definition(
     return picture
 
 
-def moved_by_snapping(scene: Scene, image: HogelImage, model: DeviceModel) -> Floats:
+def moved_by_snapping(
+    scene: Scene, image: HogelImage, model: DeviceModel, *, reflections: bool = True
+) -> Floats:
     """Return how far (H, W, 3) radiance may be off where attributes are interpolated from snapped vertices.
 
     They are exact at a point within half a subpixel step of the pixel's center along each axis
     (`Planes.varying`). What is nearly linear over that square changes most toward one of its corners.
     """
-    exact = radiance_by_definition(scene, image)
+    exact = radiance_by_definition(scene, image, reflections=reflections)
     if not model.snaps_depth:
         return np.zeros_like(exact)
     step = model.half_step
-    corners = itertools.product((-step, step), repeat=2)
-    moved = [radiance_by_definition(scene, image, shift_px=corner) for corner in corners]
+    corners = [(-step, -step), (-step, step), (step, -step), (step, step)]
+    moved = [radiance_by_definition(scene, image, reflections=reflections, shift_px=at) for at in corners]
     return np.asarray(np.abs(np.array(moved) - exact).max(axis=0))
 
 

@@ -106,8 +106,8 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path) -> None:
 
 COSINE_ROUNDINGS = 70
 """Roundings of 2^-24 in the cosine of a highlight: 20 in the direction to the camera (3 in the place on the
-film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds 18 to, one in each of light
-and normal, and 10 in the last product."""
+film, 12 in the pixel's line, 5 in its length), which the reflection doubles and adds 18 to, one in each of
+light and normal, and 10 in the last product."""
 
 LIGHT_ROUNDINGS = 16
 """Roundings of 2^-24 in the light of a pixel beside those of highlights, relative to their sum."""
