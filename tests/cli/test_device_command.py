@@ -21,8 +21,9 @@ def test_the_device_at_hand_is_measured_and_its_model_is_written(
     assert {"filter_bits", "varyings", "tried", "within", "model"} <= set(found)
     assert set(found["depth"]) == {"d16", "d24", "d32f"}
     assert found["varyings"]["flat"] == 0
-    for one in found["within"].values():
-        assert one["within"] == one["pixels"] > 50_000
+    assert set(found["within"]) == {"d16", "d24", "d32f", "varyings", "filter"}
+    for name, one in found["within"].items():
+        assert one["within"] == one["pixels"] >= (4096 if name == "filter" else 50_000)
     path = tmp_path / "measured" / "device.json"
     assert json.loads(path.read_text()) == found
     assert DeviceModel.read(path).subpixel_bits == found["subpixel_bits"]
