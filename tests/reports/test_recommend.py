@@ -19,7 +19,7 @@ from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reports import recommend as recommend_module
-from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, for_display, recommend
+from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, Recommendation, for_display, recommend
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
 
 D16 = [(DepthFormat.D16, DepthMapping.STANDARD)]
@@ -85,9 +85,13 @@ def test_a_depth_buffer_orders_sheets_from_its_smallest_near_on(scene: Scene, sc
     assert "asks for near from" in coarse.words("mm") and "any near" in fine.words("mm")
 
 
-def test_pixels_bind_without_a_viewer_and_eyes_with_one(scene: Scene) -> None:
-    # A tolerance that is asked for counts beside the eyes, and the smaller near keeps both.
-    both = recommend(scene, Viewer(distance=600.0), 0.5, FINE, sample=SAMPLE)
+@pytest.fixture(scope="module")
+def both(scene: Scene) -> Recommendation:
+    """A tolerance that is asked for counts beside the eyes, and the smaller near keeps both."""
+    return recommend(scene, Viewer(distance=600.0), 0.5, FINE, sample=SAMPLE)
+
+
+def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) -> None:
     assert both.binds == PIXELS and both.chosen is both.pixels
     assert both.chosen.near is not None and both.pixel_limit is not None
     assert both.chosen.near <= both.pixel_limit
@@ -145,13 +149,13 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert "hogels are wider than the plate" in capsys.readouterr().err
 
 
-def test_nears_of_thousands_are_drawn(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nears_of_thousands_are_drawn(both: Recommendation, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers are written with commas, as `1,500`, which no number has."""
     allowed = recommend_module.Allowed
     rows = [allowed("pixels, 0.5 px", high=1500.0, binds=True), allowed("depth buffer, D24", 1200.0)]
     assert [one.cells[1:3] for one in rows] == [("", "1,500"), ("1,200", "")]
     monkeypatch.setattr(recommend_module, "_allowed", lambda _: rows)
-    (bars,) = recommend_module.limits_figure(recommend(scene, choices=FINE, sample=SAMPLE))["data"]
+    (bars,) = recommend_module.limits_figure(both)["data"]
     assert bars["base"][1] == 1200 and bars["customdata"][0] == 1500
 
 

@@ -79,9 +79,9 @@ def test_apertures_with_offsets_of_their_own_are_named(tmp_path: Path, *, stagge
 
 
 def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> None:
-    world = replace(harbor(), resolution=(48, 36), drawn={})
+    world = replace(harbor(), resolution=(24, 18), drawn={})
     scene = world.write(tmp_path)
-    noise = np.random.default_rng(0).integers(0, 3, (36, 48, 3), dtype=np.uint8)
+    noise = np.random.default_rng(0).integers(0, 3, (18, 24, 3), dtype=np.uint8)
     for i, j in world.apertures:
         right = drawn(world, i, j)
         broken = np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right

@@ -102,7 +102,11 @@ def verified(images: list[HogelImage], paint: Paint, **asked: Any) -> Verificati
     return xfrustum.verify("scene.toml", stored(images, paint), **asked)
 
 
-@pytest.mark.parametrize("paint", [headlight, lambda image: np.full((64, 64, 3), 255, np.uint8)])
+def white(image: HogelImage) -> Bytes:
+    return np.full((*image.triangle.shape, 3), 255, np.uint8)
+
+
+@pytest.mark.parametrize("paint", [headlight, pytest.param(white, marks=pytest.mark.slow)])
 def test_what_claims_nothing_that_exists_fails_whatever_the_limits(paint: Paint, hogels: Hogels) -> None:
     found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
     assert not found.passed
