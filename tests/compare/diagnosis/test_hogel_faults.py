@@ -78,10 +78,12 @@ def test_apertures_with_offsets_of_their_own_are_named(tmp_path: Path, *, stagge
     assert not staggered or "odd columns" in fault.words
 
 
-def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path) -> None:
-    world = replace(harbor(), resolution=(24, 18), drawn={})
+@pytest.mark.parametrize("scale", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path, scale: int) -> None:
+    width, height = 24 * scale, 18 * scale
+    world = replace(harbor(), resolution=(width, height), drawn={})
     scene = world.write(tmp_path)
-    noise = np.random.default_rng(0).integers(0, 3, (18, 24, 3), dtype=np.uint8)
+    noise = np.random.default_rng(0).integers(0, 3, (height, width, 3), dtype=np.uint8)
     for i, j in world.apertures:
         right = drawn(world, i, j)
         broken = np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
