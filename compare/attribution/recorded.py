@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.rounding.causes import HEADINGS, find_causes
-from xfrustum.compare.rounding.triangles import NEXT, Precision, RoundingCamera, film_points
+from xfrustum.compare.attribution.budget import drawing_cameras, explain
+from xfrustum.compare.rounding.causes import HEADINGS
+from xfrustum.compare.rounding.edges import per_pixel
+from xfrustum.compare.rounding.triangles import PixelTriangles
 from xfrustum.reference import Reference
-from xfrustum.reference.lines.lines import ModelCamera, model_cameras
-from xfrustum.scenes.arrays import Floats, Indices, Numbers
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, model_of
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
@@ -109,7 +110,9 @@ def replay(
         begun(frame)
         opened = frame.scene, frame.triangle.shape
         if opened not in references:
-            references[opened] = Reference(_scene_of(frame))
+            scene, (height, width) = open_scene(frame.scene), frame.triangle.shape
+            frustum = replace(scene.frustum, resolution=(width, height))
+            references[opened] = Reference(replace(scene, frustum=frustum))
         reference = references[opened]
         aperture, settings = frame.asked(reference.scene)
         # What exact cameras show does not depend on the depth buffer.
@@ -117,8 +120,8 @@ def replay(
         if key not in traced:
             traced[key] = reference.trace_model(aperture, settings, shaded=False)
         expected = traced[key]
-        pixels = np.flatnonzero(expected.triangle != frame.triangle)
-        found = causes_of(reference.scene, expected, frame, pixels, model)
+        shown = _shown(reference.scene, expected, frame, model)
+        found = explain(reference.scene, expected, shown, model).counts()
         counts.update(found)
         if found["unexplained"]:
             unexplained[frame.name] = found["unexplained"]
@@ -131,73 +134,40 @@ def replay(
     )
 
 
-def causes_of(
-    scene: Scene, expected: HogelImage, frame: RecordedFrame, pixels: Indices, model: DeviceModel
-) -> dict[str, int]:
-    """Return how many of the pixels (N,) of a frame are under each heading."""
-    aperture, settings = frame.asked(scene)
-    precision = Precision(device=model, depth=settings.depth, mapping=settings.mapping)
-    drawn_by = model_cameras(scene.frustum, aperture, settings)
-    cameras = [
-        RoundingCamera(pencil=camera.pencil, precision=precision, heights=camera.heights)
-        for camera in drawn_by
-    ]
-    position = np.full((*frame.triangle.shape, 3), np.nan)
-    position[..., 2] = shown_heights(scene.triangles, drawn_by, frame.triangle)
-    shown = HogelImage(
-        camera=expected.camera,
-        triangle=frame.triangle,
-        object=np.zeros_like(frame.triangle),
-        position=position,
-    )
-    return find_causes(scene.triangles, cameras, expected, shown, pixels).counts()
-
-
 BESIDE_PX = 0.05
 """Distance outside of a triangle, pixels, up to which a pixel may still be the triangle's, as snapping moves
 edges by 2^-9 of a pixel and float32 by less than a tenth of that, but for triangles cut beside the camera."""
 
 
-def shown_heights(triangles: Floats, cameras: Sequence[ModelCamera], shown: Numbers) -> Floats:
-    """Return the heights (H, W) of what a recording shows, NaN where that is nothing.
+def _shown(scene: Scene, expected: HogelImage, frame: RecordedFrame, model: DeviceModel) -> HogelImage:
+    """Return a frame as an image, with the heights (H, W) of what it shows, NaN where that is nothing.
 
     A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the triangle
     covers the pixel as C* sees it; else the camera by which the pixel lies least outside of the triangle.
     """
-    found = np.full(shown.shape, np.nan)
-    rows, columns = np.nonzero(shown != NOTHING)
-    corners = triangles[shown[rows, columns]]
+    camera = replace(expected.camera, settings=frame.asked(scene)[1])
+    position = np.full((*frame.triangle.shape, 3), np.nan)
+    image = replace(expected, camera=camera, triangle=frame.triangle, position=position)
+    rows, columns = np.nonzero(frame.triangle != NOTHING)
+    cameras = drawing_cameras(scene, image, model)
+    slots = np.arange(len(cameras) * len(rows))
+    number = frame.triangle[rows, columns].astype(np.int64)
+    drawn = PixelTriangles.of(scene.triangles, cameras, number, (columns, rows), slots)
+    film, side = drawn.film, np.where(drawn.film.orthoscopic, 1.0, -1.0)
+    edges, (plane,) = (drawn.linear_at(one, drawn.points) for one in (film.lines, film.plane[None]))
+    first, last = map(drawn.each, film.planes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = plane * drawn.each(side / film.volume)
+        w = np.clip(1 / inverse, first, last)
+        inside = edges * drawn.each(side * np.sign(film.volume) / per_pixel(film.lines, film.resolution))
+        beyond = drawn.each(np.abs(film.volume) / per_pixel(film.plane, film.resolution))
+        least = np.minimum(np.minimum(inside.min(axis=0), 0.0), -beyond * np.abs(1 / w - inverse))
+    least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf).reshape(len(cameras), -1)
+    forward = (drawn.each(side) * w).reshape(least.shape)
     best, height = np.full(len(rows), -np.inf), np.full(len(rows), np.nan)
-    for camera in reversed(cameras):
-        pencil = camera.pencil
-        (first, last), points = (
-            sorted(map(abs, pencil.s_range)),
-            film_points(pencil.resolution, (columns, rows)),
-        )
-        side = 1.0 if camera.orthoscopic else -1.0
-        offset = corners - np.asarray(pencil.center)
-        s = -offset[..., 2:]
-        vertices = np.concatenate(
-            ((offset[..., :2] - np.multiply(pencil.shear, s)) / pencil.half_extent, s), -1
-        )
-        edges = np.cross(vertices, vertices[:, NEXT])
-        plane = edges.sum(axis=1)
-        volume = np.einsum("ij,ij->i", vertices[:, 0], edges[:, 1])
-        per_px = [np.hypot(*(one[..., :2] * 2 / pencil.resolution).T).T for one in (edges, plane)]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = np.einsum("ij,ij->i", plane, points) * side / volume
-            w = np.clip(1 / inverse, first, last)
-            inside = np.einsum("nij,nj->ni", edges, points) * (side * np.sign(volume))[:, None] / per_px[0]
-            beyond = np.abs(1 / w - inverse) * np.abs(volume) / per_px[1]
-        least = np.minimum(np.minimum(inside.min(axis=1), 0.0), -beyond)
-        least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf)
-        taken = (least > best + BESIDE_PX) | np.isnan(height)
-        height[taken], best[taken] = (pencil.center[2] - side * w)[taken], least[taken]
-    found[rows, columns] = height
-    return found
-
-
-def _scene_of(frame: RecordedFrame) -> Scene:
-    scene = open_scene(frame.scene)
-    height, width = frame.triangle.shape
-    return replace(scene, frustum=replace(scene.frustum, resolution=(width, height)))
+    for place, one in reversed(list(enumerate(cameras))):
+        taken = (least[place] > best + BESIDE_PX) | np.isnan(height)
+        height[taken] = (one.pencil.center[2] - forward[place])[taken]
+        best[taken] = least[place][taken]
+    position[rows, columns, 2] = height
+    return image

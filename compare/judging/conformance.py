@@ -25,7 +25,7 @@ from xfrustum.compare.renderer_model.pictures import (
     drawn,
     reference_colors,
 )
-from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels
+from xfrustum.compare.rounding.causes import find_causes, misplaced_pixels, scattered
 from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
@@ -152,12 +152,12 @@ def judged(
     if case.asked == "triangle-id":
         shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
         differs = truth.triangle != image.triangle
-        tied = differs & _named_by_ties(truth, image.triangle)
+        tied = differs & _ties(truth, image.triangle)
         causes = find_causes(scene.triangles, cameras, truth, image, np.flatnonzero(differs & ~tied))
         # An edge excuses no triangle that lies elsewhere.
         kept = ~misplaced_pixels(scene.triangles, cameras, image).reshape(-1)[causes.pixels]
         counts = causes.some(kept).counts()
-        left = causes.unexplained | (differs & ~tied & ~_scattered(differs.shape, causes.pixels[kept]))
+        left = causes.unexplained | (differs & ~tied & ~scattered(differs.shape, causes.pixels[kept]))
         counts["unexplained"] = int(left.sum())
         return Pixels(shown=int(shown.sum()), wrong=int(differs.sum()), tie=int(tied.sum()), **counts), left
     if case.colored:
@@ -185,27 +185,12 @@ def judged(
     return pixels, left
 
 
-def _scattered(shape: tuple[int, ...], pixels: Indices) -> Mask:
-    """Return a mask of some shape in which these pixels are marked, given by their flat numbers."""
-    found = np.zeros(shape, dtype=np.bool_)
-    found.reshape(-1)[pixels] = True
-    return found
-
-
-def _ties(truth: HogelImage) -> Mask:
-    """Return the pixels (H, W) whose truth is a tie."""
-    assert truth.companions is not None
-    found = np.zeros(truth.triangle.shape, dtype=np.bool_)
-    found[truth.companions[:, 0], truth.companions[:, 1]] = True
-    return found
-
-
-def _named_by_ties(truth: HogelImage, triangle: Numbers) -> Mask:
-    """Return the pixels (H, W) at which an image names one of the surfaces of a tie."""
+def _ties(truth: HogelImage, named: Numbers | None = None) -> Mask:
+    """Return the pixels (H, W) whose truth is a tie, or a tie of which an image names a surface."""
     assert truth.companions is not None
     row, column, number = truth.companions.T
-    found = np.zeros(triangle.shape, dtype=np.bool_)
-    same = triangle[row, column] == number
+    found = np.zeros(truth.triangle.shape, dtype=np.bool_)
+    same = np.full(len(row), True) if named is None else named[row, column] == number
     found[row[same], column[same]] = True
     return found
 

@@ -55,7 +55,7 @@ class Causes(Brief):
     def masks(self) -> dict[str, Mask]:
         """The pixels under each heading, (H, W) masks that exclude each other."""
         return {
-            name: _scattered(self.shape, self.pixels, self.heading == place)
+            name: scattered(self.shape, self.pixels, self.heading == place)
             for place, name in enumerate(HEADINGS)
         }
 
@@ -98,7 +98,7 @@ def find_causes(
     shape = shown.triangle.shape
     if not len(pixels):
         return Causes(shape=shape, pixels=pixels, heading=np.zeros(0, dtype=np.int8))
-    columns, rows = _columns_and_rows(pixels, shape[1])
+    rows, columns = np.divmod(pixels, shape[1])
     images = (expected, shown)
     drawn = _drawn_by(triangles, cameras, images, pixels)
     before, after = _marks(drawn, cameras, images, pixels)
@@ -110,8 +110,8 @@ def find_causes(
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if chosen.any():
         one, other = _stored(drawn, cameras, images, chosen)
-        order = _by_any(one.indistinguishable_from(other))
-        lost = _by_any(one.lost()) & ~order
+        order = np.asarray(one.indistinguishable_from(other).any(axis=0))
+        lost = one.lost().any(axis=0) & ~order
     # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both are looked
     # at where nothing else explains the pixel.
     edge |= (before.near_cut | after.near_cut) & ~(order | lost)
@@ -130,7 +130,7 @@ def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown
     pixels = np.flatnonzero(where)
     drawn = _drawn_by(triangles, cameras, (shown,), pixels)
     (marks,) = _marks(drawn, cameras, (shown,), pixels)
-    return _scattered(where.shape, pixels, ~marks.possible)
+    return scattered(where.shape, pixels, ~marks.possible)
 
 
 def _drawn_by(
@@ -143,7 +143,7 @@ def _drawn_by(
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
     # `take` would copy all of the heights, which lie apart in memory.
     heights = [image.height.reshape(-1)[pixels] for image in images]
-    columns, rows = _columns_and_rows(np.tile(pixels, len(images)), images[0].triangle.shape[1])
+    rows, columns = np.divmod(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
     # Each image's heights are compared as exactly as the image has them.
     may_draw = np.concatenate([camera.may_draw(height) for camera in cameras for height in heights])
@@ -157,18 +157,9 @@ def _marks(
     """Return the marks of each image at pixels (N,); one that shows nothing is possible, too."""
     marks = np.zeros((4, len(cameras), len(images), len(pixels)), dtype=np.bool_)
     if len(drawn.slots):
-        placed = placement(drawn)
-        marks.reshape(4, -1)[:, drawn.slots] = (
-            placed.possible,
-            placed.near_edge,
-            placed.near_moved,
-            placed.near_cut,
-        )
+        marks.reshape(4, -1)[:, drawn.slots] = placement(drawn)
     marks[0] |= [image.triangle.reshape(-1).take(pixels) == NOTHING for image in images]
-    return [
-        Placement(possible=possible, near_edge=near, near_moved=moved, near_cut=cut)
-        for possible, near, moved, cut in zip(*np.logical_or.reduce(marks, axis=1), strict=True)
-    ]
+    return [Placement(*of_image) for of_image in np.moveaxis(np.asarray(marks.any(axis=1)), 1, 0)]
 
 
 def _stored(
@@ -226,18 +217,7 @@ def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
     return np.stack((columns + 0.5 + shift[0], rows + 0.5 + shift[1]), axis=1)
 
 
-def _by_any(marked: Mask) -> Mask:
-    """Return what any of the cameras (cameras, ...) marks."""
-    return np.asarray(np.logical_or.reduce(marked, axis=0))
-
-
-def _columns_and_rows(pixels: Indices, width: int) -> PixelIndex:
-    """Return columns and rows (N,) of pixels, given by their flat numbers."""
-    rows = pixels // width
-    return pixels - rows * width, rows
-
-
-def _scattered(shape: tuple[int, ...], pixels: Indices, values: Mask) -> Mask:
+def scattered(shape: tuple[int, ...], pixels: Indices, values: Mask | bool = True) -> Mask:
     """Return values (N,) of pixels, given by their flat numbers, as a mask of some shape."""
     mask = np.zeros(shape, dtype=np.bool_)
     mask.reshape(-1)[pixels] = values

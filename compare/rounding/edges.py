@@ -5,9 +5,8 @@ triangles. Which ones it does not say, but their common sides are diagonals of t
 that no mesh has.
 """
 
-from dataclasses import dataclass
 from itertools import combinations
-from typing import assert_never
+from typing import NamedTuple, assert_never
 
 import numpy as np
 
@@ -46,8 +45,7 @@ def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
             assert_never(film.precision.mapping)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Placement:
+class Placement(NamedTuple):
     """Where pixel centers lie on the triangles that a camera drew there, one for each.
 
     A center outside its triangle that is `possible` is always `near_edge` as well.
@@ -77,7 +75,7 @@ def placement(shown: PixelTriangles) -> Placement:
     moved, volume_bound = _perturbation(film)
     values = shown.linear_at(functions, shown.points)
     shifts = shown.linear_at(moved, np.abs(shown.points))
-    snapped = shown.each(film.precision.snap_px * _per_pixel(functions, film.resolution))
+    snapped = shown.each(film.precision.snap_px * per_pixel(functions, film.resolution))
 
     # The center lies inside where all three edge functions have one sign; each is known within a margin.
     sides, margins = values[:3], snapped[:3] + shifts
@@ -107,7 +105,7 @@ def placement(shown: PixelTriangles) -> Placement:
     )
 
 
-def _per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:
+def per_pixel(functions: Floats, resolution: tuple[int, int]) -> Floats:
     """Return by how much linear functions (..., 3) of (u, v, 1) change per pixel."""
     return np.hypot(functions[..., 0] * 2 / resolution[0], functions[..., 1] * 2 / resolution[1])
 

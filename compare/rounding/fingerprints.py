@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -42,10 +42,11 @@ class Within:
     within: int  #: that lie between the bounds
     share_of_safe: float  #: median ratio of the tolerances to those of a device that nobody has measured
 
-    @property
-    def share(self) -> float:
-        """Share of the pixels within the bounds."""
-        return self.within / self.pixels if self.pixels else 1.0
+    @classmethod
+    def of(cls, inside: Mask, ratio: Floats | float) -> Within:
+        """Return the same of pixels (N,) inside or outside of the bounds; 1 where no ratio is known."""
+        share = float(np.median(ratio)) if len(inside) else 1.0
+        return cls(pixels=len(inside), within=int(inside.sum()), share_of_safe=share)
 
 
 class Measured:
@@ -142,8 +143,7 @@ class Measured:
         safe = planes.tolerance(which, points, unknown) + kept + step * unknown.stored(depth)[1]
         # What clipping leaves lies between zero and one, and is clamped to that.
         inside = np.abs(stored - np.clip(exact, 0.0, 1.0) - step * (high + low) / 2) <= tolerance
-        ratio = float(np.median(tolerance / safe)) if len(stored) else 1.0
-        return Within(pixels=len(stored), within=int(inside.sum()), share_of_safe=ratio)
+        return Within.of(inside, tolerance / safe)
 
     def varyings_within(self, model: DeviceModel) -> Within:
         """Hold the smooth varyings of all triangles against a model's bounds."""
@@ -155,9 +155,7 @@ class Measured:
             found = self.fingerprint.fragment[..., 2 + number][self.fingerprint.drawn]
             off.append(np.abs(found - exact) <= tolerance)
             bounds.append(tolerance / self._planes.varying(corners, which, points, safe)[1])
-        inside = off[0] & off[1]
-        ratio = float(np.median(bounds)) if len(inside) else 1.0
-        return Within(pixels=len(inside), within=int(inside.sum()), share_of_safe=ratio)
+        return Within.of(off[0] & off[1], np.array(bounds))
 
     def filtered_within(self, model: DeviceModel) -> Within:
         """Hold filtered means of a texel of 0 and one of 1, which are weights, against a model's bounds."""
@@ -166,8 +164,7 @@ class Measured:
         bound, safe = (
             one.filter_rounding + FILTER_ROUNDINGS * FLOAT32_ROUNDING for one in (model, safe_model())
         )
-        inside = np.abs(filtered - exact) <= bound
-        return Within(pixels=len(filtered), within=int(inside.sum()), share_of_safe=bound / safe)
+        return Within.of(np.abs(filtered - exact) <= bound, bound / safe)
 
     def as_json(self) -> dict[str, Any]:
         """Return `device.json`: what was measured, the model, and the model that pixels are explained by."""
@@ -227,21 +224,15 @@ class Measured:
     def _off_planes(self, *, snapped: bool, depth: DepthFormat = DepthFormat.D32F) -> Floats:
         """Return stored minus exact depths of uncut triangles in steps, 2^-24 for D32F."""
         planes = self._planes
-        corners = planes.vertices / planes.vertices[..., 2:]
         if snapped:
-            per_film = SIZE / 2 * 2.0**self.subpixel_bits
-            corners = np.concatenate((np.round(corners[..., :2] * per_film) / per_film, corners[..., 2:]), -1)
+            w, per_film = planes.vertices[..., 2:], SIZE / 2 * 2.0**self.subpixel_bits
+            places = np.round(planes.vertices[..., :2] / w * per_film) / per_film
+            planes = replace(planes, vertices=np.concatenate((places * w, w), axis=-1))
         # Triangles that snapping leaves without an area are not drawn.
-        drawn = self.fingerprint.drawn & planes.uncut[:, None, None]
+        solid = np.isfinite(planes.gradient).all(axis=1)
+        drawn = self.fingerprint.drawn & (planes.uncut & solid)[:, None, None]
         which, points, stored = self._stored(depth, drawn)
-        depths = planes.value / planes.vertices[..., 2]
-        volume = np.linalg.det(corners)
-        solid = np.abs(volume) > 0
-        gradient = np.zeros((len(volume), 3))
-        gradient[solid] = np.linalg.solve(corners[solid], depths[solid][..., None])[..., 0]
-        kept = solid.take(which)
-        exact = np.einsum("nc,nc->n", gradient.take(which, axis=0), points)
-        return np.asarray(((stored - exact) / (STEP[depth] or FLOAT32_ROUNDING))[kept])
+        return np.asarray((stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING))
 
     def _stored_range(self, depth: DepthFormat) -> Range:
         """Return how float32 depths are stored, to sixteenths of a step: those that fragments have are known.

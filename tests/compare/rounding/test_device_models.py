@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import SHARED
-from xfrustum.compare.rounding.fingerprints import Measured
+from xfrustum.compare.rounding.fingerprints import Measured, Within
 from xfrustum.compare.rounding.planes import Planes
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
@@ -20,6 +20,10 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 RECORDED = SHARED / "data" / "devices"
 MODELS = {"llvmpipe": LLVMPIPE, "h100": H100}
+
+
+def share(found: Within) -> float:
+    return found.within / found.pixels
 
 
 @pytest.fixture(scope="module", params=sorted(MODELS))
@@ -60,7 +64,7 @@ def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_n
         pytest.skip("needs ../shared/data/devices, beside the checkout")
     measured = Measured(Fingerprint.read(path))
     for depth in (DepthFormat.D24, DepthFormat.D32F):
-        assert 1 - measured.within(LLVMPIPE, depth).share > 0.15
+        assert 1 - share(measured.within(LLVMPIPE, depth)) > 0.15
     # Half a step and no more is not how it stores D16.
     nearest = replace(H100, d16=(-0.5, 0.5))
     found = [measured.within(model, DepthFormat.D16) for model in (H100, nearest)]
@@ -82,7 +86,7 @@ def test_varyings_and_weights_of_the_card_are_out_of_the_bounds_of_an_exact_devi
     if not path.exists():
         pytest.skip("needs ../shared/data/devices, beside the checkout")
     measured = Measured(Fingerprint.read(path))
-    assert 1 - measured.varyings_within(LLVMPIPE).share > 0.1
+    assert 1 - share(measured.varyings_within(LLVMPIPE)) > 0.1
     # The places are odd multiples of 2^-13: none is a multiple of 2^-8.
     assert measured.filtered_within(LLVMPIPE).within == 0
 
@@ -91,10 +95,10 @@ def test_the_device_at_hand_draws_as_its_model_says() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
     for depth in DepthFormat:
-        assert measured.within(rasterizer.model, depth).share == 1.0
-        assert measured.within(measured.model, depth).share == 1.0
-    assert measured.varyings_within(rasterizer.model).share == 1.0
-    assert measured.filtered_within(rasterizer.model).share == 1.0
+        assert share(measured.within(rasterizer.model, depth)) == 1.0
+        assert share(measured.within(measured.model, depth)) == 1.0
+    assert share(measured.varyings_within(rasterizer.model)) == 1.0
+    assert share(measured.filtered_within(rasterizer.model)) == 1.0
 
 
 def plane_of(corners: np.ndarray) -> Planes:
@@ -122,8 +126,8 @@ def test_planes_through_corners_that_move_within_the_bounds_stay_within_the_tole
         film = rng.uniform(-1, 1, (3, 2))
         value = rng.uniform(0, 1, 3)
         planes = plane_of(np.column_stack((film * w[:, None], w, value * w)))
-        share = rng.dirichlet(np.ones(3), 20)
-        points = np.column_stack((share @ film, np.ones(20)))
+        shares = rng.dirichlet(np.ones(3), 20)
+        points = np.column_stack((shares @ film, np.ones(20)))
         moved = np.column_stack((planes.vertices[0], planes.value[0]))
         moved = moved + rng.choice((-1, 1), (3, 4)) * 2.0**-24 * np.abs(moved)
         places = moved[:, :2] / moved[:, 2:3]
