@@ -107,16 +107,6 @@ def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
     np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
 
 
-def test_no_second_opinion_is_asked_beside_a_plain_tracer(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--decided-by", "mitsuba", "--tracer", "embree", "--out", str(tmp_path / "a.exr")]
-    for command in (["trace", "car"], REPORT):
-        assert main([*command, *options]) == 2
-        assert "--decided-by mitsuba" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_report_against_a_plain_tracer_says_so_at_the_top(
     certified: tuple[dict[str, Any], str], tmp_path: Path
 ) -> None:

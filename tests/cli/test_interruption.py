@@ -1,7 +1,6 @@
 """Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -14,10 +13,6 @@ import pytest
 
 from tests.support.long_tail import thinned
 from tests.support.processes import signals_by_default
-from tests.support.scene_file import film, part
-
-FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
-SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
 
@@ -287,32 +282,3 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(stop: signal.Signal
         _, said = process.communicate()
     assert (process.returncode, said) == ENDED[stop]
     assert [path.name for path in tmp_path.rglob("*")] == ["temporary"]
-
-
-@pytest.mark.slow
-def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
-    random_number, folder = random.Random(14), tmp_path
-    (folder / "boxes.toml").write_text(SCENE)
-    command = from_the_first_moment(["trace", "boxes.toml", "--quiet", "--out", "x.exr"])
-    begun = time.monotonic()
-    with start(command, folder) as process:
-        _, said = process.communicate(timeout=300)
-    assert (process.returncode, said) == (0, "")
-    whole = time.monotonic() - begun
-    for _ in range(40):
-        (folder / "x.exr").unlink(missing_ok=True)
-        stop = random_number.choice(list(ENDED))
-        with start(command, folder) as process:
-            assert process.stdout.readline() == "ready\n"
-            time.sleep(random_number.uniform(0, whole))
-            for _ in range(random_number.choice([1, 1, 2])):
-                process.send_signal(stop)
-            _, said = process.communicate(timeout=300)
-        left = sorted(path.name for path in folder.iterdir() if path.name not in ("boxes.toml", "temporary"))
-        if process.returncode == 0:  # it was done before
-            assert (said, left) == ("", ["x.exr"])
-        else:
-            assert (process.returncode, said) == ENDED[stop]
-            # A signal that comes after the file has taken its place does not remove the file.
-            assert left in ([], ["x.exr"])
-        assert list((folder / "temporary").iterdir()) == []

@@ -235,14 +235,6 @@ def test_table_1_is_measured_in_the_papers_terms() -> None:
     assert on["slowdown"] == pytest.approx(on["seconds_per_frame"]["median"] / without)
 
 
-@pytest.mark.slow
-def test_the_command_prints_both_cars_of_table_1(told: Told) -> None:
-    rows = told("table1", "--resolution", "8", "--repeat", "1")[0]["rows"]
-    assert [row["polygons"] for row in rows] == [42382, 272074]
-    assert [round(row["reflective_share"], 3) for row in rows] == [0.312, 0.479]
-    assert all(set(row["paper"]) == {"RealityEngine2", "Maximum Impact"} for row in rows)
-
-
 def test_the_papers_numbers_are_the_papers(shared_data: Path) -> None:
     text = (shared_data / "paper.txt").read_text()
     for polygons, share, machines in PAPER:

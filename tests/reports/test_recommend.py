@@ -145,8 +145,6 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert quantiles == sorted(quantiles)
     page = (out / "index.html").read_text()
     assert printed["paragraph"] in page.replace("&#39;", "'")
-    assert main(["recommend", scene_file, "--display=1m", "--quiet"]) == 2
-    assert "hogels are wider than the plate" in capsys.readouterr().err
 
 
 def test_nears_of_thousands_are_drawn(both: Recommendation, monkeypatch: pytest.MonkeyPatch) -> None:

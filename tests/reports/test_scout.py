@@ -105,12 +105,3 @@ def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: s
     assert [list(zip(one["x"], one["y"], strict=True)) for one in marks] == 2 * [
         [one.index for one in auto.apertures]
     ]
-
-
-@pytest.mark.parametrize("command", ["cost", "budget"])
-def test_one_aperture_and_auto_exclude_each_other(
-    command: str, scene: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    near = ["--near", "1"] if command == "budget" else []
-    assert main([command, scene, *near, "--aperture", "1,1", "--apertures", "auto", "--quiet"]) == 2
-    assert "give one of them" in capsys.readouterr().err

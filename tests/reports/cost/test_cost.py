@@ -16,9 +16,8 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
-from xfrustum.reference import TRACERS, Reference
+from xfrustum.reference import Reference
 from xfrustum.reports import cost as cost_module
-from xfrustum.reports.common.figure_style import COLORS, MARKERS, look
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.cost import (
     Option,
@@ -161,31 +160,6 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
 
 
-def test_no_two_curves_of_a_figure_look_the_same() -> None:
-    most = len(COLORS) * len(MARKERS)
-    assert len({look(place) for place in range(most)}) == most
-    families = [f"family {number}" for number in range(13)]
-    figure = trade_off_figure([replace(option(1.0, 1.0), family=name) for name in families], 0.5)
-    looks = {
-        (trace["marker"]["color"], trace["marker"]["symbol"][0].removesuffix("-open"))
-        for trace in figure["data"]
-        if trace["name"] in families
-    }
-    assert len(looks) == len(families)
-
-
-@pytest.mark.parametrize("tolerance", [0.5, 3.0, 1e-3])
-def test_the_labels_of_tolerances_stand_on_their_lines(tolerance: float) -> None:
-    """On a logarithmic axis plotly takes the value of a line, but the logarithm of where a label stands."""
-    layout = trade_off_figure([option(1.0, 1.0)], tolerance)["layout"]
-    assert layout["yaxis"]["type"] == "log"
-    lines = [line["y0"] for line in layout["shapes"]]
-    labels = [(label["text"], label["y"]) for label in layout["annotations"]]
-    assert lines == pytest.approx([tolerance, tolerance / 5])
-    assert [text for text, _ in labels] == [f"{line:g} px" for line in lines]
-    assert [y for _, y in labels] == pytest.approx([math.log10(line) for line in lines])
-
-
 def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> None:
     """A lower median is no advantage where the repetitions do not tell times apart: less error is."""
     times = {seconds: Timing.of([0.5 * seconds, seconds, 3 * seconds]) for seconds in (1.0, 1.2)}
@@ -194,17 +168,6 @@ def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> N
     *drawn, front = trade_off_figure([quicker, better], 0.5)["data"]
     filled = [trace["name"] for trace in drawn if not trace["marker"]["symbol"][0].endswith("-open")]
     assert filled == ["D24"] and (front["x"], front["y"]) == ([1200.0], [0.01])
-
-
-@pytest.mark.parametrize("tracer", TRACERS)
-def test_a_tracer_alone_shows_the_truth_but_for_what_float32_cannot_tell(tracer: str) -> None:
-    scene = view("car", (64, 48))
-    reference = Reference(scene, tracer=tracer)
-    truth, proposed = (f(scene.plate.middle) for f in (reference.trace, reference.propose))
-    assert (proposed.certainty == Certainty.UNEXAMINED).all()
-    judged = compare_images(truth, proposed, reference, radiance=False)
-    assert judged.displacement_px is not None and judged.displacement_px.max < 1e-6
-    assert judged.surface_wrong is not None and judged.surface_wrong < 10
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-1, 1e-3, 1e-7])
@@ -251,4 +214,3 @@ def test_cost_prints_one_object_and_writes_a_page(
     shown, _, folded = page[page.index("The Pareto front") :].partition(f"<summary>All {ways} ways</summary>")
     assert shown.count("<tr><td>") == front and folded.partition("</details>")[0].count("<tr><td>") == ways
     assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]
-    assert main(["cost", scene, "--tolerance-px", "0"]) == 2

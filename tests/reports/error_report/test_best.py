@@ -18,7 +18,6 @@ from xfrustum.reports.error_report.best import (
     best_setting,
     cause_sentences,
     equally_good,
-    pixels,
     sentence,
 )
 from xfrustum.reports.error_report.page import cause_figure
@@ -252,11 +251,6 @@ def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
         text = sentence(rows, "mm", 150.0)
         assert ("wrong surface, most of them by the near offset, and" in text) is said
     assert "most of them" not in sentence([measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0)
-
-
-def test_large_displacements_have_no_exponent() -> None:
-    written = [pixels(value) for value in (0.0, 0.0123, 9.96, 53.4, 99.6, 123.0, 1e4)]
-    assert written == ["0.001 px", "0.012 px", "10 px", "53 px", "100 px", "120 px", "10,000 px"]
 
 
 def test_the_pivot_of_a_centered_frustum_is_not_named() -> None:

@@ -12,7 +12,6 @@ import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -94,16 +93,6 @@ def test_the_script_tells_mistakes_in_one_line_and_ends_with_130_when_it_is_inte
     finally:
         signal.signal(signal.SIGINT, before)
     assert pressed == [signal.SIGINT]
-
-
-def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
-    monkeypatch.setattr(render, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    said: list[str] = []
-    done = render.progress(6, said.append)
-    for number in range(1, 7):
-        done(number)
-    assert said == ["3 of 6 hogels done, about 12 s left"]
 
 
 def run(folder: Path, arguments: str) -> str:

@@ -76,23 +76,3 @@ def test_triangle_numbers_alone_become_pictures_and_a_quilt_states_the_shape_of_
     shutil.copytree(out, quilt.group)
     assert quilt.write(open_scene(scene)).files == 1
     assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]
-
-
-@pytest.mark.parametrize(
-    ("name", "words", "told"),
-    [
-        ("plate.zarr", ("--apertures", "0,0"), "leave out --apertures and --part"),
-        ("plate.zarr", ("--part", "1/2"), "leave out --apertures and --part"),
-        ("plate.zarr", ("--channels", "height"), "color or triangle"),
-        ("pictures", ("--ids",), "let the name end in .zarr"),
-        ("pictures", ("--judge",), "let the name end in .zarr"),
-        ("plate.zarr", ("--layout", "cubevi"), "40 pixels wide"),
-    ],
-)
-def test_what_cannot_be_written_is_refused_before_anything_is_drawn(
-    name: str, words: tuple[str, ...], told: str, scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert plate(scene, scene.parent / name, "--layout", "views", *words) == 2
-    error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
-    assert [path.name for path in scene.parent.iterdir()] == [scene.name]

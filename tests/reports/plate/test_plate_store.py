@@ -15,13 +15,12 @@ from typing import Any
 
 import psutil
 import pytest
-from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, finished, small, tree
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.reports.blocks import Engine, Part
+from xfrustum.reports.blocks import Engine
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, layout_of, source_of, write_plate
 from xfrustum.reports.plate.store import open_store
@@ -97,15 +96,6 @@ def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -
         small(), SETTINGS, plate, content=EVERYTHING, block=(1, 1), check=True, engine=Engine(workers=2)
     )
     assert files.damaged == 1 and tree(plate) == tree(clean)
-
-
-def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean: Path) -> None:
-    for number in (2, 1):
-        engine = Engine(part=Part(number=number, count=2))
-        out = tmp_path / "x.zarr"
-        files = write_plate(small(), SETTINGS, out, content=EVERYTHING, block=(1, 1), engine=engine)
-        assert 0 < files.drawn < 35
-    assert tree(out) == tree(clean)
 
 
 def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:
@@ -195,16 +185,6 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
-def test_a_failure_leaves_nothing_beside_the_plate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(local_store, "_put", full)
-    with pytest.raises(InputError, match="No space left on device"):
-        drawn_again(tmp_path / "x.zarr")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_what_killed_processes_left_is_removed_unless_somebody_writes(plate: Path, clean: Path) -> None:
     left = (plate / CHUNK["color"]).with_suffix(".5f.partial")
     left.write_bytes(b"half")
@@ -233,34 +213,6 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     assert stores[0].missing(block, check=True) == ((), 0)
     whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(7, 5)).out
     assert tree(out) == tree(whole)
-
-
-def at_once(out: Path, count: int) -> list[dict[str, Any]]:
-    """Start as many processes on one plate and return what they say."""
-    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
-    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out)]
-    processes = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(count)
-    ]
-    told = [process.communicate() for process in processes]
-    assert [(process.returncode, error) for process, (_, error) in zip(processes, told, strict=True)] == [
-        (0, "")
-    ] * count
-    return [json.loads(text) for text, _ in told]
-
-
-@pytest.mark.slow
-def test_four_processes_on_one_new_plate_make_the_same_as_one(tmp_path: Path) -> None:
-    at_once(tmp_path / "one.zarr", 1)
-    one = tree(tmp_path / "one.zarr")
-    for _ in range(5):
-        said = at_once(tmp_path / "four.zarr", 4)
-        assert sum(each["drawn"] for each in said) >= 20
-        assert [each["drawn"] + each["found"] for each in said] == [20] * 4
-        assert tree(tmp_path / "four.zarr") == one
-        shutil.rmtree(tmp_path / "four.zarr")
-    assert [path.name for path in tmp_path.iterdir()] == ["one.zarr"]
 
 
 @pytest.mark.slow

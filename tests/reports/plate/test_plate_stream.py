@@ -1,15 +1,7 @@
 """A plate on disk: every hogel once, the same bytes however often the process was killed."""
 
-import contextlib
-import io
 import json
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
-from zarr.storage import _local as local_store
 
 from tests.support.views import view
 from xfrustum.cli.main import main
@@ -186,83 +177,3 @@ def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="is no plate of xfrustum"):
             write_plate(small(), SETTINGS, out)
     assert tree(folder) == {"mine.txt": b"mine"} and file.read_text() == "mine"
-
-
-def test_a_full_disk_ends_in_one_line_and_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene, out = small(), tmp_path / "x.zarr"
-    put = local_store._put
-
-    def full(path: Path, *arguments: Any, **others: Any) -> int:
-        if path == out / "color/c/3/2/0/0/0":
-            raise OSError(28, "No space left on device")
-        return put(path, *arguments, **others)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(local_store, "_put", full)
-        with pytest.raises(InputError, match="No space left on device"):
-            write_plate(scene, SETTINGS, out, block=(1, 1))
-    assert len(finished(out)) == 23
-    files = write_plate(scene, SETTINGS, out)
-    assert (files.drawn, files.found) == (12, 23)
-
-
-KILLED_BLOCK = (9, 1)  # columns and rows of the blocks of plates whose drawing is killed: a ninth of a row
-
-
-def command(out: Path, rows: str) -> list[str]:
-    arguments = ["plate", "asymmetric", "--near", "0.15", "--apertures", f"*,{rows}", "--color", "uint8"]
-    arguments += ["--block", "x".join(map(str, KILLED_BLOCK))]
-    return [sys.executable, "-m", "xfrustum", *arguments, "--ids", "--out", str(out), "--quiet", "--json"]
-
-
-def killed(out: Path, rows: str, delay: float, *, from_first_hogel: bool) -> bool:
-    """Run the command, kill it after a delay, and return whether it had not ended by then."""
-    before = len(finished(out))
-    process = subprocess.Popen(command(out, rows), stdout=subprocess.DEVNULL, start_new_session=True)
-    while from_first_hogel and process.poll() is None and len(finished(out)) == before:
-        time.sleep(0.002)
-    time.sleep(delay)
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    return process.wait() == -signal.SIGKILL
-
-
-def resumed(out: Path, rows: str) -> dict[str, int]:
-    with contextlib.redirect_stdout(io.StringIO()) as written:
-        assert main(command(out, rows)[3:]) == 0
-    found: dict[str, int] = json.loads(written.getvalue())
-    return found
-
-
-def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Iterator[float]) -> None:
-    clean, out = tmp_path / "clean.zarr", tmp_path / "killed.zarr"
-    assert resumed(clean, rows)["found"] == 0
-    kills = 0
-    for number, delay in enumerate(delays):
-        before = finished(out)
-        # Some kills come while the command is still starting.
-        kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
-        after = finished(out)
-        assert before.items() <= after.items(), "a finished block was lost or drawn again"
-    assert kills > 0
-    before = finished(out)
-    found = len(before) * KILLED_BLOCK[0] * KILLED_BLOCK[1]
-    last = resumed(out, rows)
-    assert (last["drawn"], last["found"]) == (count - found, found)
-    assert before.items() <= finished(out).items()
-    assert tree(out) == tree(clean)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["clean.zarr", "killed.zarr"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rows", "hogels", "kills", "longest_s"), [("28", 81, 3, 0.2), ("20-39", 1620, 20, 0.8)]
-)
-def test_killing_it_changes_no_byte(
-    rows: str, hogels: int, kills: int, longest_s: float, tmp_path: Path
-) -> None:
-    chance = random.Random(kills)
-    delays = (chance.uniform(0.0, 3.0 if number % 4 == 3 else longest_s) for number in range(kills))
-    assert_kills_do_no_harm(tmp_path, rows, hogels, delays)

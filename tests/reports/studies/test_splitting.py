@@ -2,10 +2,6 @@
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +18,6 @@ from xfrustum.reports.studies import splitting
 from xfrustum.reports.studies.splitting import (
     AS_IN_THE_PAPER,
     ASKED_SEPARATION,
-    COLORS,
     FULL,
     QUICK,
     SEPARATIONS,
@@ -42,7 +37,6 @@ from xfrustum.reports.studies.splitting import (
     measure,
     of_family,
     outcomes,
-    panels,
     part_of,
     sentence,
     straight_nears,
@@ -52,7 +46,7 @@ from xfrustum.reports.studies.splitting import (
 from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import FARTHEST, cars
-from xfrustum.scenes.plate.double_frustum import Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Offset
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)
@@ -171,24 +165,6 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(buffer: DepthBuffer,
     assert len(drawn) >= max(1, len(found))
 
 
-def test_displacement_grows_in_proportion_to_the_resolution() -> None:
-    found = []
-    for resolution in (64, 128):
-        (row,) = measure([cell(Family.ONE_SIDE, 10.0, 1e-3, resolution=resolution)])
-        found.append(row)
-    assert found[0].displacement_rms is not None
-    assert found[1].displacement_rms == pytest.approx(2 * found[0].displacement_rms, rel=0.02)
-
-
-def test_the_shear_about_the_cameras_moves_the_picture_further_by_what_the_closed_form_says() -> None:
-    found = list(measure([cell(Family.RECENTERED, 10.0, 1e-4, pivot=pivot) for pivot in Pivot]))
-    moved = {row.pivot: row.displacement_p99 for row in found if row.displacement_p99 is not None}
-    for row in found:
-        assert row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.02)
-    # The farthest corner of the film is at u = v = 1, and k = t: twice as much there, nothing is beyond it.
-    assert 1.2 < moved[Pivot.CAMERA] / moved[Pivot.APERTURE] <= 2.0
-
-
 @pytest.mark.parametrize("distance", [1e-2, 1e-4])
 def test_without_an_offset_nothing_moves_and_with_it_a_near_in_proportion_to_the_distance_is_needed(
     distance: float,
@@ -200,16 +176,6 @@ def test_without_an_offset_nothing_moves_and_with_it_a_near_in_proportion_to_the
     assert large.displacement_p99 is not None and large.displacement_p99 > TOLERANCE_PX and large.outside > 0
     assert small.displacement_p99 is not None and small.displacement_p99 <= TOLERANCE_PX
     assert gap.displacement_p99 is not None and gap.displacement_p99 < 0.05 and gap.outside == 0
-
-
-def test_a_shear_does_not_move_what_crosses_the_plate_but_about_the_cameras() -> None:
-    """Pivot `camera` adds k n / ((|z| + n) t) film units wherever the car comes near the plate."""
-    (centered,) = measure([cell(Family.THROUGH, 1e2, 1e-5)])
-    sheared = list(measure([cell(Family.RECENTERED_THROUGH, 1e2, 1e-5, pivot=pivot) for pivot in Pivot]))
-    moved = {row.pivot: row.displacement_p99 for row in sheared if row.displacement_p99 is not None}
-    assert moved[Pivot.APERTURE] == pytest.approx(centered.displacement_p99, rel=1e-3)
-    assert moved[Pivot.CAMERA] > 1.2 * moved[Pivot.APERTURE]
-    assert all(row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.02) for row in sheared)
 
 
 # Verdicts.
@@ -270,48 +236,6 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
 
 # Stopped and resumed.
 
-CHILD = """
-import os, signal, sys
-from pathlib import Path
-from tests.reports.studies.test_splitting import TINY
-from xfrustum.reports.studies import splitting, sweep
-
-make, left = sweep.Sweep.make, int(sys.argv[2])
-
-def killed_in_the_end(self, cells):
-    global left
-    if not left:
-        os.kill(os.getpid(), signal.SIGKILL)
-    left -= 1
-    make(self, cells)
-
-sweep.Sweep.make = killed_in_the_end
-splitting.make_study(Path(sys.argv[1]), TINY)
-"""
-"""Measures into a folder, and is killed without warning when so many blocks are kept."""
-
-
-@pytest.mark.slow
-def test_killed_it_loses_nothing_and_measures_nothing_twice(
-    tiny: StudyFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for _ in range(3):
-        command = [sys.executable, "-c", CHILD, str(tmp_path), "1"]
-        child = subprocess.run(
-            command, check=False, cwd=CHECKOUT, env=os.environ | {"PYTHONPATH": f"{CHECKOUT}:{CHECKOUT}/src"}
-        )
-        assert child.returncode == -signal.SIGKILL
-    kept = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "blocks").iterdir()}
-    assert len(kept) == 3 and not (tmp_path / "when-to-split.md").exists()
-    assert studied(tmp_path).rows == tiny.rows
-    assert all((tmp_path / "blocks" / name).stat().st_mtime_ns == when for name, when in kept.items())
-
-    def never(*_: object) -> None:
-        raise AssertionError("measured again")
-
-    monkeypatch.setattr(splitting, "compare_images", never)
-    assert studied(tmp_path).rows == tiny.rows
-
 
 def test_a_block_is_known_by_what_was_asked_and_what_measured_it(tmp_path: Path) -> None:
     sweep = Sweep.of("splitting", tmp_path, Row, measure)
@@ -339,16 +263,6 @@ def test_the_command_prints_one_object_that_names_every_case(
     assert len(said["cases"]) == len(outcomes(tiny.rows))
     assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
     assert {Path(file).stem for file in said["files"]["figures"]} == figures(tiny.rows).keys()
-
-
-def test_the_map_shows_the_verdicts_of_its_cells(tiny: StudyFiles) -> None:
-    _, rows = figures(tiny.rows)["when-to-split-c"]
-    assert rows == [row for row in single(tiny.rows) if row.side is Camera.C]
-    expected = [
-        tuple(COLORS[suitability(row)][0] for row in rows if row.buffer == buffer)
-        for buffer in (D16, D24, EXACT)
-    ]
-    assert panels(rows)[0][0]["lines"] == expected
 
 
 # What is published.

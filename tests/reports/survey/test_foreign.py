@@ -126,21 +126,6 @@ def test_a_wide_plate_of_which_nothing_can_be_read_has_a_small_map(
     assert [len(row) for row in json.loads(found[1])["cells"]] == [MAX_MAP_CELLS]
 
 
-@pytest.mark.slow
-def test_images_that_were_drawn_again_are_another_survey(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = box(tmp_path / "box.toml", (2, 1), (16, 16), (20, 8))
-    pattern, out = tmp_path / "{i}x{j}.exr", tmp_path / "survey"
-    for near, status in ((0.001, 0), (5.0, 2)):
-        draw(open_scene(path), near, pattern)
-        assert survey_of(path, pattern, out) == status
-    assert "begun with another state of the images" in capsys.readouterr().err
-    # The images as they are now are judged in a folder of their own, and are not right any more.
-    assert survey_of(path, pattern, tmp_path / "again") == 1
-    assert survey_of(path, pattern, tmp_path / "again") == 1
-
-
 def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -163,15 +148,3 @@ def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     assert "begun with another state of the images" in capsys.readouterr().err
     assert survey_of(path, views.files, tmp_path / "other", *asked, "--layout", "burnett") == 2
     assert "cannot be read in the layout burnett" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("folder", ["DF-0.1", "BT-0.001"])
-def test_surveys_of_the_plates_beside_the_checkout_say_what_verify_says(
-    folder: str, tmp_path: Path, shared_data: Path
-) -> None:
-    foreign = shared_data / "data" / "foreign"
-    pattern = foreign / folder / "Hogel_{i}x{j}.png"
-    survey_of(foreign / "scene.toml", pattern, tmp_path / "s", "--encoding", "triangle-id")
-    verified = verify(open_scene(foreign / "scene.toml"), str(pattern), encoding="triangle-id")
-    assert_alike(rows_of(tmp_path / "s"), verified)

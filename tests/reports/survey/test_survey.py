@@ -4,15 +4,11 @@ import io
 import json
 import os
 import shutil
-import subprocess
-import sys
-import time
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -146,45 +142,6 @@ def test_parts_of_a_job_array_make_the_survey_between_them(
     assert not (out / "index.html").exists()
     second = surveyed(scene_path, out, capsys, *words, "--part", "1/2")
     assert (second["complete"], second["judged"]) == (True, 20)
-    assert parts_of(out) == parts_of(whole)
-    assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kills", [0, 2])
-def test_workers_make_the_same_survey_also_where_they_are_killed_and_open_no_port(
-    kills: int, scene_path: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody can reach its processes, from this machine or another, as whatever user."""
-    scratch, out = tmp_path / "temporary", tmp_path / "survey"
-    scratch.mkdir()
-    monkeypatch.setenv("TMPDIR", str(scratch))
-    words = ["survey", str(scene_path), "--near", str(NEAR), "--all", "--out", str(out), "--json"]
-    killed, seen, doors = set[int](), set[int](), list[object]()
-    with subprocess.Popen(
-        [sys.executable, "-m", "xfrustum", *words, "--workers", "2"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    ) as run:
-        while run.poll() is None:
-            with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
-                children = psutil.Process(run.pid).children(recursive=True)
-                workers = [one for one in children if "xfrustum.reports.blocks" in " ".join(one.cmdline())]
-                # The two that were started first: a block that kills two processes ends the command.
-                seen.update(one.pid for one in workers if len(seen) < 2)
-                for process in (psutil.Process(run.pid), *workers):
-                    doors += process.net_connections("inet")
-                    doors += [one for one in process.net_connections("unix") if one.laddr]
-                first = [one for one in workers if one.pid in seen - killed]
-                if len(killed) < kills and first and len(parts_of(out)) > 2 * len(killed):
-                    killed.add(first[0].pid)
-                    first[0].kill()
-            time.sleep(0.02)
-        assert run.returncode == 0 and run.stdout is not None
-        said = json.loads(run.stdout.read())
-    assert (said["judged"], said["workers"]) == (20, 2)
-    assert len(killed) == kills and len(seen) == 2 and doors == []
-    assert list(scratch.iterdir()) == []
     assert parts_of(out) == parts_of(whole)
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
 

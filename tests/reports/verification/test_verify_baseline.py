@@ -81,24 +81,6 @@ def test_what_fails_on_a_full_disk_leaves_no_approval(
     assert len(kept) == (status == 0)
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ([*LINE, "--approve"], "--approve is about --baseline DIR"),
-        ([*LINE, "--device", "x"], "--device is about --baseline DIR"),
-        ([*KEPT, "--repeated"], "give --approve too"),
-        ([*KEPT, "--baseline-tolerance", "wrong=3"], "'wrong' is not one of missing, wrong_surfaces"),
-        ([*LINE, "--baseline", "scene.toml"], "--baseline scene.toml"),
-    ],
-)
-def test_options_that_mean_nothing_are_refused_before_any_work(
-    line: list[str], words: str, toy: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(line) == 2
-    assert words in " ".join(capsys.readouterr().err.split())
-    assert not (toy / "kept").exists()
-
-
 ACTION: dict[str, Any] = yaml.safe_load((CHECKOUT / "action.yml").read_text())
 verify = cli.get_command(Context(cli), "verify")
 

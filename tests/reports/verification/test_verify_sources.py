@@ -87,32 +87,6 @@ def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
     assert ElementTree.parse("junit.xml").getroot().get("errors") == "5"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("{i}-{j}.exr",), "none of its files exists"),
-        (("{i}.png",), "{j}"),
-        (("{i}-{k}.png",), "{k}"),
-        (("{i-{j}.png",), "SOURCE"),
-        ((), "either SOURCE"),
-        (("{i}-{j}.png", "--command", "x {out}"), "either SOURCE"),
-        (("--command", "x {i}"), "{out}"),
-        (("--command", "x '{out}"), "quotes"),
-        (("{i}-{j}.png", "--near", "77"), "reach"),
-        (("{i}-{j}.png", "--accept", "colors"), "colors"),
-        (("{i}-{j}.png", "--max-wrong", "2 pixels"), "share"),
-        (("{i}-{j}.png", "--apertures", "3,0"), "outside the plate"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused_in_one_line(
-    pattern: str, arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["verify", "scene.toml", *arguments, "--encoding", "triangle-id"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert words in error
-
-
 RENDERER = """
 import os, shutil, signal, sys, time
 i, j, out, copies = sys.argv[1:]
