@@ -4,6 +4,7 @@ import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import scipy
 
@@ -71,26 +72,6 @@ def make_plan(
 plan = make_plan  #: the name of `make_plan` in the public API, beside the other commands
 
 
-def make_viewer_plan(
-    scene: Scene,
-    viewer: Viewer,
-    requirement: Requirement,
-    choices: Sequence[DepthBuffer] | None = None,
-    *,
-    sample: RandomSample | None = None,
-    progress: bool = False,
-) -> tuple[Plan, EyeRequirement]:
-    """Plan how to draw a plate so that a viewer notices nothing, and measure the plan; see `make_plan`.
-
-    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are kept. The
-    requirement that the plan was made for is returned besides.
-    """
-    scouted = scouted_plate(scene, progress)
-    eye_pixel = scene.plate.size[0] / FILM_COLUMNS
-    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
-    return planned(scouted, seen, choices, sample, progress), seen
-
-
 def scouted_plate(scene: Scene, progress: bool) -> Scout:
     """Look through apertures all over a plate; InputError where none sees anything."""
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
@@ -109,20 +90,14 @@ def planned(
 ) -> Plan:
     """Plan how to draw a plate that was looked at, and measure the plan."""
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
-        planner = planner_of(scouted, requirement, choices)
-        return replace(planner, done=bar.update).plan(sample or RandomSample())
-
-
-def planner_of(
-    scouted: Scout, requirement: Requirement, choices: Sequence[DepthBuffer] | None = None
-) -> PlatePlanner:
-    """Return the planner of a plate that was looked at, with all depth buffers to choose from by default."""
-    return PlatePlanner(
-        reference=Reference(scouted.scene),
-        scouted=scouted,
-        requirement=requirement,
-        choices=choices or depth_buffers(),
-    )
+        planner = PlatePlanner(
+            reference=Reference(scouted.scene),
+            scouted=scouted,
+            requirement=requirement,
+            choices=choices or depth_buffers(),
+            done=bar.update,
+        )
+        return planner.plan(sample or RandomSample())
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
@@ -150,14 +125,13 @@ def table(
     `exceeded` is what a replay to a viewer's eyes shows beyond what is required; None where nothing was
     replayed.
     """
-    lines = [_filled(made.reason)]
-    settings = made.settings
+    lines, settings = [filled(made.reason)], made.settings
     if settings is None or made.predicted is None or made.measured is None:
         if (known := made.plate) is not None:
             none = f"{known.scouted} of the plate's {known.hogels:,} hogels were looked through"
             if known.hopeless:
                 none += f"; at {known.hopeless} of them a surface lies in the aperture or too close to it"
-            lines.append(_filled(f"{none}."))
+            lines.append(filled(f"{none}."))
         return "\n".join(lines)
     cuts = ", ".join(f"{height:g}" for height in made.slabs)
     cuts = f"{cuts} {scene.units}" if cuts else "none"
@@ -214,13 +188,13 @@ def _answer(
             f"{known.beyond} of {known.sampled} drawn at random are beyond {limits}: at most "
             f"{percent(share)} of all ({percent(known.confidence)})."
         )
-    return _filled(" ".join(sentences))
+    return filled(" ".join(sentences))
 
 
-def _filled(text: str) -> str:
+def filled(text: str) -> str:
     """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
     kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
-    return textwrap.fill(kept, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " ")
+    return textwrap.fill(kept, LINE_CHARACTERS, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,11 +211,6 @@ class Replayed:
     wrong: float
     depth_wrong: float
     judged: int  #: Number of both eyes' judged pixels
-
-    @property
-    def depth_wrong_at_most(self) -> float:
-        """Upper bound of the share that is wrong by depth, as if pixels were drawn at random."""
-        return share_at_most(round(self.depth_wrong * self.judged), self.judged)
 
 
 class ReplayWorkbench:
@@ -368,6 +337,39 @@ def replayed_plan(made: Plan, record: PlannedRecord) -> Plan:
     return replace(made, within=False, reason=reason) if record.exceeded else made
 
 
+@dataclass(frozen=True, kw_only=True)
+class ViewerPlan:
+    """A plan for a viewer, what it was made for, and what a replay of it shows."""
+
+    plan: Plan
+    requirement: EyeRequirement
+    record: PlannedRecord
+
+    def summary(self) -> dict[str, Any]:
+        """Return the plan as `plan --viewer --json` prints it."""
+        return {**self.plan.summary(), "viewer": self.record}
+
+
+def make_viewer_plan(
+    scouted: Scout,
+    viewer: Viewer,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer] | None = None,
+    *,
+    sample: RandomSample | None = None,
+    progress: bool = False,
+) -> ViewerPlan:
+    """Plan how to draw a plate so that a viewer notices nothing, measure the plan, and replay it to his eyes.
+
+    The separation of `requirement`, where it has one, and its share of pixels wrong by depth are kept.
+    """
+    eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
+    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
+    made = planned(scouted, seen, choices, sample, progress)
+    record = planned_record(scouted.scene, made, seen, progress=progress)
+    return ViewerPlan(plan=replayed_plan(made, record), requirement=seen, record=record)
+
+
 def planned_record(
     scene: Scene, made: Plan, requirement: EyeRequirement, *, progress: bool = False
 ) -> PlannedRecord:
@@ -432,9 +434,11 @@ def planned_table(record: PlannedRecord, units: str) -> str:
             f"replayed, {digits(found.disparity_change_arcsec)} ({found.matched:,} points), which is known "
             f"to within {digits(record.noise_arcsec or 0.0)}"
         )
+    # As if pixels were drawn at random.
+    at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)
     lines.append(
         f"  replayed, {percent(found.depth_wrong)} of what both eyes are shown is wrong by depth "
-        f"({found.judged:,} pixels of {found.hogels:,} hogels; at most {percent(found.depth_wrong_at_most)}, "
+        f"({found.judged:,} pixels of {found.hogels:,} hogels; at most {percent(at_most)}, "
         f"with a confidence of {percent(CONFIDENCE)})"
     )
     return "\n".join([*lines, *(f"  beyond what is required: {one}" for one in record.exceeded)])

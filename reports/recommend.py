@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,24 +13,18 @@ import numpy as np
 
 from xfrustum.compare.eye.noticeable import Viewer, stereo_change_arcsec
 from xfrustum.compare.planning.limits import COMPARED_BUFFERS, BufferLimit, buffer_limits, hogel_limits
-from xfrustum.compare.planning.plan import Plan, exceptions
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, exceptions
 from xfrustum.compare.planning.search import DepthBuffer
-from xfrustum.compare.planning.viewer import (
-    CRACK,
-    STEREO,
-    EyeRequirement,
-    NearLimit,
-    binding,
-    eye_requirement,
-)
+from xfrustum.compare.planning.viewer import CRACK, STEREO, NearLimit, binding
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout
 from xfrustum.raster import require_room
+from xfrustum.reference import Reference
 from xfrustum.reports import planning
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import write_files
-from xfrustum.reports.common.provenance import plate_command, versions
+from xfrustum.reports.common.provenance import plate_command, settings_words, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
@@ -52,20 +45,6 @@ QUANTILES = (0.01, 0.1, 0.5, 0.9)
 """Shares of the hogels that were looked through of which the largest near is told."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class EyeAnswer:
-    """A plan for a viewer, what it was made for, and what a replay of it shows."""
-
-    plan: Plan
-    requirement: EyeRequirement
-    record: planning.PlannedRecord
-
-    @property
-    def limit(self) -> NearLimit | None:
-        """What the viewer notices first of a near that grows; None where nothing."""
-        return binding(self.requirement.limits)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recommendation:
     """How to draw a plate, and what decides it; lengths in scene units.
@@ -78,7 +57,7 @@ class Recommendation:
     scouted: Scout
     requirement: Requirement
     pixels: Plan
-    eyes: EyeAnswer | None
+    eyes: planning.ViewerPlan | None
     pixels_count: bool
     buffers: tuple[BufferLimit, ...]
     hogel_limits: Floats  #: (A,) largest near of each scouted aperture; see `hogel_limits`
@@ -96,6 +75,11 @@ class Recommendation:
         if self.chosen.settings is None or self.chosen.slabs:
             return DEPTH if self.pixel_limit is not None else PIXELS
         return PIXELS if self.chosen is self.pixels else EYES
+
+    @property
+    def eye_limit(self) -> NearLimit | None:
+        """What the viewer notices first of a near that grows; None where nothing."""
+        return None if self.eyes is None else binding(self.eyes.requirement.limits)
 
     @property
     def pixel_limit(self) -> float | None:
@@ -144,7 +128,7 @@ class Recommendation:
             if self.eyes is not None and not self.pixels_count:
                 said[PIXELS] += ", which counts only with --tolerance-px"
         if self.eyes is not None:
-            found, distance = self.eyes.limit, self.eyes.requirement.viewer.distance
+            found, distance = self.eye_limit, self.eyes.requirement.viewer.distance
             largest = None if found is None else found.largest_near
             allowed = "any near" if largest is None else f"near up to {digits(largest)} {units}"
             said[EYES] = f"eyes at {distance:g} {units} allow {allowed}"
@@ -181,26 +165,21 @@ class Recommendation:
         settings = self.chosen.settings
         if settings is None:
             return ()
-        draw = shlex.split(plate_command(self.scene, settings))
-        options, source = draw[3 : draw.index("--out")], draw[2]
-        confirm = ["xfrustum", "survey", source, *options, "--out", "survey"]
+        options, source = settings_words(settings), self.scene.source or self.scene.name
+        confirm = ["survey", source, *options, "--out", "survey"]
         if self.chosen is self.pixels:
             confirm += ["--tolerance-px", f"{self.requirement.tolerance_px:g}"]
         if self.eyes is not None:
-            eye = f"0,0,{self.eyes.requirement.viewer.distance:g}"
-            apart = self.eyes.requirement.viewer.eyes_apart_mm / (
-                self.eyes.requirement.display.millimeters or 1
-            )
-            seen = ["--eye", eye, "--stereo", f"{apart:g}"]
-            confirm = ["xfrustum", "view", source, *seen, *options, "--out", "seen"]
-        return shlex.join(draw), shlex.join(confirm)
+            viewer, display = self.eyes.requirement.viewer, self.eyes.requirement.display
+            apart = viewer.eyes_apart_mm / (display.millimeters or 1)
+            seen = ["--eye", f"0,0,{viewer.distance:g}", "--stereo", f"{apart:g}"]
+            confirm = ["view", source, *seen, *options, "--out", "seen"]
+        return plate_command(self.scene, settings), shlex.join(["xfrustum", *confirm])
 
     def summary(self) -> dict[str, Any]:
         """Return what `recommend --json` prints."""
         chosen, known = self.chosen, self.hogel_limits[np.isfinite(self.hogel_limits)]
-        eyes = None
-        if self.eyes is not None:
-            eyes = {**self.eyes.plan.summary(), "viewer": self.eyes.record}
+        quantiles = {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size}
         return {
             "paragraph": self.paragraph,
             "near": chosen.near,
@@ -211,16 +190,12 @@ class Recommendation:
             "binds": self.binds,
             "largest_near": {
                 "pixels": self.pixel_limit,
-                "eyes": None
-                if self.eyes is None or self.eyes.limit is None
-                else self.eyes.limit.largest_near,
-                "hogels": {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES}
-                if known.size
-                else None,
+                "eyes": self.eye_limit and self.eye_limit.largest_near,
+                "hogels": quantiles or None,
             },
             "buffers": self.buffers,
             "pixels": self.pixels.summary(),
-            "eyes": eyes,
+            "eyes": self.eyes and self.eyes.summary(),
             "commands": list(self.commands),
         }
 
@@ -229,11 +204,7 @@ def for_display(scene: Scene, pitch: float) -> Scene:
     """Return a scene with the hogels of a display of another pitch, scene units, on a plate of its size.
 
     Its name says how many, for they are to be written into the scene file before anything is drawn.
-
-    Raises
-    ------
-    InputError
-        Hogels of this pitch are wider than the plate.
+    InputError where hogels of this pitch are wider than the plate.
     """
     width, height = scene.plate.size
     if pitch > min(width, height):
@@ -256,20 +227,12 @@ def recommend(
 ) -> Recommendation:
     """Return how to draw a plate: what depth buffer, pixels and eyes allow, and which of them binds.
 
-    Parameters
-    ----------
-    choices
-        Depth buffers to choose from, None for all.
-    viewer
-        Eyes before the display; None where hogels' pixels are all that counts.
-    tolerance_px
-        Largest 99th percentile of displacement; None for the usual, by which no viewer's display is judged.
+    Without a `viewer`, eyes before the display, hogels' pixels are all that counts. `tolerance_px` is the
+    largest 99th percentile of displacement; None for the usual, by which no viewer's display is judged.
+    `choices` are the depth buffers to choose from, None for all.
 
-    Raises
-    ------
-    InputError
-        Nobody sees anything of the objects, the scene's unit is not known to a viewer, or there is no usable
-        OpenGL.
+    InputError where nobody sees anything of the objects, the scene's unit is not known to a viewer, or there
+    is no usable OpenGL.
     """
     # The plans are measured by drawing them, but only after searches that trace and predict for long.
     require_room(scene)
@@ -277,13 +240,13 @@ def recommend(
     requirement = Requirement() if tolerance_px is None else Requirement(tolerance_px=tolerance_px)
     eyes = None
     if viewer is not None:
-        asked = eye_requirement(scouted, viewer, eye_pixel=scene.plate.size[0] / planning.FILM_COLUMNS)
-        made = planning.planned(scouted, asked, choices, sample, progress)
-        record = planning.planned_record(scene, made, asked, progress=progress)
-        eyes = EyeAnswer(plan=planning.replayed_plan(made, record), requirement=asked, record=record)
+        how: dict[str, Any] = {"sample": sample, "progress": progress}
+        eyes = planning.make_viewer_plan(scouted, viewer, Requirement(), choices, **how)
     # Who judges decides what depth is asked for: eyes tell fewer depths apart than a plan for pixels orders.
     judging = requirement if eyes is None or tolerance_px is not None else eyes.requirement
-    views = planning.planner_of(scouted, requirement).first_views()
+    reference = Reference(scene)
+    planner = PlatePlanner(reference=reference, scouted=scouted, requirement=requirement, choices=())
+    views = planner.first_views()
     found = Recommendation(
         scene=scene,
         scouted=scouted,
@@ -302,13 +265,9 @@ def recommend(
 
 def table(found: Recommendation) -> str:
     """Return the answer as text: the paragraph, what each judge allows, and the commands."""
-    units, kept = found.scene.units, found.paragraph.replace(" %", "\N{NO-BREAK SPACE}%")
-    filled = textwrap.fill(kept, planning.LINE_CHARACTERS, break_on_hyphens=False)
-    lines = [filled.replace("\N{NO-BREAK SPACE}", " "), ""]
-    lines += aligned(
-        [("", f"near from, {units}", f"up to, {units}", ""), *(one.cells for one in _allowed(found))]
-    ).splitlines()
-    return "\n".join([*lines, "", *found.commands])
+    head = ("", f"near from, {found.scene.units}", f"up to, {found.scene.units}", "")
+    rows = aligned([head, *(one.cells for one in _allowed(found))])
+    return "\n".join([planning.filled(found.paragraph), "", rows, "", *found.commands])
 
 
 class Allowed(NamedTuple):
@@ -336,7 +295,7 @@ def _allowed(found: Recommendation) -> list[Allowed]:
     if found.eyes is not None:
         for one in found.eyes.requirement.limits:
             high = math.inf if one.largest_near is None else one.largest_near
-            binds = found.binds == EYES and one == found.eyes.limit
+            binds = found.binds == EYES and one == found.eye_limit
             rows.append(Allowed(f"eyes, {LIMIT_WORDS[one.name]}", high=high, binds=binds))
     for buffer in found.buffers:
         low = 0.0 if buffer.any_near else math.inf if buffer.smallest_near is None else buffer.smallest_near
@@ -346,21 +305,11 @@ def _allowed(found: Recommendation) -> list[Allowed]:
 
 def write_recommendation(found: Recommendation, out: Path) -> tuple[Path, ...]:
     """Write the page and recommend.json, all or nothing."""
-    return write_files(out, {PAGE: render_page(found), DATA: found.summary()})
-
-
-def render_page(found: Recommendation) -> str:
-    """Return one HTML document that needs nothing else."""
-    figures = {"limits": limits_figure(found)}
+    figures, rows = {"limits": limits_figure(found)}, [one.cells for one in _allowed(found)]
     if np.isfinite(found.hogel_limits).any():
         figures["map"] = map_figure(found)
-    values = {
-        "found": found,
-        "figures": figures,
-        "rows": [one.cells for one in _allowed(found)],
-        "versions": versions(),
-    }
-    return html_page("recommend.html.j2", values)
+    values = {"found": found, "figures": figures, "rows": rows, "versions": versions()}
+    return write_files(out, {PAGE: html_page("recommend.html.j2", values), DATA: found.summary()})
 
 
 def limits_figure(found: Recommendation) -> Figure:

@@ -26,7 +26,7 @@ from xfrustum.compare.eye.loss import (
 from xfrustum.compare.eye.noticeable import Viewer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
-from xfrustum.reports.planning import make_plan, make_viewer_plan
+from xfrustum.reports.planning import make_plan, make_viewer_plan, scouted_plate
 from xfrustum.reports.view import Drawing, shown
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 from xfrustum.scenes.arrays import Bytes, Mask
@@ -122,9 +122,10 @@ def moved_picture(name: str) -> Image.Image:
 def plans_picture() -> Image.Image:
     """Return the car as three eyes see it, and as both plans show it."""
     scene = open_scene("car")
+    scouted = scouted_plate(scene, progress=False)
     plans = {
         "to pixels": make_plan(scene).settings,
-        "to eyes": make_viewer_plan(scene, Viewer(distance=600.0), Requirement())[0].settings,
+        "to eyes": make_viewer_plan(scouted, Viewer(distance=600.0), Requirement()).plan.settings,
     }
     return settings_picture(scene, {words: found for words, found in plans.items() if found is not None})
 

@@ -37,7 +37,7 @@ def machine() -> dict[str, str]:
 def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
     """Return the command that draws an aperture with these settings, quoted for a shell."""
     words = ["xfrustum", "raster", scene.source or scene.name, *aperture_option(scene, aperture)]
-    return shlex.join([*words, *_options(settings), "--out", "raster.exr"])
+    return shlex.join([*words, *settings_words(settings), "--out", "raster.exr"])
 
 
 def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
@@ -48,8 +48,8 @@ def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
 def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
     """Return the command that draws the whole plate with these settings, quoted for a shell."""
     source = scene.source or scene.name
-    words = ["xfrustum", "plate", source, *_options(settings), "--out", f"{Path(source).stem}.zarr"]
-    return shlex.join(words)
+    words = ["plate", source, *settings_words(settings), "--out", f"{Path(source).stem}.zarr"]
+    return shlex.join(["xfrustum", *words])
 
 
 def plan_command(scene: Scene) -> str:
@@ -57,7 +57,8 @@ def plan_command(scene: Scene) -> str:
     return shlex.join(["xfrustum", "plan", scene.source or scene.name])
 
 
-def _options(settings: DoubleFrustum) -> list[str]:
+def settings_words(settings: DoubleFrustum) -> list[str]:
+    """Return the options that name settings; nothing for usual cameras."""
     words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
     usual = DoubleFrustum(near=settings.near)

@@ -107,7 +107,7 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) ->
     only_asked_for = "counts only with --tolerance-px"
     assert only_asked_for in eyes.paragraph and only_asked_for not in both.paragraph
     # The noise of the replay is kept as a margin.
-    limit, near = eyes.eyes.limit, eyes.chosen.near
+    limit, near = eyes.eye_limit, eyes.chosen.near
     assert limit is not None and limit.largest_near is not None and near is not None
     assert limit.largest_near / 2 < near < limit.largest_near
     assert "eyes at 600 mm allow near up to" in eyes.paragraph and "splitting is not needed" in eyes.paragraph

@@ -152,6 +152,12 @@ def is_given(parameter: str) -> bool:
     return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
 
 
+def flag_of(parameter: str) -> str:
+    """Return how the current command's option of that name is written, such as `--near`."""
+    options = click.get_current_context().command.params
+    return next(str(one.opts[-1]) for one in options if one.name == parameter)
+
+
 class Read(click.ParamType[T], Generic[T]):
     """A kind of value: a function that reads text, and what it wants where it raises ValueError."""
 

@@ -33,25 +33,16 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.plate import Aperture
 
-_VIEWER_FIELDS = {
-    "acuity": "acuity_arcmin",
-    "stereo_acuity": "stereo_acuity_arcsec",
-    "ipd": "eyes_apart_mm",
-    "pupil": "pupil_mm",
-}
-"""Fields of a viewer by the options that say them."""
-
 
 def _eyes(**given: Any) -> dict[str, Any]:
     """Return what options say of a viewer; they are refused without a distance, or beside single hogels."""
     said = options.present(**given)
     if said and "viewer" not in said:
-        name = next(iter(said)).replace("_", "-")
-        raise click.UsageError(f"--{name} describes a viewer: give --viewer too")
-    for name in filter(options.is_given, ("aperture", "apertures", "tolerance_px") if said else ()):
-        flag = f"--{name.replace('_', '-')}"
-        about = f"{flag} is about hogels, and a viewer sees all of them at once"
-        raise click.UsageError(f"{about}: leave out {flag} or --viewer")
+        raise click.UsageError(f"{options.flag_of(next(iter(said)))} describes a viewer: give --viewer too")
+    for own in map(options.flag_of, filter(options.is_given, ("aperture", "apertures", "tolerance_px"))):
+        if said:
+            about = f"{own} is about hogels, and a viewer sees all of them at once"
+            raise click.UsageError(f"{about}: leave out {own} or --viewer")
     return said
 
 
@@ -71,10 +62,12 @@ class _Plan(options.Measured):
     eyes = group(
         _eyes,
         viewer=option(LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
-        acuity=option(POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]"),
-        stereo_acuity=option(POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]"),
-        ipd=option(POSITIVE, "Millimeters between his eyes.  [default: 65]"),
-        pupil=option(POSITIVE, "Millimeters of his pupils.  [default: 4]"),
+        acuity_arcmin=option(POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]", "--acuity"),
+        stereo_acuity_arcsec=option(
+            POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]", "--stereo-acuity"
+        ),
+        eyes_apart_mm=option(POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"),
+        pupil_mm=option(POSITIVE, "Millimeters of his pupils.  [default: 4]", "--pupil"),
     )
 
     def chosen(self, scene: Scene) -> Sequence[Aperture] | AutoApertures | None:
@@ -117,18 +110,15 @@ def plan(asked: _Plan) -> None:
     how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
     if asked.eyes:
         from xfrustum.compare.eye.noticeable import Viewer, scene_length
-        from xfrustum.reports.planning import make_viewer_plan, planned_record, planned_table, replayed_plan
+        from xfrustum.reports.planning import make_viewer_plan, planned_table, scouted_plate
 
         distance = scene_length(asked.eyes.pop("viewer"), opened)
-        viewer = Viewer(distance=distance, **{_VIEWER_FIELDS[name]: it for name, it in asked.eyes.items()})
-        made, seen = make_viewer_plan(opened, viewer, requirement, buffers, **how)
+        viewer, scouted = Viewer(distance=distance, **asked.eyes), scouted_plate(opened, asked.progress)
         options.warn_of(opened)
-        record = planned_record(opened, made, seen, progress=asked.progress)
-        made = replayed_plan(made, record)
+        seen = make_viewer_plan(scouted, viewer, requirement, buffers, **how)
         # The last line is the command that draws so, as in all plans.
-        planned = table(made, opened, [opened.plate.middle], seen, record.exceeded)
-        text = f"{planned_table(record, opened.units)}\n\n{planned}"
-        asked.tell(lambda: {**made.summary(), "viewer": record}, lambda: text)
+        planned = table(seen.plan, opened, [opened.plate.middle], seen.requirement, seen.record.exceeded)
+        asked.tell(seen.summary, lambda: f"{planned_table(seen.record, opened.units)}\n\n{planned}")
         return
     chosen = asked.chosen(opened)
     made = make_plan(opened, chosen, requirement, buffers, **how)

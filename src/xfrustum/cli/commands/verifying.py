@@ -87,8 +87,7 @@ def _baseline(baseline: Path | None, **asked: Any) -> dict[str, Any] | None:
             raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
         return {"folder": baseline, **asked}
     for name in filter(options.is_given, asked):
-        flag = "--baseline-tolerance" if name == "tolerance" else f"--{name}"
-        raise click.UsageError(f"{flag} is about --baseline DIR: give it too")
+        raise click.UsageError(f"{options.flag_of(name)} is about --baseline DIR: give it too")
     return None
 
 
