@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -21,8 +21,9 @@ from xfrustum.compare.prediction import band_limiting
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
 from xfrustum.reports.common.outputs import json_ready, progress_bar
+from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
-from xfrustum.scenes import Aperture, Camera, DoubleFrustum, InputError, Scene
+from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
@@ -350,52 +351,18 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
 def table(plan: EffectsPlan) -> str:
     """Return the plan as text: the effects, then what is drawn, sampled and traced."""
     units, told, measured = plan.scene.units, summary(plan), RENDERERS if plan.repeat else ()
-    lines = [("effect", "", *measured, "because")]
+    effects = [("effect", "", *measured, "because")]
     for row in plan.rows:
         costs = (_time(plan.costs[row.name].get(name)) for name in measured)
-        lines.append((row.name, "used" if row.used else "left out", *costs, row.reason))
-    text = [aligned(lines, str.ljust), ""]
-    for one in told["objects"]:
-        low, high = map(digits, one["heights"])
-        called = (", ".join(one["effects"]) or "no effect") if one["in_sight"] else "not seen"
-        text.append(f"object {one['number']}, {one['name']}, heights {low} to {high} {units}: {called}")
-    text += ["", *_by_depth(plan), ""]
-    for slab in plan.slabs:
-        low, high = map(digits, slab.heights)
-        side = "behind" if slab.camera is Camera.C else "before"
-        content = {0: "empty, skipped", 1: "1 triangle"}.get(slab.triangles, f"{slab.triangles:,} triangles")
-        text.append(f"slab {low} to {high} {units} {side} the plate, camera {slab.camera}: {content}")
-    kinds = [one["draws"] for one in told["passes"]]
-    samples, asked = told["samples"], [n for n in ("shadows", "interreflection") if told["transport"][n]]
-    text += [
-        f"passes: {kinds.count('surfaces')} of surfaces, {kinds.count('reflections')} of reflections",
-        f"samples: {samples['pixel']} a pixel, {samples['multisample']} of coverage, {samples['aperture']} "
-        "over the aperture",
-        f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}",
-    ]
-    for name, every in plan.costs.get("all", {}).items():
-        text.append(f"{name} {_duration(every['without'])} an image, all effects besides {_time(every)}")
-    if plan.repeat:
-        text.append(f"measured here: {plan.repeat} times {PROCEDURE}; not told: the interval holds zero")
-    return "\n".join(text)
-
-
-def _by_depth(plan: EffectsPlan) -> Iterator[str]:
-    """Yield the content of the frustum by depth, and what bounds its errors."""
-    found, units, (column, row) = plan.depths, plan.scene.units, plan.aperture.index
-    cuts = f"cut at {', '.join(map(digits, found['cuts']))} {units}" if found["cuts"] else "without cuts"
-    yield (
-        f"what lies in the frustum of aperture {column},{row} by depth, hidden surfaces included; near "
-        f"{digits(found['near'])} {units}, {cuts}, {plan.settings.depth_label}:"
-    )
+        effects.append((row.name, "used" if row.used else "left out", *costs, row.reason))
 
     def points(count: int | None) -> str:
         return "over 65,536" if count is None else f"{count:,}"
 
-    lines: list[tuple[str, ...]] = [
+    by_depth: list[tuple[str, ...]] = [
         (f"|z| ({units})", "surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
     ]
-    for one in found["rows"]:
+    for one in plan.depths["rows"]:
         least, largest = (digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"])
         cells = (
             f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
@@ -406,20 +373,18 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
             f"{least} to {largest} px",
             points(one["sub_apertures"]),
         )
-        lines.append(cells)
-    yield aligned(lines, str.ljust)
-    within = f"within {digits(found['tolerance_px'])} px"
-    if found["largest_near"] is None:
-        yield f"no near keeps content that touches the plate {within}"
-    else:
-        largest = digits(found["largest_near"])
-        yield f"near up to {largest} {units} keeps all of it {within}; for the plate ask `xfrustum plan`"
-    used, verb = plan.scene.sampling.aperture, "is" if plan.scene.sampling.aperture == 1 else "are"
-    errors = [f"{one['sub_apertures']:,}: {digits(one['levels'])}" for one in found["band_errors"]]
-    yield (
-        f"band limiting: {counted(used, 'sub-aperture')} {verb} used; edges may be off by so many "
-        f"levels of 8 bits: {', '.join(errors)}; {points(found['sub_apertures'])} keep them under one"
-    )
+        by_depth.append(cells)
+    values = {
+        "plan": plan,
+        "told": told,
+        "depths": plan.depths,
+        "units": units,
+        "effects": aligned(effects, str.ljust),
+        "by_depth": aligned(by_depth, str.ljust),
+        "transport": [name for name in ("shadows", "interreflection") if told["transport"][name]],
+    }
+    filters: Filters = {"time": _time, "duration": _duration, "points": points}
+    return plain_text("explain.txt.j2", values, filters).removesuffix("\n")
 
 
 def _time(found: Cost | None) -> str:
@@ -463,25 +428,9 @@ def viewer_record(scene: Scene, distance: float, settings: DoubleFrustum) -> dic
 
 def viewer_table(record: dict[str, Any], units: str) -> str:
     """Return the same as lines of text."""
-    limits, largest = record["limits"], record["largest_unseen_near"]
-    unseen = "at any n" if math.isinf(largest) else f"up to n = {digits(largest)} {units}"
-    before, behind = (
-        "any depth" if math.isinf(depth) else f"{digits(depth)} {units}"
-        for depth in (limits.before, limits.behind)
-    )
-    lines = [
-        f"for a viewer at {digits(limits.viewer.distance)} {units}:",
-        f"  a hogel is seen under {digits(limits.pitch_arcmin)}', its pixels under "
-        f"{digits(limits.pixel_arcmin)}'; the eye resolves {digits(limits.viewer.acuity_arcmin)}'",
-        f"  depth of field: {before} before the plate, {behind} behind it",
-        f"  a near offset n, a gap of 2 n at the plate, is not seen {unseen if largest else 'at no n'}",
-        f"  n = {digits(record['near'])} {units} is {'seen' if record['seen'] else 'not seen'}",
-    ]
-    for one in record["near_limits"]:
-        stereo = one.name == "stereo"
-        there = record["stereo_change_arcsec" if stereo else "crack_arcmin"]
-        unit = "arc seconds of disparity" if stereo else "' of crack"
-        lines.append(f"    {digits(there)} {unit}; up to {digits(one.allowed)} are not noticed")
-    if record["stereo_change_arcsec"] is None:
-        lines.append(f"    whether two eyes see it is not known: how long is one of the scene's {units}?")
-    return "\n".join(lines)
+
+    def depth(value: float) -> str:
+        return "any depth" if math.isinf(value) else f"{digits(value)} {units}"
+
+    values = {**record, "units": units, "inf": math.inf}
+    return plain_text("explain-viewer.txt.j2", values, {"depth": depth}).removesuffix("\n")

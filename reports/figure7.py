@@ -1,8 +1,7 @@
 """The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras, as one page."""
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -30,33 +29,21 @@ FILES = (_PAGE, *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN
 """Names of the files that are written; that of another aperture only where the plate has one."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Figure:
-    """The pictures of an aperture by camera, in the paper's order, with their wall seconds."""
-
-    scene: Scene
-    aperture: Aperture
-    settings: DoubleFrustum
-    images: Mapping[Camera, HogelImage]
-    other: HogelImage | None  #: image of another aperture by C* alone; None where the plate has one aperture
-    times_s: Mapping[str, float]
-    device: str
-
-
 def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:
     """Return settings in which neither near plane nor depth buffer shows."""
     near = NEAR_PER_REACH * scene.frustum.longest_reach if near is None else near
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
-def draw_figure(
-    scene: Scene, aperture: Aperture, settings: DoubleFrustum, other: Aperture | None = None
-) -> Figure:
-    """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone.
+def write_figure(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, other: Aperture | None, out: Path
+) -> tuple[Path, ...]:
+    """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone; write the page.
 
     `other` is the aperture of the second perspective of C*; where None the one of a coarse lattice over the
-    plate from which C* shows most. InputError where near is not smaller than the reach, the aperture sees
-    nothing of the objects, or there is no usable OpenGL.
+    plate from which C* shows most, if the plate has another one. InputError where near is not smaller than
+    the reach, the aperture sees nothing of the objects, there is no usable OpenGL, or the folder cannot be
+    written.
     """
     require_seen(scene, [aperture])
     times_s, images, alone = {}, {}, replace(settings, camera=Camera.C_STAR)
@@ -70,34 +57,22 @@ def draw_figure(
         rasterizer.render(aperture, settings, normals=False)
         for camera in _DRAWN:
             begun = time.perf_counter()
-            images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
-            times_s[camera.value] = time.perf_counter() - begun
+            image = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
+            images[camera.value], times_s[camera.value] = image, time.perf_counter() - begun
 
         def covered(one: Aperture) -> int:
             return int(rasterizer.render(one, alone, normals=False, color=False).covered.sum())
 
         if other is None:
             other = max((one for one in lattice if one != aperture), key=covered, default=None)
-        return Figure(
-            scene=scene,
-            aperture=aperture,
-            settings=settings,
-            images=images,
-            other=None if other is None else rasterizer.render(other, alone, normals=False),
-            times_s=times_s,
-            device=rasterizer.device["renderer"],
-        )
-
-
-def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
-    """Write index.html and the pictures, all or nothing; InputError where the folder cannot be written."""
-    images = {camera.value: image for camera, image in figure.images.items()}
-    images |= {} if figure.other is None else {_OTHER: figure.other}
+        if other is not None:
+            images[_OTHER] = rasterizer.render(other, alone, normals=False)
+        device = rasterizer.device["renderer"]
     pictures = {name: picture(image, as_seen=name == _OTHER) for name, image in images.items()}
-    pictures[_AS_SEEN] = picture(figure.images[Camera.C_STAR], as_seen=True)
+    pictures[_AS_SEEN] = picture(images[Camera.C_STAR.value], as_seen=True)
     values = {
-        "figure": figure,
-        "reach": figure.scene.frustum.longest_reach,
+        **{"scene": scene, "aperture": aperture, "other": other, "settings": settings, "device": device},
+        "times_s": times_s,
         "covered": {name: float(image.covered.mean()) for name, image in images.items()},
         "pictures": {name: address(encoded) for name, encoded in pictures.items()},
     }

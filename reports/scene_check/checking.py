@@ -25,7 +25,7 @@ from xfrustum.compare.extent import (
     warnings,
 )
 from xfrustum.reports.common.outputs import json_ready, write_files
-from xfrustum.reports.common.templates_environment import svg_picture
+from xfrustum.reports.common.templates_environment import Filters, plain_text, svg_picture
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
@@ -344,39 +344,8 @@ def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
 
 def table(checked: SceneCheck) -> str:
     """Return a check as lines for people."""
-    scene = checked.scene
-    (toward, back), units = scene.frustum.reach, scene.units
-    (width, height), hogels = map(length, scene.plate.size), scene.plate.hogels
-    lines = [
-        f"{scene.name}: plate of {width} x {height} {units}, {hogels[0]} x {hogels[1]} apertures; "
-        f"reach {length(toward)} {units} before and {length(back)} {units} behind it"
-    ]
-    if not checked.objects:
-        lines.append("no objects: the true image of nothing is nothing")
-    for one in checked.objects:
-        extent, sight = one.extent, one.extent.sight
-        seen = f"none of {sight.of:,} apertures"
-        if sight.apertures == sight.of:
-            seen = f"all {sight.of:,} apertures"
-        elif sight.columns is not None and sight.rows is not None:
-            seen = (
-                f"{sight.apertures:,} of {sight.of:,} apertures, columns {sight.columns[0]} to "
-                f"{sight.columns[1]}, rows {sight.rows[0]} to {sight.rows[1]}; "
-                f"{'the middle one too' if sight.middle else 'not the middle one'}, "
-                f"{sum(sight.corners)} of 4 corners"
-            )
-        share = extent.share_in_reach
-        rows = {
-            "triangles": f"{extent.triangles:,}",
-            "size": " x ".join(length(side) for side in extent.size) + f" {units}",
-            "height": heights(extent.low[2], extent.high[2], units),
-            "in the reach": "no area" if share is None else f"{100 * share:.4g} % of its surface",
-            "seen by": seen,
-            **one.looks,
-        }
-        lines += ["", f"object {extent.number}: {extent.name}"]
-        lines += [f"  {name:<12}  {value}" for name, value in rows.items()]
-    return "\n".join(lines)
+    filters: Filters = {"length": length, "heights": heights}
+    return plain_text("check.txt.j2", vars(checked), filters).removesuffix("\n")
 
 
 def _looks(part: SceneObject) -> dict[str, str]:

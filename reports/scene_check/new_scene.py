@@ -13,6 +13,7 @@ from xfrustum.compare.extent import PLATE_ROUNDING, box, heights, in_plate, leng
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.noticeable import ACUITY_ARCMIN, MILLIMETERS, length_in
 from xfrustum.reports.common.outputs import write_files
+from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
@@ -161,7 +162,16 @@ def new_scene(
     )
     asked = replace(asked, units=named, size=own("size", asked.size))
     written = _fitted(mesh, out, asked, display)
-    write_files(out.parent, {out.name: _text(written, mesh)})
+    relative = Path(os.path.relpath(mesh.absolute(), out.absolute().parent)).as_posix()
+    values = {
+        "new": written,
+        "name": mesh.stem,
+        "mesh": relative,
+        "resolution": RESOLUTION,
+        "fov_deg": FOV_DEG,
+    }
+    text = plain_text("scene.toml.j2", values, {"quoted": _quoted, "length": length, "heights": heights})
+    write_files(out.parent, {out.name: text})
     return written
 
 
@@ -279,35 +289,6 @@ def _round_up(value: float) -> float:
     return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
 
 
-def _text(new: NewScene, mesh: Path) -> str:
-
-    def quoted(text: str) -> str:  # a string of TOML
-        return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-    relative = Path(os.path.relpath(mesh.absolute(), new.path.absolute().parent)).as_posix()
-    shown = " x ".join(length(side) for side in new.mesh)
-    vector, turn = (", ".join(map(repr, triple)) for triple in (new.translate, new.rotate_deg))
-    turned = "" if any(new.rotate_deg) else "# "
-    pitch = f"a pitch of {length(new.pitch)}: cells are seen from nearer than {length(new.cells_within)}"
-    return f"""\
-# Written by `xfrustum new`; `xfrustum check` draws where everything lies. All keys: CONVENTIONS.md.
-name = {quoted(mesh.stem)}
-units = {quoted(new.units)}  # a name; all lengths here are in this unit
-
-[plate]  # in z = 0, about the origin; +z points to the viewer
-size = [{new.plate[0]!r}, {new.plate[1]!r}]  # width, height
-hogels = [{new.hogels[0]}, {new.hogels[1]}]  # columns, rows of apertures; {pitch}
-
-[frustum]
-resolution = [{RESOLUTION}, {RESOLUTION}]  # pixels of the image of one aperture
-fov_deg = [{FOV_DEG!r}, {FOV_DEG!r}]  # full angles
-reach = [{new.reach!r}, {new.reach!r}]  # how far surfaces are shown: toward the viewer, behind the plate
-
-[[object]]
-mesh = {quoted(relative)}  # relative to this file
-scale = {new.scale!r}  # the mesh itself is {shown}
-translate = [{vector}]  # then it lies {heights(*new.heights, new.units)}
-{turned}rotate_deg = [{turn}]  # about x, then y, then z; after scale and before translate
-# smooth = true  # normals for a mesh that has none
-# flip_winding = true  # for a mesh whose faces are wound the other way, before --cull back
-"""
+def _quoted(text: str) -> str:
+    """Return a string of TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -359,7 +359,7 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
         ("budget boxes.toml --near 1", "budget.budget_of"),
         ("compare a.exr b.exr", "comparison.compare_files"),
-        ("figure7 boxes.toml", "figure7.draw_figure"),
+        ("figure7 boxes.toml", "figure7.write_figure"),
     ],
 )
 @pytest.mark.usefixtures("scene")

@@ -119,5 +119,5 @@ def figure7(asked: _Figure7) -> None:
     options.check_out(folder, figures.FILES)
     options.look_at(opened, [chosen])
     settings = figures.default_settings(opened, asked.near)
-    figures.write_figure(figures.draw_figure(opened, chosen, settings, second), folder)
+    figures.write_figure(opened, chosen, settings, second, folder)
     options.echo(str(folder / "index.html"))
