@@ -23,7 +23,7 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reference.llvm import worker_count
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.figure_style import INK, Figure, look, styled
-from xfrustum.reports.common.outputs import json_ready, progress_bar, write_files
+from xfrustum.reports.common.outputs import json_object, progress_bar, write_files
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
@@ -104,7 +104,7 @@ class CostReport(Shown):
             ends = {"median": one.median, "low": one.lowest, "high": one.highest}
             return {**ends, "interval": one.interval, "repetitions": one.repetitions}
 
-        content: dict[str, Any] = json_ready(
+        return json_object(
             {
                 "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
                 "aperture": self.aperture.index,
@@ -143,10 +143,9 @@ class CostReport(Shown):
                 "versions": self.versions,
             }
         )
-        return content
 
 
-def measure_cost(
+def cost(
     scene: Scene,
     aperture: Aperture | AutoApertures | None = None,
     tolerance_px: float = TOLERANCE_PX,
@@ -214,9 +213,6 @@ def measure_cost(
         machine={**provenance.machine(), **{f"OpenGL {name}": value for name, value in device.items()}},
         versions={**provenance.versions(), **libraries},
     )
-
-
-cost = measure_cost  #: the name of `measure_cost` in the public API, beside the other commands
 
 
 _Error = tuple[int, tuple[float, float]]  #: number of a way, its displacement (p99, px) and wrong share

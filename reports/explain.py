@@ -20,7 +20,7 @@ from xfrustum.compare.extent import depth_bins, require_seen
 from xfrustum.compare.prediction import band_limiting
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reference import TRACERS
-from xfrustum.reports.common.outputs import json_ready, progress_bar
+from xfrustum.reports.common.outputs import json_object, progress_bar
 from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, median_interval
 from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
@@ -344,8 +344,7 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
         "repeat": plan.repeat,
         "procedure": PROCEDURE,
     }
-    ready: dict[str, Any] = json_ready(found)
-    return ready
+    return json_object(found)
 
 
 def table(plan: EffectsPlan) -> str:

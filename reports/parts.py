@@ -21,7 +21,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xfrustum.reports.common.outputs import json_ready, refused
+from xfrustum.reports.common.outputs import json_object, refused
 from xfrustum.scenes import InputError
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.model.scene import Scene, look_hash
@@ -150,8 +150,7 @@ def scene_description(scene: Scene) -> dict[str, Any]:
     """Return what of a scene decides results, in JSON's types: a folder knows it again by this."""
     parts = {name: getattr(scene, name) for name in ("plate", "frustum", "sampling", "transport")}
     hashes = {"content": scene.content_hash, "look": look_hash(scene)}
-    described: dict[str, Any] = json_ready({**hashes, **parts, "version": metadata.version("xfrustum")})
-    return described
+    return json_object({**hashes, **parts, "version": metadata.version("xfrustum")})
 
 
 def _regular(path: Path) -> bytes | None:

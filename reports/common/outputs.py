@@ -34,16 +34,17 @@ def json_ready(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    return json_object(value) if is_dataclass(value) and not isinstance(value, type) else value
+    named = isinstance(value, Mapping) or (is_dataclass(value) and not isinstance(value, type))
+    return json_object(value) if named else value
 
 
 def json_object(record: Any) -> dict[str, Any]:
-    """Return a dataclass as a JSON object; see `json_ready`."""
-    return {field.name: json_ready(getattr(record, field.name)) for field in fields(record)}
+    """Return a mapping, or a dataclass, as a JSON object; see `json_ready`."""
+    if not isinstance(record, Mapping):
+        record = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {str(name): json_ready(value) for name, value in record.items()}
 
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:

@@ -28,35 +28,15 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, alone
 from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.reports import inspection
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.outputs import Staging, json_object, json_ready, progress_bar
+from xfrustum.reports.common.outputs import Staging, json_object, progress_bar
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.common.templates_environment import address
-from xfrustum.reports.error_report import images
-from xfrustum.reports.error_report.best import (
-    Measurement,
-    Recommendation,
-    ReportOptions,
-    TableRow,
-    best_per_depth,
-    best_per_geometry,
-    best_setting,
-    geometries_of,
-    geometry_of,
-    sentence,
-    settings_of,
-)
+from xfrustum.reports.error_report import best, images
+from xfrustum.reports.error_report.best import Measurement, Recommendation, ReportOptions, TableRow
 from xfrustum.reports.error_report.page import render_page
-from xfrustum.reports.inspection import (
-    MAX_HOGELS,
-    PAGE,
-    InspectedHogel,
-    Inspection,
-    PlateMap,
-    inspected_drawings,
-    replacing_inspection,
-    write_inspection,
-)
+from xfrustum.reports.inspection import Inspection, PlateMap
 from xfrustum.reports.scout import scout_record
 from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -84,7 +64,7 @@ class MissedLight:
 
     aperture: Aperture
     numbers: LeftOutNumbers
-    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth without.
+    #: Addresses of the truth with shadows and interreflection, and of its difference from the truth without
     picture: str
     difference: str
 
@@ -240,18 +220,18 @@ class Sweep:
     times_s: Mapping[str, float]
     wall_s: float
     #: Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
-    inspected: tuple[InspectedHogel, ...]
+    inspected: tuple[inspection.InspectedHogel, ...]
     light: LightReport | None
 
     @cached_property
     def best(self) -> Recommendation:
         """The recommended setting."""
-        return best_setting(self.rows)
+        return best.best_setting(self.rows)
 
     @cached_property
     def geometries(self) -> tuple[DoubleFrustum, ...]:
         """Camera geometries of all settings, each once."""
-        return geometries_of(row.settings for row in self.rows)
+        return best.geometries_of(row.settings for row in self.rows)
 
     @property
     def auto(self) -> AutoApertures | None:
@@ -264,7 +244,7 @@ class Sweep:
         return [
             (number, row)
             for number, row in enumerate(self.rows)
-            if row.aperture == aperture and geometry_of(row.settings) == geometry
+            if row.aperture == aperture and best.geometry_of(row.settings) == geometry
         ]
 
     @property
@@ -326,10 +306,10 @@ def sweep(
         found, truths = _measure(judge, apertures, settings, options, reduction, seconds)
         rows = tuple(found[aperture, setting] for aperture in apertures for setting in settings)
         # The hogels where the best setting is worst are drawn anew with it, to be inspected.
-        since, best = time.perf_counter(), best_setting(rows).settings
-        worst = sorted((one for one in rows if one.settings == best), key=lambda one: -one.surface_fraction)
-        shown = [row.aperture for row in worst[:MAX_HOGELS]]
-        inspected = tuple(inspected_drawings(judge, shown, best, causes=options.causes))
+        since, taken = time.perf_counter(), best.best_setting(rows).settings
+        worst = sorted((one for one in rows if one.settings == taken), key=lambda one: -one.surface_fraction)
+        shown = [row.aperture for row in worst[: inspection.MAX_HOGELS]]
+        inspected = tuple(inspection.inspected_drawings(judge, shown, taken, causes=options.causes))
         seconds["inspection"] = time.perf_counter() - since
         opengl = {f"OpenGL {name}": value for name, value in judge.device.items()}
     since = time.perf_counter()
@@ -432,7 +412,7 @@ def _finish(scene: Scene, reduction: int, frame: JudgedFrame) -> tuple[Measureme
     return row, frame.truth, time.perf_counter() - begun
 
 
-FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
+FILES = ("index.html", "report.json", "measurements.parquet", inspection.PAGE)
 """Names of the files that a report writes; what is too large for its inspection page has files of its own."""
 
 
@@ -479,21 +459,21 @@ def make_report(
     options = options or ReportOptions()
     given = scene.default_apertures() if options.apertures is None else options.apertures
     apertures = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
-    settings = settings_of(scene.frustum, options)
+    settings = best.settings_of(scene.frustum, options)
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
     with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         measured = sweep(scene, apertures, settings, options)
-        best, frustum = measured.best, scene.frustum
-        said = sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
+        chosen, frustum = measured.best, scene.frustum
+        said = best.sentence(measured.rows, scene.units, frustum.longest_reach, recentered=frustum.recentered)
         if measured.decided_by != alone.CERTIFIED:
             said = f"{said.removesuffix('.')} ({provenance.unexamined_truth(measured.decided_by)})."
-        command = provenance.raster_command(scene, best.aperture, best.settings)
+        command = provenance.raster_command(scene, chosen.aperture, chosen.settings)
         staging.write(FILES[0], render_page(measured, said, command))
-        chosen_rows = [row for row in measured.rows if row.settings == best.settings]
-        shares = [(*row.aperture.index, row.surface_fraction) for row in chosen_rows]
-        drawn = f"near {digits(best.settings.near)}, {best.settings.depth_label}"
+        rows = [row for row in measured.rows if row.settings == chosen.settings]
+        shares = [(*row.aperture.index, row.surface_fraction) for row in rows]
+        drawn = f"near {digits(chosen.settings.near)}, {chosen.settings.depth_label}"
         inspected = Inspection(
             command="report",
             scene=scene,
@@ -501,18 +481,18 @@ def make_report(
             hogels=measured.inspected,
             plate_map=PlateMap.of(scene.plate, "Share of wrong surfaces", shares),
         )
-        write_inspection(staging.folder, inspected)
+        inspection.write_inspection(staging.folder, inspected)
         content = report_content(measured, said, command)
         staging.write(FILES[1], content)
         write_parquet(measured, staging.folder / FILES[2])
-        with replacing_inspection(staging.out):
+        with inspection.replacing_inspection(staging.out):
             staging.commit()
     notes = [measured.coverage_sentence, measured.left_out_sentence]
     notes += measured.light.sentences() if measured.light else ()
     kinds = zip(("html", "json", "parquet", "inspection"), FILES, strict=True)
     return ReportFiles(
         **{kind: staging.out / name for kind, name in kinds},
-        best=best,
+        best=chosen,
         sentence=said,
         command=command,
         content=content,
@@ -536,64 +516,60 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
     """Return the object in report.json; the headline and the command to be copied are made already."""
     scene, reach = measured.scene, measured.scene.frustum.longest_reach
 
-    def recommended(best: Recommendation) -> dict[str, Any]:
+    def recommended(one: Recommendation) -> dict[str, Any]:
+        names = ("surface_fraction", "displacement_p99_px", "radiance_fraction", "window")
         return {
-            **json_object(best.settings),
-            "near_per_reach": best.settings.near / reach,
-            "surface_fraction": best.surface_fraction,
-            "displacement_p99_px": best.displacement_p99_px,
-            "radiance_fraction": best.radiance_fraction,
-            "window": best.window,
+            **json_object(one.settings),
+            "near_per_reach": one.settings.near / reach,
+            **{name: getattr(one, name) for name in names},
             # The one with most wrong surfaces.
-            "aperture": best.aperture.index,
+            "aperture": one.aperture.index,
         }
 
-    content: dict[str, Any] = json_ready(
-        {
-            "scene": {
-                "name": scene.name,
-                "source": scene.source,
-                "hash": scene.content_hash,
-                "units": scene.units,
-                "objects": len(scene.objects),
-                "triangles": len(scene.faces),
-                "plate": scene.plate,
-                "frustum": scene.frustum,
-            },
-            "apertures": measured.apertures,
-            "best": {
-                "sentence": said,
-                **recommended(measured.best),
-                "command": command,
-                "plan_command": provenance.plan_command(scene),
-                "confidence": CONFIDENCE,
-            },
-            "best_per_depth": [recommended(best) for best in best_per_depth(measured.rows)],
-            "best_per_geometry": [recommended(best) for best in best_per_geometry(measured.rows)],
-            "rows": [
-                {"aperture": row.aperture.index, **json_object(row.numbers(reach)), "causes": row.causes}
-                for row in measured.rows
-            ],
-            # Where a tracer alone made the truths, there is nothing to compare it with.
-            "tracers_alone": [
-                {"aperture": aperture.index, **json_object(truth.alone)}
-                for aperture, truth in zip(measured.apertures, measured.truths, strict=True)
-                if truth.alone is not None
-            ],
-            "decided_by": measured.decided_by,
-            "versions": measured.versions,
-            "devices": measured.devices,
-            "device_model": measured.device_model,
-            "times_s": measured.times_s,
-            "cost": {
-                "wall_s": measured.wall_s,
-                "frames_s": measured.times_s["raster"],
-                "truths_s": measured.times_s["trace"],
-                "pictures_s": measured.times_s["pictures"],
-            },
-            "shading": measured.light and measured.light.record,
-            "scout": scout_record(measured.auto) if measured.auto else None,
-            "left_out": () if measured.options.causes else LEFT_OUT,
-        }
-    )
-    return content
+    found = {
+        "scene": {
+            "name": scene.name,
+            "source": scene.source,
+            "hash": scene.content_hash,
+            "units": scene.units,
+            "objects": len(scene.objects),
+            "triangles": len(scene.faces),
+            "plate": scene.plate,
+            "frustum": scene.frustum,
+        },
+        "apertures": measured.apertures,
+        "best": {
+            "sentence": said,
+            **recommended(measured.best),
+            "command": command,
+            "plan_command": provenance.plan_command(scene),
+            "confidence": CONFIDENCE,
+        },
+        "best_per_depth": list(map(recommended, best.best_per_depth(measured.rows))),
+        "best_per_geometry": list(map(recommended, best.best_per_geometry(measured.rows))),
+        "rows": [
+            {"aperture": row.aperture.index, **json_object(row.numbers(reach)), "causes": row.causes}
+            for row in measured.rows
+        ],
+        # Where a tracer alone made the truths, there is nothing to compare it with.
+        "tracers_alone": [
+            {"aperture": aperture.index, **json_object(truth.alone)}
+            for aperture, truth in zip(measured.apertures, measured.truths, strict=True)
+            if truth.alone is not None
+        ],
+        "decided_by": measured.decided_by,
+        "versions": measured.versions,
+        "devices": measured.devices,
+        "device_model": measured.device_model,
+        "times_s": measured.times_s,
+        "cost": {
+            "wall_s": measured.wall_s,
+            "frames_s": measured.times_s["raster"],
+            "truths_s": measured.times_s["trace"],
+            "pictures_s": measured.times_s["pictures"],
+        },
+        "shading": measured.light and measured.light.record,
+        "scout": scout_record(measured.auto) if measured.auto else None,
+        "left_out": () if measured.options.causes else LEFT_OUT,
+    }
+    return json_object(found)

@@ -24,7 +24,7 @@ from xfrustum.compare.extent import (
     unseen_facts,
     warnings,
 )
-from xfrustum.reports.common.outputs import json_ready, write_files
+from xfrustum.reports.common.outputs import json_object, write_files
 from xfrustum.reports.common.templates_environment import Filters, plain_text, svg_picture
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.arrays import Floats
@@ -305,7 +305,7 @@ class SceneCheck(Shown):
         """Return everything but the pictures, as `check --json` prints it."""
         scene = self.scene
         objects = [{**vars(one.extent), "size": one.extent.size, **one.looks} for one in self.objects]
-        content: dict[str, Any] = json_ready(
+        return json_object(
             {
                 "scene": scene.name,
                 "units": scene.units,
@@ -316,7 +316,6 @@ class SceneCheck(Shown):
                 "seen": self.seen,
             }
         )
-        return content
 
 
 def check(scene: Scene) -> SceneCheck:

@@ -20,7 +20,7 @@ from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reports.blocks import HERE, Engine, open_workers
-from xfrustum.reports.common.outputs import json_ready, progress_bar
+from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
@@ -274,7 +274,7 @@ def record(files: StudyFiles) -> dict[str, Any]:
         "replayed_over_predicted": (min(ratios, default=math.nan), max(ratios, default=math.nan)),
         "disagreement": disagreement(rows),
     }
-    return dict(json_ready(said))
+    return json_object(said)
 
 
 def sentence(rows: Sequence[Row]) -> str:

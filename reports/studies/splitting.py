@@ -28,7 +28,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
-from xfrustum.reports.common.outputs import json_ready
+from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.common.templates_environment import plain_text, svg_picture
 from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
@@ -451,7 +451,7 @@ def record(files: StudyFiles) -> dict[str, Any]:
     ]
     said = {**files.record, "sentence": sentence(rows), "criteria": criteria}
     said |= {"agreement": agreement(of_family(rows, Family.ONE_SIDE)), "helps": helps(rows), "cases": cases}
-    return dict(json_ready(said))
+    return json_object(said)
 
 
 def document(rows: Rows, origin: Origin) -> str:

@@ -14,7 +14,7 @@ from xfrustum.compare.sampling import CONFIDENCE, risk_of_claim, share_beyond, s
 from xfrustum.reports import inspection
 from xfrustum.reports.common.figure_style import Figure as Plot
 from xfrustum.reports.common.figure_style import log_axis, look, styled
-from xfrustum.reports.common.outputs import Staging, json_ready
+from xfrustum.reports.common.outputs import Staging, json_object
 from xfrustum.reports.common.provenance import raster_command, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.inspection import PlateMap
@@ -183,7 +183,7 @@ class Survey(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return the record in JSON's own types, as `survey --json` prints it."""
-        return dict(json_ready(self.record))
+        return json_object(self.record)
 
     def table(self) -> str:
         """Return the sentence, and each setting where there are several."""

@@ -355,7 +355,7 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
 @pytest.mark.parametrize(
     ("line", "work"),
     [
-        ("cost boxes.toml", "cost.measure_cost"),
+        ("cost boxes.toml", "cost.cost"),
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
         ("budget boxes.toml --near 1", "budget.budget_of"),
         ("compare a.exr b.exr", "comparison.compare_files"),

@@ -225,11 +225,11 @@ def cost(asked: _Cost) -> None:
     several apertures, the worst of which counts.
     """
     opened = options.open_scene(asked.scene)
-    from xfrustum.reports.cost import FILES, cost_table, measure_cost, write_cost
+    from xfrustum.reports import cost as costs
 
-    options.check_out(asked.out, FILES)
+    options.check_out(asked.out, costs.FILES)
     chosen = asked.chosen(opened)
-    measured = measure_cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
+    measured = costs.cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
     if asked.out is not None:
-        write_cost(measured, asked.out)
-    asked.tell(measured.summary, lambda: cost_table(measured))
+        costs.write_cost(measured, asked.out)
+    asked.tell(measured.summary, lambda: costs.cost_table(measured))
