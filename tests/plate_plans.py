@@ -1,15 +1,8 @@
-"""Plans of whole plates, each surveyed with its own settings and tolerance; a row of a table for each.
-
-Run as `python -m tests.plate_plans [SCENE..] [--hogels 40] [--tolerance-px T]`: without names, all built-in
-scenes and `SHAPES` in or across the plate. It takes minutes for each scene.
-"""
+"""Plans of whole plates, each surveyed with its own settings and tolerance."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,11 +17,10 @@ from xfrustum.reports.blocks import Engine
 from xfrustum.reports.planning import make_plan
 from xfrustum.reports.scene_check.new_scene import new_scene
 from xfrustum.reports.survey.survey import Chosen, survey
-from xfrustum.scenes import DepthFormat, DepthMapping, InputError, Scene, open_scene
-from xfrustum.scenes.library import builtin
+from xfrustum.scenes import InputError, Scene, open_scene
 
 SEED = 20261122
-"""Seed of the surveyed hogels, by default: none of a plan's own samples starts with it."""
+"""Seed of the surveyed hogels: none of a plan's own samples starts with it."""
 
 CONFIDENCE = 0.95
 """Confidence from which on a claim about the share of hogels is refuted."""
@@ -45,15 +37,11 @@ SHAPES = {
 }
 """Objects in, across or near the plate of `FILM`: its apertures are 1.94 mm apart, and it reaches 60 mm."""
 
-HEADER = "scene | px | plan | holds | no near | beyond, promised | beyond, surveyed | worst"
-
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
     """A plan of a whole plate, and the survey with its settings; None where there is no plan."""
 
-    scene: Scene
-    requirement: Requirement
     plan: Plan | None
     survey: Any
     reason: str
@@ -69,43 +57,17 @@ class Trial:
         at_least = float(beta.ppf(1 - CONFIDENCE, beyond, judged - beyond + 1)) if beyond else 0.0
         return at_least <= self.plan.plate.share_beyond_at_most
 
-    def row(self) -> str:
-        """Return the row of a table; see `HEADER`."""
-        made, tolerance = self.plan, f"{self.requirement.tolerance_px:g}"
-        if made is None or made.plate is None or made.settings is None:
-            return " | ".join([self.scene.name, tolerance, f"none: {self.reason}"])
-        plate, worst = made.plate, self.survey.worst
-        cuts = ", ".join(f"{cut:g}" for cut in made.slabs)
-        moved = "none" if worst.displacement_p99_px is None else f"{worst.displacement_p99_px:.3g} px"
-        cells = [
-            self.scene.name,
-            tolerance,
-            f"near {made.near:g}{', cuts ' + cuts if cuts else ''}, {made.settings.depth_label}",
-            "yes" if made.within else "no",
-            f"{plate.hopeless} of {plate.scouted}",
-            f"at most {plate.share_beyond_at_most:.2%}",
-            f"{self.survey.beyond} of {self.survey.judged}{'' if self.kept else ' REFUTED'}",
-            f"{worst.aperture[0]},{worst.aperture[1]}: {moved}, {worst.surface_fraction:.2%} wrong",
-        ]
-        return " | ".join(cells)
 
-
-def try_plan(
-    scene: Scene,
-    hogels: int,
-    requirement: Requirement,
-    buffer: tuple[DepthFormat | None, DepthMapping | None] = (None, None),
-    seed: int = SEED,
-) -> Trial:
+def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
     """Plan for the plate of a scene, and survey hogels of it with what was planned."""
     made, found = None, None
     try:
-        made = make_plan(scene, None, requirement, depth_buffers(*buffer))
+        made = make_plan(scene, None, requirement, depth_buffers(None, None))
         reason = made.reason
     except InputError as error:
         reason = str(error)
     if made is not None and made.settings is not None:
-        chosen, engine = Chosen(sample=hogels, seed=seed), Engine(workers=1)
+        chosen, engine = Chosen(sample=hogels, seed=SEED), Engine(workers=1)
         with tempfile.TemporaryDirectory() as folder:
             done = survey(
                 scene,
@@ -116,7 +78,7 @@ def try_plan(
                 engine=engine,
             )
             found = done.shares[0][1]
-    return Trial(scene=scene, requirement=requirement, plan=made, survey=found, reason=reason)
+    return Trial(plan=made, survey=found, reason=reason)
 
 
 def opened(name: str, resolution: int) -> Scene:
@@ -134,26 +96,3 @@ def opened(name: str, resolution: int) -> Scene:
         known = str(path) if path.is_file() else str(file) if file.is_file() else name
         scene = open_scene(known)
     return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a row for each scene."""
-    parser = argparse.ArgumentParser(prog="python -m tests.plate_plans", description=__doc__)
-    parser.add_argument("scene", nargs="*")
-    parser.add_argument("--depth", type=DepthFormat)
-    parser.add_argument("--mapping", type=DepthMapping)
-    parser.add_argument("--hogels", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--resolution", type=int, default=96)
-    parser.add_argument("--tolerance-px", type=float, default=Requirement().tolerance_px)
-    options = parser.parse_args(arguments)
-    sys.stdout.write(HEADER + "\n")
-    for name in options.scene or (*builtin.names(), *SHAPES):
-        scene, asked = opened(name, options.resolution), Requirement(tolerance_px=options.tolerance_px)
-        trial = try_plan(scene, options.hogels, asked, (options.depth, options.mapping), options.seed)
-        sys.stdout.write(trial.row() + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()

@@ -14,79 +14,52 @@ pattern, command                    the command itself
 The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 """
 
-import base64
 import io
 import json
-import struct
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 from PIL import Image
 
 from tests.support.environment_maps import write_map
+from tests.support.scene_file import film, named, part
+from xfrustum.scenes.files.pictures import write_video
 
-SCENE = """name = "small"
-units = "mm"
-
-[plate]
-size   = [10.0, 8.0]
-hogels = [3, 2]
-
-[frustum]
-resolution = [16, 12]
-fov_deg    = [60.0, 50.0]
-reach      = [20.0, 20.0]
-"""
+SCENE = named("small", "mm") + film((10.0, 8.0), (3, 2), (16, 12), (60.0, 50.0), (20.0, 20.0))
 
 NAMES_FILE = "names.json"
 """Name of the file that lists the pictures of a folder `in`; it is written as these pictures."""
 
 SHEARED = SCENE.replace(
-    "fov_deg    = [60.0, 50.0]", "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }"
+    "fov_deg = [60.0, 50.0]", "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }"
 )
 
-SHAPE = """
-[[object]]
-shape      = "sphere"
-scale      = 5.0
-rotate_deg = [0.0, 35.0, 0.0]
-translate  = [0.0, 1.0, -4.0]
-"""
+SHAPE = part("sphere", 5.0, (0.0, 1.0, -4.0), rotate_deg=[0.0, 35.0, 0.0])
 
 LIT = """
 [[object]]
-shape     = "box"
+shape = "box"
 transform = [[2.0, 0.0, 0.0, 1.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]]
-material  = "paint"
-smooth    = true
-
-[material.paint]
-ambient      = 0.2
-diffuse      = [0.42, 0.05, 0.05]
-specular     = 0.35
-exponent     = 50.0
-reflectivity = 0.16
-
+material = "paint"
+smooth = true
+[material]
+paint = {ambient = 0.2, diffuse = [0.42, 0.05, 0.05], specular = 0.35, exponent = 50.0, reflectivity = 0.16}
 [[light]]
 direction = [-2.0, 3.0, 2.0]
-color     = [1.0, 0.9, 0.8]
-
+color = [1.0, 0.9, 0.8]
 [environment]
-map      = "map.exr"
+map = "map.exr"
 strength = 0.5
-
 [sampling]
 supersample = 2
 multisample = 1
-aperture    = 4
-
+aperture = 4
 [transport]
 shadows = false
 samples = 4
@@ -169,6 +142,8 @@ def scenes() -> list[Seed]:
 def meshes() -> list[Seed]:
     """Return a mesh of every format that is read."""
     box = trimesh.creation.box()
+    box.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
+    scene = trimesh.Scene(box)
     obj = (
         b"# a comment\nmtllib a.mtl\no part\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
         b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
@@ -180,10 +155,10 @@ def meshes() -> list[Seed]:
     return _of_scene(
         [
             wood,
-            _of_mesh("a.ply", _ascii_ply()),
+            _of_mesh("a.ply", box.export(file_type="ply", encoding="ascii")),
             _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
             _of_mesh("a.off", box.export(file_type="off").encode()),
-            _of_mesh("a.gltf", _gltf()),
+            _of_mesh("a.gltf", trimesh.exchange.gltf.export_gltf(scene, embed_buffers=True)["model.gltf"]),
             _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
             _of_mesh("a.zip", zipped.getvalue()),
             replace(_of_mesh("a.ply", bytes(box.export(file_type="ply"))), name="mesh-ply-binary"),
@@ -273,25 +248,15 @@ def names() -> list[Seed]:
 
 
 def videos() -> list[Seed]:
-    """Return rows of hogels as videos by two codecs."""
-    import av
-
-    found = []
-    for codec, pixels in (("ffv1", "bgr0"), ("mpeg4", "yuv420p")):
-        held = io.BytesIO()
-        with av.open(held, "w", format="avi") as video:
-            stream: Any = video.add_stream(codec, rate=25)
-            stream.width, stream.height, stream.pix_fmt = 32, 16, pixels
-            for number in range(3):
-                picture = np.full((16, 32, 3), 40 * number, dtype=np.uint8)
-                frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-                video.mux(stream.encode(frame.reformat(format=pixels)))
-            video.mux(stream.encode(None))
-        name = "in/HogelRow_0.avi"
-        found.append(
-            _seed(f"video-{codec}", {name: held.getvalue()}, name, f"convert in out {_CONVERT}", "out")
-        )
-    return found
+    """Return a row of hogels as a video."""
+    name, pixels = (
+        "in/HogelRow_0.avi",
+        np.arange(3 * 16 * 32 * 3, dtype=np.uint8).reshape(3, 16, 32, 3),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_video(Path(folder) / "row.avi", pixels)
+        content = (Path(folder) / "row.avi").read_bytes()
+    return [_seed("video-ffv1", {name: content}, name, f"convert in out {_CONVERT}", "out")]
 
 
 def parts() -> list[Seed]:
@@ -371,38 +336,6 @@ def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
     return held.getvalue()
 
 
-def _ascii_ply() -> bytes:
-    properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue"]
-    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property {one}" for one in properties)]
-    head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
-    return "\n".join([*head, "0 0 0 255 0 0", "1 0 0 0 255 0", "0 1 0 0 0 255", "3 0 1 2", ""]).encode()
-
-
-def _gltf() -> bytes:
-    positions = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
-    indices = struct.pack("<3H", 0, 1, 2)
-    data = base64.b64encode(positions + indices).decode()
-    bounds = {"min": [0, 0, 0], "max": [1, 1, 0]}
-    tree = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.4, 0.3, 1.0]}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3} | bounds,
-            {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 3},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
-            {"buffer": 0, "byteOffset": 36, "byteLength": 6},
-        ],
-        "buffers": [{"uri": "data:application/octet-stream;base64," + data, "byteLength": 42}],
-    }
-    return json.dumps(tree).encode()
-
-
 def _map(name: str) -> bytes:
     pixels = np.linspace(0.01, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
     with tempfile.TemporaryDirectory() as folder:
@@ -436,17 +369,12 @@ def _made(line: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _unpacked(data: bytes) -> bytes:
     """Return an OpenEXR file without compression, so that damage reaches the pixels."""
-    import Imath
     import OpenEXR
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "image.exr"
         path.write_bytes(data)
-        packed = OpenEXR.InputFile(str(path))
-        header = packed.header()
-        planes = {name: packed.channel(name) for name in header["channels"]}
-        header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
-        plain = OpenEXR.OutputFile(str(path), header)
-        plain.writePixels(planes)
-        plain.close()
-        return path.read_bytes()
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            file.header()["compression"] = OpenEXR.NO_COMPRESSION
+            file.write(str(path.with_name("plain.exr")))
+        return path.with_name("plain.exr").read_bytes()

@@ -26,6 +26,7 @@ from xml.etree import ElementTree
 from PIL import Image
 
 from tests.fuzz.inputs import SCENE, SHAPE
+from tests.support.processes import signals_by_default
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 #: Exit status by signal; a command that is done before the signal ends as if there had been none.
@@ -72,7 +73,7 @@ class Victim:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             start_new_session=True,
-            preexec_fn=_signals_by_default,  # noqa: PLW1509 - it takes no lock
+            preexec_fn=signals_by_default,  # noqa: PLW1509 - it takes no lock
         )
 
     def run(self) -> Run:
@@ -84,11 +85,6 @@ class Victim:
             if process.returncode != self.status:
                 raise RuntimeError(f"{self.name} ended with {process.returncode}: {told.decode()[-500:]}")
             return Run(length_s=time.monotonic() - begun, told=told, files=left_files(folder))
-
-
-def _signals_by_default() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
 
 
 def victims(fuzz: Path) -> list[Victim]:

@@ -284,15 +284,14 @@ SURVEYED = [
     ],
 )
 def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) -> None:
-    """`python -m tests.plate_plans` prints the same as a table."""
     if name in SHARED_SCENES:
         view(name)
     trial = try_plan(opened(name, 96), 40, Requirement(tolerance_px=tolerance_px))
     if trial.survey is None:
         assert "No plan" in trial.reason
         return
-    assert trial.plan is not None and trial.kept, trial.row()
-    assert not (trial.plan.within and trial.survey.beyond), trial.row()
+    assert trial.plan is not None and trial.kept
+    assert not (trial.plan.within and trial.survey.beyond)
 
 
 @pytest.mark.slow
