@@ -3,6 +3,7 @@
 import json
 import math
 import shlex
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, Recommendation, for_
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
 
 D16 = [(DepthFormat.D16, DepthMapping.STANDARD)]
-FINE = [(DepthFormat.D32F, DepthMapping.REVERSED)]
+FINE = ((DepthFormat.D32F, DepthMapping.REVERSED),)
 SAMPLE = RandomSample(hogels=6)
 STEP = 1.01
 """Ratio beyond the largest step of lengths of three digits."""
@@ -42,6 +43,14 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="module")
 def scene(scene_file: str) -> Scene:
     return open_scene(scene_file)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_search() -> Iterator[None]:
+    """Find the smallest separation that a plan orders to a factor of 8: nothing here is about it."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("xfrustum.compare.planning.measure.SEARCH_HALVINGS", 0)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +141,19 @@ def test_a_display_has_its_own_pitch_on_a_plate_of_the_same_size(scene: Scene) -
 
 
 def test_the_command_writes_a_page_and_what_it_prints(
-    scene_file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene_file: str,
+    both: Recommendation,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """What was asked for is what the answer of the other tests was asked for, so that it is found once."""
+
+    def found(opened: Scene, *asked: object, sample: RandomSample, **_: object) -> Recommendation:
+        assert (opened.name, *asked, sample.hogels) == ("through", Viewer(distance=600.0), None, FINE, 6)
+        return replace(both, pixels_count=False)
+
+    monkeypatch.setattr(recommend_module, "recommend", found)
     out = tmp_path / "recommend"
     asked = ["recommend", scene_file, "--viewer=600mm", "--sample=6", f"--out={out}", "--json", "--quiet"]
     asked += ["--depth=d32f", "--mapping=reversed"]
