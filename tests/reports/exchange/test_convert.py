@@ -54,14 +54,6 @@ def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> N
     assert np.array_equal(found, pixels)
 
 
-@pytest.mark.parametrize("name", ["hogels", "mosaic", "hci", "quilt"])
-def test_floating_point_stays_what_it_is(name: str, tmp_path: Path) -> None:
-    source, pixels = group(tmp_path, "float16", (6, 1))
-    assert convert(source, tmp_path / "out", write_as=name).losses == ()
-    convert(tmp_path / "out", tmp_path / "back.zarr", options=ConversionOptions(hogels=(4, 3)))
-    assert np.array_equal(stored(tmp_path, "color"), pixels)
-
-
 def test_files_of_pleno_are_ppm_also_where_colors_are_floating_point(tmp_path: Path) -> None:
     """Under another ending they would be no files of `pleno`, and could not be read again as such."""
     source, pixels = group(tmp_path, "float16")

@@ -156,22 +156,6 @@ def test_keys_change_image_channel_hogel_and_pixel(inspected: Inspected, opened:
     assert not opened.locator("#help").is_visible()
 
 
-def test_every_channel_is_drawn_in_every_way(inspected: Inspected, opened: Any) -> None:
-    path = inspected.pages["report"] / PAGE
-    opened.goto(path.as_uri())
-    wait_for(opened, read_inspection(path)[0])
-    names = opened.eval_on_selector_all("#channel option", "some => some.map(one => one.value)")
-    assert {"id.triangle", "id.object", "P.Z", "certainty", "state", "cause", "displacement"} <= set(names)
-    for name in names:
-        opened.select_option("#channel", name)
-        for key in "tidw":
-            opened.locator("#canvas").focus()
-            opened.keyboard.press(key)
-            opened.select_option("#channel", name)
-            opened.evaluate("() => new Promise(requestAnimationFrame)")
-            assert opened.inner_text("#legend") != ""
-
-
 def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     inspected: Inspected, opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,23 +175,6 @@ def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     point_at(opened, (20, 14), hogels[1].size)
     stored = hogels[1].values()["image"]
     assert same_bits(values_shown(opened, "image")["P.X"], stored["P.X"][14, 20])
-
-
-def test_zooming_keeps_the_pixel_under_the_mouse_and_a_click_holds_it(
-    inspected: Inspected, opened: Any
-) -> None:
-    path = inspected.pages["survey"] / PAGE
-    hogel = read_inspection(path)[0]
-    opened.goto(path.as_uri())
-    wait_for(opened, hogel)
-    point_at(opened, (31, 9), hogel.size)
-    opened.mouse.wheel(0, -480)
-    opened.wait_for_selector("#zoom:not(:text-is('fit'))")
-    assert opened.inner_text("#where") == "pixel 31, 9"
-    opened.mouse.down()
-    opened.mouse.up()
-    opened.mouse.move(0, 0)
-    assert opened.inner_text("#where") == "pixel 31, 9" and "held" in opened.inner_text("#pinned")
 
 
 def test_an_address_shows_somebody_else_the_same_pixel(inspected: Inspected, opened: Any) -> None:

@@ -63,18 +63,6 @@ def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_
                 np.testing.assert_array_equal(stored, getattr(image, channel))
 
 
-def test_a_block_does_not_depend_on_the_order_in_which_its_hogels_were_drawn(
-    clean: Path, tmp_path: Path
-) -> None:
-    scene, out = small(), tmp_path / "x.zarr"
-    for some in ([(2, 2), (6, 4)], [(0, 0)], [(1, 3), (2, 3), (0, 2)]):
-        apertures = [scene.plate.aperture(*index) for index in some]
-        assert write_plate(scene, SETTINGS, out, apertures, ALL, block=BLOCK).drawn == len(some)
-    files = write_plate(scene, SETTINGS, out, content=ALL)
-    assert (files.drawn, files.found) == (29, 6)
-    assert tree(out) == tree(clean)
-
-
 @pytest.mark.parametrize("damage", thinned(["bit", "cut off", "gone", "index"], 2))
 def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -> None:
     """A file that is gone is missed at once; what is not what was written, where all is read."""

@@ -84,15 +84,6 @@ def test_below_the_rule_no_row_without_shear_is_noticed(rows: tuple[Row, ...]) -
     assert all((row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC for row in plain)
 
 
-def test_pixels_of_hogels_know_nothing_of_pitch_and_distance(rows: tuple[Row, ...]) -> None:
-    shown: dict[object, set[object]] = {}
-    for row in rows:
-        seen = (row.pixels_worst, row.pixels_median, row.pixels_beyond)
-        shown.setdefault((row.scene, row.pivot, row.near), set()).add(seen)
-    assert {len(values) for values in shown.values()} == {1}
-    assert sum(noticeable.disagreement(rows).values()) == len(shown) * len(FULL.pitches) * len(FULL.distances)
-
-
 def test_films_have_as_many_pixels_as_one_wrong_among_them_needs() -> None:
     assert share_at_most(1, PIXELS) <= MAX_DEPTH_WRONG < share_at_most(1, PIXELS - 1)
     for size in ((80.0, 60.0), (30.0, 90.0), (400.0, 10.0)):

@@ -39,7 +39,6 @@ from xfrustum.reports.studies.splitting import (
     outcomes,
     part_of,
     sentence,
-    straight_nears,
     suitability,
     unbroken,
 )
@@ -237,6 +236,11 @@ def test_the_least_near_orders_what_is_asked_and_half_of_it_does_not(buffer: Dep
 # Stopped and resumed.
 
 
+def test_what_was_measured_is_not_measured_again(tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(splitting, "compare_images", lambda *_: pytest.fail("measured again"))
+    assert studied(tiny.data.parent).rows == tiny.rows
+
+
 def test_a_block_is_known_by_what_was_asked_and_what_measured_it(tmp_path: Path) -> None:
     sweep = Sweep.of("splitting", tmp_path, Row, measure)
     asked = (cell(Family.ONE_SIDE, 10.0, 1e-3),)
@@ -302,42 +306,3 @@ def test_the_rule_of_thumb_is_never_too_hopeful_about_hyperbolic_depth(published
         near = least_near(case.buffer)
         if near is not None and case.resolution * case.ratio <= math.sqrt(2) * TOLERANCE_PX / near:
             assert outcome.nears
-
-
-def test_a_shear_in_the_aperture_plane_moves_nothing(published: tuple[Row, ...]) -> None:
-    """With the paper's pivot a recentered frustum has the displacement of a centered one, near by near."""
-    rows = [r for r in single(published) if r.side is Camera.C and r.drawing == AS_IN_THE_PAPER]
-    first = {(r.ratio, r.resolution, r.near, r.buffer): r for r in of_family(rows, Family.ONE_SIDE)}
-    compared = 0
-    for row in of_family(rows, Family.RECENTERED):
-        if row.depth_wrong == 0 and row.surface_wrong < row.judged / 100:
-            centered = first[row.ratio, row.resolution, row.near, row.buffer]
-            # A thousandth of a pixel is the rounding of 32-bit positions.
-            assert row.displacement_p99 == pytest.approx(centered.displacement_p99, rel=0.01, abs=1e-3)
-            compared += 1
-    assert compared > 50
-
-
-def test_a_crossing_needs_the_nears_and_cuts_of_the_centered_frustum(published: tuple[Row, ...]) -> None:
-    sheared, centered = (
-        {(case.ratio, case.buffer, case.drawing): found for case, found in outcomes(rows).items()}
-        for rows in (of_family(published, one) for one in (Family.RECENTERED_THROUGH, Family.THROUGH))
-    )
-    assert len(centered) == 60
-    assert centered.items() <= sheared.items()
-
-
-def test_the_nears_that_do_not_bend_beside_a_crossing_are_in_proportion_to_the_distance(
-    published: tuple[Row, ...],
-) -> None:
-    """A point at |z| moves by W/2 |u| n/(|z| + n): half a step of nears above and below the closed form."""
-    own = [row for row in of_family(single(published), Family.THROUGH) if row.offset is Offset.PLATE]
-    steps = []
-    for ratio in sorted({row.ratio for row in own}):
-        rows = [row for row in own if row.ratio == ratio]
-        if (straight := max(straight_nears(rows), default=None)) is not None:
-            # |u| is at most sqrt(2), and the next near that was measured is sqrt(10) times as large.
-            limit = math.sqrt(2) * TOLERANCE_PX * rows[0].nearest / rows[0].resolution
-            assert limit / math.sqrt(10) <= straight <= 3 * math.sqrt(10) * limit
-            steps.append(straight)
-    assert len(steps) == 5 and steps == sorted(steps, reverse=True)

@@ -9,10 +9,7 @@ from tests.reports.verification.synthetic import verification
 from tests.support.foreign_renderers import Faulty
 from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, doubtful
 from xfrustum.compare.diagnosis.faults import Fault
-from xfrustum.compare.judging.judged import MeasuredBy
 from xfrustum.reports.verification.verdict import (
-    figures_words,
-    number,
     plate_map,
     render_page,
     table,
@@ -97,25 +94,3 @@ def test_the_page_of_a_failed_verification_maps_which_hogels_are_wrong() -> None
     assert all(f'd="M{c} {r}h.96v.96h-.96z"' in render_page(found) for ((r, c),) in cells.values())
     right = verification({(0, 0): 0, (1, 0): 0})
     assert plate_map(right) is None and "Which hogels fail" not in render_page(right)
-
-
-def test_whole_numbers_are_written_in_full_and_shares_as_percent() -> None:
-    fault = Fault(
-        fault="background-id", value=16777215.0, unit="number", words="stored", low=2.0**24, high=0.5
-    )
-    found = verification({(0, 0): 900})
-    found = replace(found, diagnosis=replace(found.diagnosis, faults=(fault,)))
-    assert "stored  [16,777,216, 0.5]" in table(found)
-    page = render_page(found)
-    assert '<td class="n">16,777,215</td><td class="n">16,777,216</td><td class="n">0.5</td>' in page
-    assert "e+07" not in page and number(0.031, "share") == "3.1 %"
-
-
-def test_words_say_that_displacement_cannot_be_known_in_some_hogels_where_that_is_so() -> None:
-    known = verification({(0, 0): 3}, p99=0.25).as_found
-    assert known is not None
-    words = "displacement (p99 of the worst hogel) 0.25 px by surface points"
-    assert words + ";" in figures_words(known)
-    both = " or ".join(sorted({MeasuredBy.NOTHING, MeasuredBy.POINTS}))
-    some = figures_words(replace(known, displacement_by=both))
-    assert f"{words} (in some hogels it cannot be known)" in some

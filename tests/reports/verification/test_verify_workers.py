@@ -161,11 +161,6 @@ def test_a_command_runs_in_the_folder_of_the_caller(
         gone.require_state((), before)
 
 
-def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
-    script = "import sys; " * 100
-    assert state_of(f"sh -c '{script}'", tmp_path) == state_of("sh", tmp_path)
-
-
 def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
     right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,19 +191,6 @@ def test_workers_and_single_hogels_say_what_one_process_says(
     assert verified(scene_path, tmp_path / "one", pattern, *words[2:]) == 1
     assert verified(scene_path, tmp_path / "several", pattern, *words) == 1
     assert files_of(tmp_path / "several") == files_of(tmp_path / "one") != {}
-
-
-@pytest.mark.slow
-def test_workers_run_a_command_and_notice_another_program(
-    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    module, words = command_of(scene_path, tmp_path)
-    assert verified(scene_path, tmp_path / "one", *words) == 1
-    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 1
-    assert files_of(tmp_path / "two") == files_of(tmp_path / "one") != {}
-    module.with_name("render").write_text(module.with_name("render").read_text() + "# another\n")
-    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 2
-    assert "begun with another state of the images" in capsys.readouterr().err
 
 
 def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:

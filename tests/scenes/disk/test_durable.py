@@ -1,6 +1,5 @@
 """Finished files replace old ones as a whole, and killed processes leave nothing in sight."""
 
-import json
 import os
 import signal
 import socket
@@ -293,10 +292,3 @@ def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
         staging.commit()
     assert (tmp_path / "out").stat().st_mode == (tmp_path / "other").stat().st_mode
     assert made_by_us(tmp_path) == []
-
-
-@pytest.mark.slow
-def test_json_on_a_pipe_is_one_object_though_a_file_goes_there_too(folder: Path) -> None:
-    line = [sys.executable, "-m", "xfrustum", *VERIFY.split(), "/dev/stderr", "--json"]
-    done = subprocess.run(line, capture_output=True, check=True, text=True, cwd=folder)
-    assert json.loads(done.stdout)["hogels"] and done.stderr.startswith("<?xml")

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import struct
 import zipfile
 from pathlib import Path
@@ -14,7 +13,7 @@ from PIL import Image
 from tests.scenes.files.test_exr import a_camera, an_image
 from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
+from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_header, read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.files.meshes import load_mesh
@@ -117,16 +116,6 @@ def test_pictures_and_textures_are_refused_by_the_pixels_that_they_declare(tmp_p
         read_rgb(tmp_path / "skin.png")
     with input_memory(1 << 16):
         assert re.search(told, refusal(tmp_path / "a.obj"))
-
-
-def test_no_limit_of_the_process_is_changed_while_a_file_is_read(tmp_path: Path) -> None:
-    """Threads of LLVM and Mesa would end the process where a limit of memory keeps them from starting."""
-    path = tmp_path / "a.obj"
-    path.write_text(TRIANGLE)
-    before = [resource.getrlimit(limit) for limit in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
-    with input_memory(1), bounded_memory(path):
-        assert [resource.getrlimit(limit) for limit in (resource.RLIMIT_AS, resource.RLIMIT_DATA)] == before
-        bytearray(1 << 20)
 
 
 @pytest.mark.parametrize("name", [b"certainty", b"P.X", b"channels", b"dataWindow"])

@@ -147,27 +147,6 @@ def test_an_exception_between_bands_leaves_the_old_file_and_nothing_else(tmp_pat
     assert [p.name for p in tmp_path.iterdir()] == ["image.exr"]
 
 
-def test_rows_that_are_too_short_too_many_or_too_few_are_bugs(tmp_path: Path) -> None:
-    path, image = tmp_path / "image.exr", an_image()
-    narrow = replace(image, triangle=image.triangle[:, 1:])
-    mistakes = [[narrow], [image, image], [rows(image, 0, 4)]]
-    for bands in mistakes:
-        with pytest.raises(ValueError, match="row"), image_writer(path, image.camera) as write:
-            for band in bands:
-                write(band)
-        assert list(tmp_path.iterdir()) == []
-
-
-def test_unwritable_places_are_one_line_and_leave_nothing(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    (tmp_path / "folder.exr").mkdir()
-    for place in ("missing/x.exr", "file/x.exr", "folder.exr"):
-        with pytest.raises(InputError, match=r"cannot write the image|is a folder") as caught:
-            write_image(tmp_path / place, an_image())
-        assert "\n" not in str(caught.value)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.exr"]
-
-
 def test_a_foreign_image_with_numbers_only_takes_the_camera_that_is_given(tmp_path: Path) -> None:
     path = tmp_path / "foreign.exr"
     numbers = np.arange(WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)

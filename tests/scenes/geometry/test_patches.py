@@ -122,24 +122,6 @@ def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> N
     assert error <= tolerance + ROUNDING
 
 
-@examples(50)
-@given(net=NETS)
-def test_second_derivatives_stay_within_their_bounds(net: Floats) -> None:
-    """By second differences of the surface itself, which are means of the derivatives."""
-    step = 2.0**-6
-    at = np.asarray(np.arange(1, 64) * step, dtype=np.float64)
-    middle = surface(net, at, at)
-    bounds = second_derivative_bounds(net)
-    f_uu = (surface(net, at - step, at) - 2 * middle + surface(net, at + step, at)) / step**2
-    f_vv = (surface(net, at, at - step) - 2 * middle + surface(net, at, at + step)) / step**2
-    corners = (
-        surface(net, at + i * step, at + j * step) * (i * j) for i, j in itertools.product((-1, 1), repeat=2)
-    )
-    f_uv = np.sum(list(corners), axis=0) / (4 * step**2)
-    for measured, bound in zip((f_uu, f_uv, f_vv), bounds, strict=True):
-        assert np.linalg.norm(measured, axis=-1).max() <= bound + 1e-9
-
-
 @examples(40)
 @given(
     net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)), turns=st.tuples(*[st.booleans()] * 4)
@@ -320,12 +302,6 @@ def test_unreadable_patch_files_and_senseless_tolerances_are_input_errors(tmp_pa
         load_patches(tmp_path / "bytes.bpt")
     with pytest.raises(InputError, match="choose a larger chord_tolerance"):
         load_patches(tmp_path / "good.bpt", chord_tolerance=1e-15)
-
-
-def test_a_finer_tolerance_takes_triangles_in_inverse_proportion(shared_data: Path) -> None:
-    nets = teapot(shared_data)
-    counts = [len(tessellate(nets, tolerance, name="t").faces) for tolerance in (4e-3, 2e-3, 1e-3)]
-    assert all(1.8 < fine / coarse < 2.2 for coarse, fine in itertools.pairwise(counts))
 
 
 def test_without_a_tolerance_it_is_relative_to_the_size(tmp_path: Path) -> None:

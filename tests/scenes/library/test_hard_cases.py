@@ -196,18 +196,3 @@ def test_the_truth_is_the_same_again(name: str, aperture: Index) -> None:
     again = Reference(scene).trace(scene.plate.aperture(*aperture))
     for field in ("triangle", "object", "position", "normal", "color", "certainty", "companions"):
         np.testing.assert_array_equal(getattr(again, field), getattr(image, field), err_msg=field)
-
-
-def test_two_open_rasterizers_do_not_draw_into_each_other() -> None:
-    scenes = [scene_of(name) for name in ("hard/tiny", "hard/needles", "hard/duplicates")]
-    settings = [DoubleFrustum(near=1e-3 * scene.frustum.longest_reach) for scene in scenes]
-    alone = []
-    for scene, setting in zip(scenes, settings, strict=True):
-        with Rasterizer(scene) as rasterizer:
-            alone.append(bits(rasterizer.render(scene.plate.middle, setting)))
-    rasterizers = [Rasterizer(scene) for scene in scenes]
-    while rasterizers:
-        for rasterizer, setting, expected in zip(rasterizers, settings, alone, strict=True):
-            assert bits(rasterizer.render(rasterizer.scene.plate.middle, setting)) == expected
-        rasterizers.pop(0).release()
-        settings, alone = settings[1:], alone[1:]
