@@ -144,11 +144,6 @@ def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1
     return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
 
-def confidence_of_each(claims: int) -> float:
-    """Return the confidence of each of several independent claims that hold together (Sidak 1967)."""
-    return float(CONFIDENCE ** (1 / claims))
-
-
 def risk_of_claim(settings: int = 1, look: int | None = None) -> float:
     """Return the probability with which one bound of a survey may be wrong, for all to hold together.
 

@@ -36,11 +36,6 @@ MAX_APERTURES = 1000
 
 REFINED_APERTURES = 16  #: number of worst apertures so far whose neighbors are looked through next
 
-MAX_AUTO_APERTURES = 4
-"""Largest number of apertures that `auto` takes: the middle one, and the worst one in each of three respects
-(the 99th percentile of displacement, the nearest surface, outlines). Each aperture takes a command as long as
-the first; more of them, beside the worst, would be as bad for the same reason."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
@@ -187,10 +182,12 @@ class ChosenAperture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AutoApertures:
-    """The apertures that `auto` takes, at least one and no more than `MAX_AUTO_APERTURES`, the middle first.
+    """The apertures that `auto` takes: the middle one, then the worst one in each of three respects.
 
-    `blocked` is the number of scouted apertures in which a surface lies: no settings draw more than a
-    hundredth of their picture. They are chosen only where there are no others.
+    These are the 99th percentile of displacement, the nearest surface, and outlines: more apertures, beside
+    the worst, would be as bad for the same reason. `blocked` is the number of scouted apertures in which a
+    surface lies: no settings draw more than a hundredth of their picture. They are chosen only where there
+    are no others.
     """
 
     scout: Scout

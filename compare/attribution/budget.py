@@ -174,7 +174,8 @@ class ChainStart(Brief):
         first, *later = self.changing
         found = np.full(pixels.size, first, dtype=np.int8)
         for link in later:
-            found[~error_maps.wrong_surface(truth, self.images[link].at(pixels), self.reference)[0]] = link
+            shown = error_maps.surface_errors(truth, self.images[link].at(pixels), self.reference)
+            found[~shown.wrong[0]] = link
         charge = np.full(self.exact_wrong.shape, RIGHT, dtype=np.int8)
         charge.reshape(-1)[pixels] = found
         return charge
@@ -339,7 +340,7 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     start = ChainStart(reference=reference, images=chain.images[:-1], device=chain.device)
     predictor = Predictor(start.truth, reference, chain.device.subpixel_bits)
     errors = error_maps.pixel_errors(start.truth, chain.images[-1], reference, start.exact)
-    return charged(start, errors, predictor.predict_links(chain.settings))
+    return charged(start, errors, predictor.predict_each([chain.settings])[0])
 
 
 def charged(

@@ -16,8 +16,8 @@ import numpy as np
 from xfrustum.compare.attribution.budget import Named, VectorBudget
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.radiance import Done, measure_left_out
-from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
-from xfrustum.compare.prediction.eye_vector import drawn_lines, radiance_along, true_lines
+from xfrustum.compare.prediction.chain import Chain, links_of, make_chain
+from xfrustum.compare.prediction.eye_vector import drawn_lines, true_lines
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import points_per_side
@@ -27,7 +27,7 @@ from xfrustum.scenes.appearance.display import through_8_bits
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -36,12 +36,9 @@ from xfrustum.scenes.plate.plate import Aperture
 EYE_VECTOR, SHADING = "eye vector", "shading"
 CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
-LOCAL_LINKS = (*LINKS, EYE_VECTOR, SHADING)
-"""The links of one image without culling, sampled at pixels' centers through one point of the aperture.
-
-`EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn. `SHADING` leaves
-double precision: the device interpolates normals, colors and texture coordinates, and evaluates the light
-model."""
+"""Names of links. `EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn.
+`SHADING` leaves double precision: the device interpolates normals, colors and texture coordinates, and
+evaluates the light model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each of a chain's images: it bounds the memory, some 500 bytes a pixel."""
@@ -135,10 +132,7 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     def shaded(image: HogelImage, lines: Floats) -> Floats:
         # A point in the plate lies on every line: on that of its pixel, too.
         lines = np.where(np.isfinite(lines), lines, pixel_lines)
-        shown = image.triangle != NOTHING
-        color, position = np.zeros(image.position.shape), image.position[shown].astype(np.float64)
-        color[shown] = radiance_along(shader, image.triangle[shown], position, lines[shown])
-        return averaged(color)
+        return averaged(shader.picture(image.triangle, image.position.astype(np.float64), lines))
 
     truly = [shaded(image, true_lines(image.position, aperture)) for image in chain.images]
     bent = shaded(drawn, drawn_lines(drawn.position, scene.frustum, aperture, chain.settings))

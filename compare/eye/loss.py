@@ -21,6 +21,7 @@ from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.view import EyeReference, hogel_lines
 from xfrustum.reference.lines.lines import model_cameras, pixel_places
+from xfrustum.reference.lines.triangles import plane_places, triangle_normals
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.eye import Eye, EyeImage, HogelPixels, Replay
@@ -54,7 +55,7 @@ def drawn_points(scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, tri
     if not len(rows):
         return found
     corners = scene.triangles[triangle[rows, columns]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = triangle_normals(corners)
     slack = HEIGHT_TOLERANCE * scene.frustum.longest_reach
     points = np.full((len(rows), 3), np.nan)
     across = _camera_lines(scene, settings, pixels.hogel_column, pixels.film_column, 0)
@@ -62,10 +63,8 @@ def drawn_points(scene: Scene, settings: DoubleFrustum, pixels: HogelPixels, tri
     for (x, dx, height, ends), (y, dy, _, _) in zip(across, down, strict=True):
         center = np.stack((x[columns], y[rows], np.full(len(rows), height)), axis=-1)
         direction = np.stack((dx[columns], dy[rows], np.full(len(rows), -1.0)), axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            s = np.einsum("ij,ij->i", corners[:, 0] - center, normal)
-            s /= np.einsum("ij,ij->i", direction, normal)
-            met = center + s[:, None] * direction
+        with np.errstate(invalid="ignore", over="ignore"):
+            met = center + plane_places(corners, normals, center, direction)[:, None] * direction
             drawn: Mask = (met[:, 2] >= ends[0] - slack) & (met[:, 2] <= ends[1] + slack)
         points[drawn] = met[drawn]
     found[rows, columns] = points

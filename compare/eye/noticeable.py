@@ -1,12 +1,10 @@
 """What an eye notices of a near offset and of a depth buffer: where points are replayed, and closed forms.
 
-docs/method.md, "What the near offset looks like to a viewer", has the proof of the theorem. All lines on
-which hogels replay one drawn surface point P cross in one point P', at the distance D from the plate:
+By the theorem of docs/method.md, "What the near offset looks like to a viewer", all lines on which hogels
+replay one drawn surface point P cross in one point, P + m (kx, ky, -1) behind the plate and P - m (kx, ky,
+-1) before it, at the distance D = |z| + m from the plate:
 
     D = (|z| + n) zf / (zf + n),   without a fit D = |z| + n,   beyond the first slab D = |z|.
-
-Behind the plate P' = P + m (kx, ky, -1), before it P' = P - m (kx, ky, -1), with D - |z| along z. Where P' is
-the same for all apertures, what is replayed is the true picture of a moved scene.
 
 Everything else is told for eyes straight before the middle of the plate, at the distance L. Content at the
 height z is at the distance R from them, which is L - z.

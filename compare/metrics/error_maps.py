@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance, tolerance_by_size
+from xfrustum.compare.rounding.positions import POSITION_TOLERANCE, largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
@@ -168,11 +168,6 @@ class SurfaceErrors:
     outside: Mask
 
 
-def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
-    """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
-    return surface_errors(truth, raster, reference).wrong
-
-
 def surface_errors(
     truth: HogelImage,
     raster: HogelImage,
@@ -245,7 +240,7 @@ def _proven_seen(truth: HogelImage, points: DrawnPoints, scene: Scene) -> Mask:
     some = np.flatnonzero(same & (np.abs(points.coordinates[2] - height) <= largest_tolerance(scene)))
     drawn = points.at(some)
     apart = drawn.coordinates - DrawnPoints.of(truth, drawn.pixels).coordinates
-    tolerance = tolerance_by_size(scene.largest_coordinates[drawn.triangle])
+    tolerance = POSITION_TOLERANCE * scene.largest_coordinates[drawn.triangle]
     found[some] = np.square(apart).sum(axis=0) <= np.square(tolerance)
     return found
 

@@ -1,11 +1,6 @@
 """The planner: the fewest slabs, and then the largest margin, that keep what is required.
 
-For a whole plate: the worst apertures of a scout are traced and planned for; whatever aperture the plan would
-then displace too much, by closed form, joins them, until there is none. Then the plan is measured at all of
-them, and at a random sample that took no part in choosing, which bounds the share of hogels beyond the
-tolerance (Clopper and Pearson 1934). An aperture of the sample at which the plan fails joins the others, and
-a new sample is drawn. Where there is no plan for all, the hardest apertures are set aside, and the plan says
-for which share of the plate it holds.
+For a whole plate it asks a scout's worst apertures and random samples: docs/method.md, "The plate".
 """
 
 import math
@@ -37,7 +32,6 @@ from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import (
     CONFIDENCE,
     RandomSample,
-    confidence_of_each,
     sample_hogels,
     share_at_most,
 )
@@ -49,8 +43,10 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 from xfrustum.scenes.plate.plate import Aperture
 
 MAX_SAMPLES = 3
-"""Samples that are drawn at most, each after its predecessor disproved a plan. They are independent: the
-bounds of all hold together with `CONFIDENCE` if each holds with its cube root (Sidak 1967)."""
+"""Samples that are drawn at most, each after its predecessor disproved a plan."""
+
+EACH = CONFIDENCE ** (1 / MAX_SAMPLES)
+"""Confidence of each sample's bound, for all to hold together: they are independent (Sidak 1967)."""
 
 WORST_VIEWS = 4
 """Worst apertures of the scout that a plan is made from at once; others join where they need more."""
@@ -326,8 +322,7 @@ class PlatePlanner:
         hogels, known = math.prod(self.reference.scene.plate.hogels), len(chosen) + len(self._hopeless)
         everything = known + len(sample) == hogels
         # The sample speaks for the hogels that nothing was known of.
-        each = confidence_of_each(MAX_SAMPLES)
-        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
+        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), EACH)
         drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
         worst, quality = max(drawable, key=self.requirement.excess), replace(sheets, **worst_errors(drawable))
         plate = self._plate_result(

@@ -6,9 +6,8 @@ the reach, and its cut may be as low as the separation at the farthest surface s
 only helps the next slab, which then ends sooner and sees nothing farther. So each slab in turn takes as much
 as it may, and no other k cuts have a smaller z1.
 
-A plan that just holds at the apertures it was made from fails at the next one that sees something nearer to
-the plate. Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies
-the near that is farthest from either limit, and that one is planned.
+Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies the near that
+is farthest from either limit, and that one is planned, for apertures that nobody has looked at.
 
 Lengths have three digits, so that they can be read and typed; a plan is then also the same for meshes that
 differ by rounding alone, such as a refined one.

@@ -230,10 +230,8 @@ class Views:
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
-        frustum = self.scene.frustum
-        shares = (
-            depth.depth_wrong_share(view.stacks, frustum, settings, unlucky=True) for view in self.views
-        )
+        asked = self.scene.frustum, [settings]
+        shares = (depth.depth_wrong_shares(view.stacks, *asked, unlucky=True)[0] for view in self.views)
         return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:

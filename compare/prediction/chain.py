@@ -14,7 +14,7 @@ LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""
 
 PIVOT = 1  #: the link that moves the center of the shear
-RASTERIZATION, DEPTH = 4, 5  #: the links that round, and must explain themselves: their places in `LINKS`
+RASTERIZATION = 4  #: the first of the two links that round, and must explain themselves: its place in `LINKS`
 CULLING = "culling"  #: link between slabs and rasterization that a chain has where its settings cull faces
 
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)

@@ -1,18 +1,12 @@
 """Closed forms of depth buffers: the smallest separation that they order, and the share shown wrongly.
 
-Two errors limit the separation of two surfaces. They are independent, so that their squares add.
+Two independent errors limit the separation of two surfaces, so that their squares add: the step of the
+format, up to which distinct depths are stored as equal ones; and float32, in which depth is computed before
+it is stored. Each rounding is uniform within half a unit in the last place of the rounded number, a variance
+of a twelfth of a unit squared; the difference of two surfaces has twice that, and is close to normal.
 
- * The step: distinct depths are stored as equal ones up to one step of the format, and a strict test
-   then keeps the wrong surface where it was drawn first (docs/method.md).
- * Float32: whatever the format, depth is computed in float32 before it is stored. Each rounding is
-   uniform within half a unit in the last place of the rounded number: a variance of a twelfth of a
-   unit squared. The difference of two surfaces has twice that variance, and is close to normal.
-
-So a pixel is shown wrongly in two ways (docs/method.md, "The error budget"):
-
- * order: the next surface that the same camera sees in the same slab is stored in front of the right one, or
-   at the same depth and was drawn first. Surfaces in different slabs have depth buffers of their own;
- * lost: the stored depth of the right surface equals the clear value, and the strict test rejects it.
+A pixel is shown wrongly by order or lost (docs/method.md, "The error budget"). Surfaces in different slabs
+have depth buffers of their own.
 """
 
 from __future__ import annotations
@@ -204,14 +198,14 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
                 yield Slab(camera=camera, low=nearest, high=high, step=step, near=near, far=high + step)
 
 
-def depth_wrong_share(
-    stacks: Stacks, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
-) -> float:
-    """Return the expected share of judged pixels that the depth buffer alone shows wrongly, from 0 to 1.
+def depth_wrong_shares(
+    stacks: Stacks, frustum: Frustum, settings: Sequence[DoubleFrustum], *, unlucky: bool = False
+) -> list[float]:
+    """Return the expected shares of judged pixels that depth buffers alone show wrongly, from 0 to 1.
 
-    These are wrong with the given settings, and right with linear D32F depth (docs/method.md). Equal depths
-    are wrong where the other surface is drawn first, as `stacks.earlier` has it; half of them are where that
-    is not known; all of them with `unlucky`.
+    The settings differ in their depth buffers alone. Such pixels are wrong with them, and right with linear
+    D32F depth. Equal depths are wrong where the other surface is drawn first, as `stacks.earlier` has it;
+    half of them are where that is not known; all of them with `unlucky`.
 
     Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
     normal error of standard deviation e. A format with step q and a uniformly distributed phase orders a
@@ -228,13 +222,6 @@ def depth_wrong_share(
     has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it. Pixels that linear
     depth gets wrong too are subtracted, as if they were the same pixels.
     """
-    return depth_wrong_shares(stacks, frustum, [settings], unlucky=unlucky)[0]
-
-
-def depth_wrong_shares(
-    stacks: Stacks, frustum: Frustum, settings: Sequence[DoubleFrustum], *, unlucky: bool = False
-) -> list[float]:
-    """Return the `depth_wrong_share` of each of some settings, which differ in their depth buffers alone."""
     # Linear D32F depth stands for a depth buffer that adds no error of its own.
     control = replace(settings[0], depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
@@ -344,9 +331,9 @@ known which surface is drawn first, where the other one is drawn later, and wher
 
 
 def _misordered(difference: Floats, step: Floats, error: Floats, ends: tuple[int, int]) -> Floats:
-    """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_share`."""
+    """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_shares`."""
 
-    # F of `depth_wrong_share`, the integral of the normal distribution function.
+    # F of `depth_wrong_shares`, the integral of the normal distribution function.
     def integral(a: Floats) -> Floats:
         return np.asarray(a * ndtr(a) + np.exp(-(a**2) / 2) / np.sqrt(2 * np.pi))
 

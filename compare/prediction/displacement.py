@@ -55,16 +55,9 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     """Return the true minus the drawn position of some points, (..., 2) columns and rows in pixels.
 
     NaN where there is no surface off the plate, and where no camera draws it: on the other side of the plate
-    when only one camera draws, and closer than n without an offset. Both cameras see a point at height z from
-    a distance w = |z| + n. In coordinates sheared about the aperture the point lies |z| t u off the axis, so
-    that it is drawn at
-
-        u_d = u |z| / w                     pivot aperture, fit angle
-        u_d = (u |z| - n k / t) / w         pivot camera, fit angle
-
-    and fit zf multiplies both by (zf + n) / zf. In the second line the camera's own center misses the axis by
-    n k: C sees the point at x' - n k, C* at -(x' + n k), on its turned film the same shift. True minus drawn
-    is therefore, written without a difference of nearly equal numbers,
+    when only one camera draws, and closer than n without an offset. From the places at which both cameras
+    draw a point (docs/method.md, "Shear") follows, without a difference of nearly equal numbers, with u where
+    it belongs, w = |z| + n, the shear k (0 for pivot `aperture`), and 1 / zf = 0 for fit `angle`,
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 

@@ -60,11 +60,6 @@ def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Fl
     return bent
 
 
-def radiance_along(shader: Shader, triangle: Numbers, position: Floats, lines: Floats) -> Floats:
-    """Return linear RGB (N, 3), by the reference's shading, of points (N, 3) seen along lines d (N, 3)."""
-    return np.broadcast_to(shader.radiance(triangle, position, lines), position.shape)
-
-
 def shading_normals(scene: Scene, triangle: Numbers, position: Floats, lines: Floats) -> Floats:
     """Return the unit normals that surface points are shaded with, turned to the viewer, (N, 3)."""
     flat = scene.normals[triangle]
@@ -139,5 +134,4 @@ def measured_eye_error(shader: Shader, drawn: HogelImage) -> Floats:
     where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)
     lines = true_lines(position, drawn.camera.aperture)
-    truly = radiance_along(shader, drawn.triangle[where], position, lines)
-    return np.asarray(drawn.color[where] - truly)
+    return np.asarray(drawn.color[where] - shader.radiance(drawn.triangle[where], position, lines))

@@ -130,17 +130,14 @@ class Predictor:
             float(spacing / (pixel * np.median(self._points.depth))) if self._points.depth.size else 0.0
         )
 
-    def predict_links(self, settings: DoubleFrustum) -> LinkedPrediction:
-        """Return the errors to be expected, and those of each link of the chain in order of `links_of`."""
-        return self.predict_each([settings])[0]
-
     def predict_each(self, settings: Sequence[DoubleFrustum]) -> list[LinkedPrediction]:
-        """Return `predict_links` of settings that differ in their depth buffers alone: they share most."""
-        prediction, links = self._predicted(with_exact_depth(settings[0]))
-        found = []
-        for one, share in zip(
-            settings, depth_wrong_shares(self._stacks, self._frustum, settings), strict=True
-        ):
+        """Return the errors to be expected, and those of each link of the chain in order of `links_of`.
+
+        The settings differ in their depth buffers alone: they share most.
+        """
+        (prediction, links), found = self._predicted(with_exact_depth(settings[0])), []
+        shares = depth_wrong_shares(self._stacks, self._frustum, settings)
+        for one, share in zip(settings, shares, strict=True):
             depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
             whole = replace(prediction, depth=share, separation=self._separations(one))
             found.append((replace(whole, reasons=self._reasons(one, whole)), (*links, depth)))

@@ -1,12 +1,10 @@
 """The one classifier of causes: edge, order, lost, or unexplained.
 
-A picture may show another triangle at a pixel than exact cameras do, because rasterizing adds three things to
-exact lines: vertices are rounded (to float32, then to the subpixel grid), depth is rounded (to float32, then
-to the format), and the depth buffer starts at a clear value that a surface must beat. Each leaves its mark
-(docs/method.md):
+A picture may show another triangle at a pixel than exact cameras do, because rasterizing rounds vertices and
+depths, and starts from a clear value that a surface must beat (docs/method.md, "The error budget"):
 
-* edge: the pixel's center lies within those roundings of an edge of one of the two triangles, or of an edge
-  that clipping makes: a cut by the near plane or the reach, the film's border, a seam. Where one picture
+* edge: rounding may have moved an edge of one of the two triangles across the pixel's center; an edge that
+  clipping makes, a cut by the near plane or the reach, the film's border, a seam, is one. Where one picture
   alone shows something, in all neighbors too, what is missing is no edge that was snapped;
 * order: both triangles cover the pixel, and their stored depths differ by less than the roundings of depth;
 * lost: the stored depth of the expected surface differs by less than that from the clear value, and what is

@@ -74,7 +74,7 @@ def depths(shown: PixelTriangles) -> Depths:
     tolerance = tolerance + step * (high - low) / 2 + FLOAT32_ROUNDING * np.abs(depth)
     undefined = ~np.isfinite(depth)
     # C starts from its far value, C* from its near value.
-    starts_at_one = film.orthoscopic == _one_at_far(mapping)
+    starts_at_one = film.orthoscopic == (mapping is not DepthMapping.REVERSED)
     return Depths(
         depth=np.where(undefined, np.nan, depth + step * (high + low) / 2),
         tolerance=np.where(undefined, 0.0, tolerance),
@@ -102,17 +102,6 @@ def _planes(film: FilmTriangles, a: Floats, b: Floats) -> Planes:
         largest=largest,
         resolution=film.resolution,
     )
-
-
-def _one_at_far(mapping: DepthMapping) -> bool:
-    """Return whether a buffer stores one at the far plane and zero at the near plane, not the reverse."""
-    match mapping:
-        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
-            return True
-        case DepthMapping.REVERSED:
-            return False
-        case _:
-            assert_never(mapping)
 
 
 def _linear_in_inverse(mapping: DepthMapping, n: Floats, f: Floats) -> tuple[Floats, Floats]:

@@ -24,12 +24,11 @@ plane."""
 def far_cuts(film: FilmTriangles) -> tuple[Floats, Floats]:
     """Return the smallest and the largest 1 / w at which the far plane may cut triangles, (T,) each.
 
-    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is a
-    small difference of large numbers, known at each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two
-    corners it is linear, and so is its error: the cut lies where |w - z| is at most the larger of the two
-    errors, within (f - n) / n of that of w = f. Where this is more than f, as with n below 2^-24 w, it may
-    lie at any distance, beside the camera or behind it, and whole triangles are left out. Reversed clip depth
-    is zero at the far plane and has no such difference.
+    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is known at
+    each corner to `FAR_ROUNDINGS` of 2^-24 of its w. Between two corners it is linear, and so is its error:
+    the cut lies where |w - z| is at most the larger of the two errors, within (f - n) / n of that of w = f.
+    Where this is more than f, as with n below 2^-24 w, it may lie at any distance, beside the camera or
+    behind it. Reversed clip depth is zero at the far plane and has no such difference.
     """
     n, f = film.planes
     match film.precision.mapping:

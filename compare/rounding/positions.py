@@ -1,7 +1,5 @@
 """How exactly a rasterizer in float32 can know the surface point that it draws."""
 
-from typing import Any
-
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
@@ -23,6 +21,9 @@ two for each step along x and y, in numerator and denominator alike, and one for
 
 FLOAT32_ROUNDING = 2.0**-24
 
+POSITION_TOLERANCE = POSITION_ROUNDINGS * FLOAT32_ROUNDING
+"""Distance within which a drawn point is known, relative to the largest coordinate of its triangle."""
+
 
 def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
     """Return the distance within which drawn surface points (N, 3) are known, (N,), scene units.
@@ -31,17 +32,12 @@ def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Flo
     """
     known = triangle != NOTHING
     if known.all():
-        return np.asarray(tolerance_by_size(scene.largest_coordinates[triangle]))
+        return POSITION_TOLERANCE * scene.largest_coordinates[triangle]
     largest: Floats = np.abs(position).max(axis=1, initial=0.0)
     largest[known] = scene.largest_coordinates[triangle[known]]
-    return np.asarray(tolerance_by_size(largest))
-
-
-def tolerance_by_size(largest: Any) -> Any:
-    """Return the distance within which points are known, given the largest coordinates of their triangles."""
-    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest
+    return POSITION_TOLERANCE * largest
 
 
 def largest_tolerance(scene: Scene) -> float:
     """Return the largest `position_tolerance` of a point on a scene's triangles, scene units."""
-    return float(tolerance_by_size(scene.largest_coordinates.max(initial=0.0)))
+    return float(POSITION_TOLERANCE * scene.largest_coordinates.max(initial=0.0))

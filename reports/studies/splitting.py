@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels, lengths, surface_errors
 from xfrustum.compare.planning.measure import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth
@@ -234,7 +234,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 # What a frame with exact depth shows rightly is charged to the depth buffer.
                 exact = with_exact_depth(cell.settings)
                 control = rasterizer.render(aperture, exact, normals=False, color=False)
-                control_wrong = wrong_surface(truth, control, reference) & judged_pixels(truth)
+                control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(truth)
                 predicted = predict.displacement(truth, scene.frustum, exact)
             drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
             judged = compare_images(truth, drawn, reference)

@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
-from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
+from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.display import encoded
@@ -140,7 +140,7 @@ def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> 
     told = printed(capsys)
     assert told["links"] and told["judged"] == 40 * 30
     links = [link["name"] for link in told["radiance"]["links"]]
-    assert links == [*LOCAL_LINKS, "clipping", "8-bit output"]
+    assert links == [*LINKS, "eye vector", "shading", "clipping", "8-bit output"]
     assert told["radiance"]["links"][0]["rms"] > told["radiance"]["links"][-1]["rms"] > 0
     assert json.loads(Path("budget/budget.json").read_text()) == told
     assert {f"radiance-{name.replace(' ', '-')}.png" for name in (*links, "total")} <= {

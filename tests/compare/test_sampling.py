@@ -23,7 +23,6 @@ from xfrustum.compare.sampling import (
     RandomSample,
     aperture_at,
     clean_sample,
-    confidence_of_each,
     risk_of_claim,
     sample_hogels,
     share_at_most,
@@ -123,8 +122,6 @@ def test_bounds_hold_wherever_a_survey_stops() -> None:
 def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
     assert sum(risk_of_claim(look=look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
     assert 3 * risk_of_claim(3) == pytest.approx(0.05)
-    assert confidence_of_each(1) == 0.95
-    assert confidence_of_each(3) ** 3 == pytest.approx(0.95)
 
 
 def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.compare import scout as scouting
-from xfrustum.compare.scout import FILM_PIXELS, MAX_AUTO_APERTURES, AutoApertures, Look, Scout, scout
+from xfrustum.compare.scout import FILM_PIXELS, AutoApertures, Look, Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.geometry.shapes import build_shape
@@ -114,7 +114,7 @@ def only(both_sides: Scout, *looks: Look) -> AutoApertures:
 def test_the_middle_comes_first_and_each_other_one_is_the_worst_in_some_respect(both_sides: Scout) -> None:
     auto = AutoApertures.of(both_sides)
     assert auto.apertures[0] == both_sides.scene.plate.middle
-    assert 2 <= len(auto.chosen) <= MAX_AUTO_APERTURES and len(set(auto.apertures)) == len(auto.chosen)
+    assert 2 <= len(auto.chosen) <= 4 and len(set(auto.apertures)) == len(auto.chosen)
     reasons = {one.aperture: one.why for one in auto.chosen}
     for worst, words in (
         (max(both_sides.looks, key=lambda look: look.pixels_per_near), "largest displacement"),

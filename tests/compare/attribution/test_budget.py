@@ -23,14 +23,13 @@ from xfrustum.compare.attribution.radiance_budget import (
     BAND_LIMITING,
     CLIPPING,
     EYE_VECTOR,
-    LOCAL_LINKS,
     OUTPUT,
     SHADING,
     RadianceBudget,
     make_radiance_budget,
 )
 from xfrustum.compare.metrics.error_maps import displacement
-from xfrustum.compare.prediction.chain import DEPTH, LINKS, Chain, make_chain
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budget import CHAIN, command, table, write_budget
@@ -131,7 +130,9 @@ def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
 
 def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
     starved = DoubleFrustum(near=1e-8 * 150, depth=DepthFormat.D16)
-    for (_, _, budget), link in zip(budgets("car", [reversed_d32f(1.5), starved]), (0, DEPTH), strict=True):
+    for (_, _, budget), link in zip(
+        budgets("car", [reversed_d32f(1.5), starved]), map(LINKS.index, ("near offset", "depth")), strict=True
+    ):
         assert (budget.charge == link).sum() > 0.99 * budget.wrong > 100
 
 
@@ -303,7 +304,7 @@ def test_the_bend_is_counted_once() -> None:
     scene = painted("asymmetric", SHINY)
     budget, chain = budget_of(scene, reversed_d32f(2.0))
     truth, model = chain.images[0].color, chain.images[4].color
-    local = [budget.links.index(link) for link in LOCAL_LINKS if link != SHADING]
+    local = [budget.links.index(link) for link in (*LINKS, EYE_VECTOR)]
     found = budget.change.steps[local].sum(axis=0)
     same = budget.same & (np.abs(chain.images[-1].height) > 1.0)
     np.testing.assert_allclose(found[same], (model - truth)[same], rtol=0, atol=1e-5)
@@ -322,7 +323,7 @@ def test_averages_are_taken_apart_like_single_samples() -> None:
     """Each link is the mean over the samples; what the device adds in averaging is rounding alone."""
     scene = replace(painted("asymmetric", SHINY, (40, 30)), sampling=Sampling(supersample=2, aperture=3))
     budget, _ = budget_of(scene, reversed_d32f(0.5))
-    assert budget.links == (BAND_LIMITING, *LOCAL_LINKS, AVERAGING, CLIPPING, OUTPUT)
+    assert budget.links == (BAND_LIMITING, *LINKS, EYE_VECTOR, SHADING, AVERAGING, CLIPPING, OUTPUT)
     assert rms(budget, BAND_LIMITING, same=False) > 1e-4
     averaging = budget.change.steps[budget.links.index(AVERAGING)]
     assert np.abs(averaging).max() < 1e-6

@@ -25,7 +25,7 @@ from xfrustum.compare.metrics.error_maps import (
     Spread,
     differing_pixels,
     pixel_errors,
-    wrong_surface,
+    surface_errors,
 )
 from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
 from xfrustum.compare.prediction.chain import make_chain
@@ -396,7 +396,7 @@ def test_a_pixel_is_charged_to_the_last_link_that_changed_it(drawn: Drawn) -> No
 def test_a_wrong_surface_is_charged_to_the_link_from_which_on_it_is_wrong(drawn: Drawn) -> None:
     budget = make_budget(drawn.reference, drawn.chain)
     images = drawn.chain.images
-    right = np.stack([~wrong_surface(drawn.truth, image, drawn.reference) for image in images])
+    right = np.stack([~surface_errors(drawn.truth, image, drawn.reference).wrong for image in images])
     last_right = len(images) - 1 - np.argmax(right[::-1], axis=0)
     wrong = ~right[-1] & budget.start.judged
     assert wrong.any()

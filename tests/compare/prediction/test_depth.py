@@ -18,13 +18,13 @@ from scipy.stats import norm
 from tests.support.long_tail import thinned
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.error_maps import judged_pixels, wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
 from xfrustum.compare.prediction.depth import (
     MAX_MISORDERED_FRACTION,
     MAX_ORDER_FACTOR,
     Stacks,
     chances,
-    depth_wrong_share,
+    depth_wrong_shares,
     slabs,
     smallest_separation,
 )
@@ -197,9 +197,10 @@ def level(height: float) -> HogelImage:
     return Reference(scene).trace(at(0.3, 0.1))
 
 
-def share(height: float, gap: float, settings: DoubleFrustum) -> float:
+def share(height: float, gap: float, settings: DoubleFrustum, *, unlucky: bool = False) -> float:
     truth = level(height)
-    return depth_wrong_share(Stacks.of(truth, np.full(truth.covered.shape, gap)), FRUSTUM, settings)
+    stacks = Stacks.of(truth, np.full(truth.covered.shape, gap))
+    return depth_wrong_shares(stacks, FRUSTUM, [settings], unlucky=unlucky)[0]
 
 
 def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
@@ -258,15 +259,10 @@ def test_what_linear_depth_cannot_tell_apart_either_is_not_charged(
 
 
 def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> None:
-    truth = level(-70.0)
-    close, starved = np.full(truth.covered.shape, 1e-3), DoubleFrustum(near=1e-5, depth=DepthFormat.D16)
-    assert depth_wrong_share(Stacks.of(truth, close), FRUSTUM, starved, unlucky=True) == pytest.approx(
-        1.0, abs=1e-6
-    )
+    starved = DoubleFrustum(near=1e-5, depth=DepthFormat.D16)
+    assert share(-70.0, 1e-3, starved, unlucky=True) == pytest.approx(1.0, abs=1e-6)
     settings = replace(starved, near=1.0, mapping=DepthMapping.LINEAR)
-    likely, worst = (
-        depth_wrong_share(Stacks.of(truth, close), FRUSTUM, settings, unlucky=u) for u in (False, True)
-    )
+    likely, worst = (share(-70.0, 1e-3, settings, unlucky=unlucky) for unlucky in (False, True))
     assert likely > 0.05 and worst == pytest.approx(MAX_ORDER_FACTOR * likely, rel=0.01)
 
 
@@ -296,11 +292,11 @@ def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:
 def test_only_what_is_drawn_and_judged_counts() -> None:
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     truth = level(-70.0)
-    nothing = np.full(truth.covered.shape, np.inf)
-    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C_STAR)) == 0
-    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C)) > 0.999
+    assert share(-70.0, np.inf, replace(starved, camera=Camera.C_STAR)) == 0
+    assert share(-70.0, np.inf, replace(starved, camera=Camera.C)) > 0.999
     truth.certainty[:] = 2
-    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, starved) == 0
+    nothing = Stacks.of(truth, np.full(truth.covered.shape, np.inf))
+    assert depth_wrong_shares(nothing, FRUSTUM, [starved]) == [0]
 
 
 @pytest.mark.parametrize(
@@ -347,13 +343,11 @@ def misordered_pixels(
     settings = DoubleFrustum(near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping)
     linear = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     with Rasterizer(scene) as rasterizer:
-        wrong, without = (
-            wrong_surface(truth, rasterizer.render(aperture, one, normals=False, color=False), reference)
-            for one in (settings, linear)
-        )
+        drawn = [rasterizer.render(aperture, one, normals=False, color=False) for one in (settings, linear)]
+        wrong, without = (surface_errors(truth, one, reference).wrong for one in drawn)
     judged = judged_pixels(truth)
     stacks = Stacks.of(truth, gaps, earlier), Stacks.of(truth, gaps)
-    predicted, coin = (depth_wrong_share(one, scene.frustum, settings) * judged.sum() for one in stacks)
+    predicted, coin = (depth_wrong_shares(one, scene.frustum, [settings])[0] * judged.sum() for one in stacks)
     return int((wrong & ~without & judged).sum()), float(predicted), float(coin)
 
 

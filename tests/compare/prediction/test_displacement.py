@@ -153,9 +153,9 @@ def test_links_do_not_depend_on_what_was_predicted_before(options: dict[str, Any
     reference = Reference(scene)
     truth = reference.trace(aperture)
     alone, after = (Predictor(truth, reference, 8) for _ in range(2))
-    after.predict_links(settings)
-    links = alone.predict_links(settings)[1]
-    assert after.predict_links(settings)[1] == links
+    after.predict_each([settings])[0]
+    links = alone.predict_each([settings])[0][1]
+    assert after.predict_each([settings])[0][1] == links
 
     plain = replace(settings, pivot=Pivot.APERTURE, fit=Fit.ANGLE, slabs=())
     moved = lengths(displacements(TruePoints.of(truth).shown(), scene.frustum, plain))

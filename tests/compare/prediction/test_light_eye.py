@@ -12,7 +12,6 @@ from xfrustum.compare.prediction.eye_vector import (
     bent_eye,
     drawn_lines,
     mirror_change,
-    radiance_along,
     shading_normals,
     specular_change,
     true_lines,
@@ -99,8 +98,8 @@ def test_at_fixed_points_the_prediction_is_right_to_first_order(
     for fraction in NEARS:
         near = fraction * scene.frustum.longest_reach
         drawn = drawn_lines(position, scene.frustum, aperture, DoubleFrustum(near=near))
-        measured = radiance_along(shader, triangle, position, drawn)
-        measured = measured - radiance_along(shader, triangle, position, true)
+        measured = shader.radiance(triangle, position, drawn)
+        measured = measured - shader.radiance(triangle, position, true)
         eye = bent_eye(true, bend(position, truth.camera, near))
         normal = shading_normals(scene, triangle, position, true)
         change = predicted(scene, triangle, normal, eye)  # type: ignore[operator]
@@ -123,7 +122,7 @@ def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> 
     where = away_from_edges(truth, drawn) & (np.abs(drawn.height) > 0.05 * 150)
     triangle, position = points_of(drawn, where)
     true = true_lines(position, aperture)
-    measured = drawn.color[where] - radiance_along(shader, triangle, position, true)
+    measured = drawn.color[where] - shader.radiance(triangle, position, true)
     eye = bent_eye(true, bend(position, truth.camera, near))
     normal = shading_normals(scene, triangle, position, true)
     predicted = specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)

@@ -73,7 +73,7 @@ def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
         predictor = Predictor(reference.trace(aperture), reference, 8)
         half = reference.camera(aperture).half_extent[0]
         for near, crosses in ((0.99 * distance / half, False), (1.01 * distance / half, True)):
-            found, links = predictor.predict_links(DoubleFrustum(near=near))
+            found, links = predictor.predict_each([DoubleFrustum(near=near)])[0]
             assert (found.reasons.displacement == CROSSES) == crosses
             assert not crosses or links[0].displacement_rms_px is None
     flat = soup(corners * [1, 1, 0], scene.frustum)
