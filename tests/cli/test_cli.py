@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import OpenEXR
+import pyarrow.parquet as pq
 import pytest
 
 import xfrustum
@@ -168,6 +169,18 @@ def test_report_says_the_best_setting_and_where_the_page_is(
         "inspection": "report/two-boxes/inspect.html",
     }
     assert isinstance(told["rows"], list) and len(told["rows"]) == 8
+
+
+@pytest.mark.usefixtures("scene")
+def test_names_that_look_like_addresses_are_local_paths() -> None:
+    line = "report boxes.toml --near 0.1 --apertures 3,2 --depth d24 --quiet --out run:1"
+    assert main(line.split()) == 0
+    assert pq.read_table(Path("run:1", "measurements.parquet").absolute()).num_rows > 0
+    for _ in range(2):
+        line = "plate boxes.toml --near 0.1 --apertures 3,2 --judge --quiet --out run:1.zarr"
+        assert main(line.split()) == 0
+    assert main(["convert", "run:1.zarr", "s3:x", "--to", "hogels", "--quiet"]) == 0
+    assert len(list(Path("s3:x").iterdir())) == 15
 
 
 LONG = 300 * "n"

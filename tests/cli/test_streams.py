@@ -2,14 +2,20 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import textwrap
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.long_tail import thinned
+from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.terminal import one_line, printable
@@ -188,3 +194,275 @@ def verify_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     size = film((40.0, 30.0), hogels=(2, 1), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
     Path("boxes.toml").write_text(size + part("box", 12.0, (3.0, 1.0, 25.0)))
     return "boxes.toml"
+
+
+# Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind.
+
+ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
+
+
+def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    (folder / "temporary").mkdir(exist_ok=True)
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder / "temporary")},
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no threads here
+    )
+
+
+def program(body: str) -> list[str]:
+    """Return arguments of a Python that runs the command line with one more command, `work`."""
+    return [
+        "-c",
+        "import sys\n"
+        "import click, xfrustum.cli.app\n"
+        "def work():\n" + textwrap.indent(textwrap.dedent(body), "    ") + "\n"
+        "xfrustum.cli.app.cli.add_command(click.Command('work', callback=work))\n"
+        "sys.argv[1:] = ['work']\n"
+        "from xfrustum.cli.main import run\n"
+        "sys.exit(run())\n",
+    ]
+
+
+def from_the_first_moment(arguments: Sequence[str]) -> list[str]:
+    """Return arguments of a Python that says when signals are obeyed, then runs the command line."""
+    return [
+        "-c",
+        "import sys\n"
+        "from xfrustum import interrupts\n"
+        "from xfrustum.cli.main import run\n"
+        "def obeyed(*, ignored_afterwards, obeyed=interrupts.obeyed):\n"
+        "    with obeyed(ignored_afterwards=ignored_afterwards):\n"
+        "        print('ready', flush=True)\n"
+        "        yield\n"
+        "import contextlib; interrupts.obeyed = contextlib.contextmanager(obeyed)\n"
+        f"sys.argv[1:] = {list(arguments)!r}\n"
+        "sys.exit(run())\n",
+    ]
+
+
+BODIES = {
+    "a library that turns it into another exception": """
+        import time
+        print("ready", flush=True)
+        try:
+            time.sleep(60)
+        except BaseException:
+            raise RuntimeError("loop body failed") from None
+        """,
+    "a library that swallows it, once": """
+        import time
+        print("ready", flush=True)
+        try:
+            time.sleep(60)
+        except BaseException:
+            pass
+        time.sleep(60)
+        """,
+    "a callback from C": """
+        import ctypes, time
+        compare = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        def slow(a, b):
+            print("ready", flush=True)
+            time.sleep(0.3)
+            return 0
+        numbers = (ctypes.c_int * 64)(*range(64))
+        ctypes.CDLL(None).qsort(numbers, 64, 4, compare(slow))
+        time.sleep(60)
+        """,
+    "a block that cleans up": """
+        import tempfile, time
+        with tempfile.TemporaryDirectory():
+            try:
+                print("ready", flush=True)
+                time.sleep(60)
+            finally:
+                time.sleep(0.3)
+        """,
+    "an import": """
+        from pathlib import Path
+        import sys
+        Path("slow.py").write_text(
+            "import time\\nprint('ready', flush=True)\\nuntil = time.process_time() + 60\\n"
+            "while time.process_time() < until: pass\\n"
+        )
+        sys.path.insert(0, ".")
+        import slow
+        """,
+}
+
+
+@pytest.mark.parametrize(
+    ("stop", "times"), [(signal.SIGINT, 1), pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize(
+    "body",
+    [
+        pytest.param(body, id=name, marks=pytest.mark.slow if n else ())
+        for n, (name, body) in enumerate(BODIES.items())
+    ],
+)
+def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
+    body: str, stop: signal.Signals, times: int, tmp_path: Path
+) -> None:
+    with start(program(body), tmp_path) as process:
+        assert process.stdout.readline() == "ready\n"
+        for _ in range(times):
+            process.send_signal(stop)
+            time.sleep(0.05)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[stop]
+    assert list((tmp_path / "temporary").iterdir()) == []
+    assert not (tmp_path / "x.exr").exists()
+
+
+MAKING = {
+    "a folder is made, and not yet noted": """
+        import os, signal, time
+        from pathlib import Path
+        from xfrustum.scenes.disk import durable
+        def made(path, mkdir=Path.mkdir, **how):
+            mkdir(path, **how)
+            os.kill(os.getpid(), signal.SIGTERM)
+        Path.mkdir = made
+        with durable.Aside(Path("."), folder=True):
+            time.sleep(60)
+        """,
+    "a folder is noted, and its block not yet entered": """
+        import os, signal, time
+        from pathlib import Path
+        from xfrustum.scenes.disk import durable
+        class Made(durable.Aside):
+            def __init__(self):
+                super().__init__(Path("."), folder=True)
+                os.kill(os.getpid(), signal.SIGTERM)
+        with Made():
+            time.sleep(60)
+        """,
+}
+
+
+@pytest.mark.parametrize("body", MAKING.values(), ids=MAKING)
+def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(body: str, tmp_path: Path) -> None:
+    with start(program(body), tmp_path) as process:
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+    assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
+
+
+def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Path) -> None:
+    body = f"""
+        import os, signal, subprocess
+        from pathlib import Path
+        from types import SimpleNamespace
+        from xfrustum.reports.verification.sources import Command
+        def started(*arguments, start=subprocess.Popen, **options):
+            process = start(*arguments, **options)
+            print(process.pid, flush=True)
+            os.kill(os.getpid(), signal.SIGTERM)
+            return process
+        subprocess.Popen = started
+        template = {sys.executable!r} + " -c 'import time; time.sleep(60)' {{out}}"
+        command = Command(template=template, reference=None, encoding=None, folder=Path("."), timeout_s=60.0)
+        command.image(SimpleNamespace(column=0, row=0, x=0.0, y=0.0))
+        """
+    with start(program(body), tmp_path) as process:
+        out, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(out), signal.SIGKILL)
+
+
+def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path) -> None:
+    body = """
+        import os, sys
+        from pathlib import Path
+        from xfrustum.reports.common.outputs import write_output
+        os.mkfifo("pipe")
+        def watched(event, arguments):
+            if event == "open" and str(arguments[0]) == "pipe":
+                print("ready", flush=True)
+        sys.addaudithook(watched)
+        write_output(Path("pipe"), b"content", "--junit")
+        """
+    with start(program(body), tmp_path) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == ENDED[signal.SIGINT]
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
+    """The command is done: its status stands, and no exception comes out of what Python still has to do."""
+    leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
+    arguments = ["-c", leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.cli.main import run\n"]
+    arguments[1] += "sys.exit(run())"
+    for stop in ENDED:
+        with start(arguments, tmp_path) as process:
+            while process.stdout.readline() != "ready\n":
+                pass
+            process.send_signal(stop)
+            _, said = process.communicate(timeout=60)
+        assert (process.returncode, said) == (0, "")
+
+
+def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path: Path) -> None:
+    arguments = program("import time\nprint('ready', flush=True)\ntime.sleep(0.3)\nraise KeyError('went on')")
+    ignoring = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        f"os.execv({sys.executable!r}, {[sys.executable, *arguments]!r})\n"
+    )
+    with start(["-c", ignoring], tmp_path) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 70 and "went on" in said
+
+
+@pytest.mark.parametrize("begun_s", thinned([0.6, 0.2, 1.0], 3))
+def test_ctrl_c_is_obeyed_within_a_second_of_cpu_time_while_modules_load(
+    begun_s: float, tmp_path: Path
+) -> None:
+    loading = from_the_first_moment(["report", "car", "--quiet", "--out", "out"])
+    with start(loading, tmp_path) as process:
+        assert process.stdout.readline() == "ready\n"
+        until = cpu_s(process.pid) + begun_s
+        while (spent := cpu_s(process.pid)) < until:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            time.sleep(0.01)  # a process that has ended and was not waited for still tells its time
+        after = cpu_s(process.pid)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGINT]
+    assert after - spent < 1.0
+
+
+def cpu_s(pid: int) -> float:
+    """Return the CPU time that a process has taken, in seconds; proc(5), /proc/pid/stat."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", list(ENDED))
+def test_a_report_that_is_stopped_says_so_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
+    with start(["-m", "xfrustum", "report", "car", "--quiet", "--out", "out"], tmp_path) as process:
+        while process.poll() is None and len(list(tmp_path.iterdir())) == 1:
+            time.sleep(0.01)
+        assert process.poll() is None, "the report has begun"
+        # `timeout` sends two signals; the second must not stop the cleaning up.
+        for _ in range(2 if stop is signal.SIGTERM else 1):
+            process.send_signal(stop)
+        _, said = process.communicate()
+    assert (process.returncode, said) == ENDED[stop]
+    assert [path.name for path in tmp_path.rglob("*")] == ["temporary"]

@@ -13,12 +13,28 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from xfrustum.compare.prediction.chain import LINKS
+from tests.support.views import view
+from xfrustum.compare import run
+from xfrustum.compare.prediction.chain import EXACT_DEPTH, LINKS
 from xfrustum.compare.rounding.positions import largest_tolerance
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
 from xfrustum.reports.error_report import images, report
 from xfrustum.reports.error_report.best import ReportOptions, default_nears
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
-from xfrustum.scenes import DepthFormat, DepthMapping, Frustum, InputError, Scene, open_scene
+from xfrustum.scenes import (
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    InputError,
+    Pivot,
+    Scene,
+    open_scene,
+)
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.effects import Effect, needed
 
 NEARS = (1.5, 0.015, 1.5e-4)
 SETTING = ("near", "depth", "mapping", "pivot")
@@ -316,3 +332,203 @@ def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
     np.testing.assert_array_equal(reduced[..., 3], [[0, 0, 0], [255, 0, 0]])
     height = np.array([[0.0, -1.0], [0.0, np.nan]])
     assert decoded(images.height_map(height, 100.0, HEIGHTS, 2))[0, 0, 2] > 90
+
+
+# Reports without causes: the same pictures and numbers, nothing made that causes alone need, and said so.
+
+TWO_NEARS = (10.0, 0.1)
+COARSE = ((DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.REVERSED))
+
+
+def made(folder: Path, *, causes: bool) -> ReportFiles:
+    scene = small("asymmetric-recentered", (48, 36))
+    where = ReportOptions(apertures=[scene.plate.aperture(3, 4)], pivots=[Pivot.APERTURE])
+    return make_report(scene, folder, replace(where, nears=TWO_NEARS, depths=COARSE, causes=causes))
+
+
+@pytest.fixture(scope="module")
+def charged(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    return made(tmp_path_factory.mktemp("charged"), causes=True)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    """A report without causes, made where nothing works that causes alone need."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("causes alone need this")
+
+    draw, drawn = Rasterizer.draw, set()
+
+    def noted(self: Rasterizer, aperture: Any, settings: DoubleFrustum, **how: Any) -> Any:
+        drawn.add((settings.depth, settings.mapping))
+        return draw(self, aperture, settings, **how)
+
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("ChainStart", "Predictor"):
+            patched.setattr(run, name, type(name, (), {"__init__": refuse}))
+        patched.setattr(Reference, "trace_model", refuse)
+        patched.setattr(Reference, "gaps", refuse)
+        patched.setattr(Rasterizer, "draw", noted)
+        report = made(tmp_path_factory.mktemp("plain"), causes=False)
+    assert EXACT_DEPTH not in drawn and drawn == set(COARSE)
+    return report
+
+
+def test_what_is_measured_is_the_same_bit_for_bit(charged: ReportFiles, plain: ReportFiles) -> None:
+    assert len(plain.content["rows"]) == len(TWO_NEARS) * len(COARSE)
+    for key in ("settings", "aperture", "comparison"):
+        rows, others = ([row[key] for row in one.content["rows"]] for one in (charged, plain))
+        assert rows == others
+    best, other = charged.content["best"], plain.content["best"]
+    assert {**best, "sentence": ""} == {**other, "sentence": ""}
+    shown, without = ([row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain))
+    assert without == [{name: key for name, key in one.items() if name != "causes"} for one in shown]
+
+
+def test_json_and_table_say_what_was_left_out_and_have_no_numbers_of_it(
+    charged: ReportFiles, plain: ReportFiles
+) -> None:
+    assert charged.content["left_out"] == [] and set(plain.content) == set(charged.content)
+    assert plain.content["left_out"] == ["causes", "predictions", "frames with exact depth", "traced models"]
+    for row in plain.content["rows"]:
+        assert row["causes"] == [] and set(row["measured_over_predicted"].values()) == {None}
+        for key in ("unexplained", "shear", "predicted_displacement_px", "predicted_surface"):
+            assert row[key] is None
+    for times in (plain.content["times_s"], *(row["times_s"] for row in plain.content["rows"])):
+        assert times["causes"] == times["predict"] == 0
+    whole, table = (pq.read_table(one.parquet) for one in (charged, plain))
+    assert table.schema == whole.schema
+    empty = [name for name in table.column_names if table[name].null_count == len(table)]
+    assert {"cause_depth_surface", "unexplained", "predicted_surface_fraction"} <= set(empty)
+    assert not {"surface_wrong", "displacement_px_p99"} & set(empty)
+
+
+def test_the_page_says_what_was_left_out_and_has_no_part_about_it(
+    charged: ReportFiles, plain: ReportFiles
+) -> None:
+    whole, page = (one.html.read_text() for one in (charged, plain))
+    assert "Left out, as asked for: causes, predictions" in page and "Left out, as" not in whole
+    for part in ('id="plot-causes"', 'id="predictions"', 'id="causes"', "Dashed lines are closed forms"):
+        assert part in whole and part not in page
+    ((curves,),) = page_data(plain.html)["curves"]
+    assert "causes" not in curves and len(curves["surface"]["data"]) == len(COARSE)
+    assert any(note.startswith("Left out") for note in plain.notes)
+
+
+# The report of a shaded scene: color in rows, pictures and the page, and what light costs and misses.
+
+LIGHT_NEARS = (1.5, 0.15, 0.015)
+FINE = ((DepthFormat.D32F, DepthMapping.REVERSED),)
+SHINY = Material(diffuse=(0.5, 0.4, 0.3), specular=(0.3, 0.3, 0.3), exponent=10.0)
+
+
+def shiny(name: str = "asymmetric") -> Scene:
+    scene = view(name, (64, 48))
+    light = DirectionalLight(direction=(-1.0, 1.5, 2.0))
+    looks = Appearance(materials={"all": SHINY}, lights=(light,))
+    return replace(
+        scene,
+        appearance=looks,
+        objects=tuple(replace(o, material="all") for o in scene.objects),
+        sampling=Sampling(aperture=3),
+        transport=Transport(shadows=True, samples=4),
+    )
+
+
+@pytest.fixture(scope="module")
+def lit(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    return make_report(
+        shiny(),
+        tmp_path_factory.mktemp("report"),
+        ReportOptions(nears=LIGHT_NEARS, depths=FINE),
+    )
+
+
+def test_every_row_says_how_far_colors_are_off_and_how_different_they_look(
+    lit: ReportFiles,
+) -> None:
+    errors = [row["comparison"]["radiance"] for row in lit.content["rows"]]
+    for name in ("rms", "flip"):
+        assert errors[0][name] > errors[1][name] > errors[2][name] > 0
+    assert errors[0]["ssim"] < errors[1]["ssim"] < errors[2]["ssim"] < 1
+    rows = pq.read_table(lit.parquet).to_pylist()
+    for flat, error in zip(rows, errors, strict=True):
+        assert flat["radiance_rms"] == error["rms"] and flat["radiance_flip"] == error["flip"]
+        assert flat["radiance_channels_rms"] == error["channels"]["rms"]
+        assert flat["radiance_away_from_edges_max"] == error["away_from_edges"]["max"]
+
+
+def test_effects_are_explained_and_leave_the_same_bits(lit: ReportFiles) -> None:
+    shading = lit.content["shading"]
+    used = {decision["effect"] for decision in shading["decisions"] if decision["used"]}
+    assert used == {str(effect) for effect in needed(shiny())} != {str(effect) for effect in Effect}
+    assert shading["same_bits"] is True
+    assert 0 < lit.content["times_s"]["light"] < lit.content["cost"]["wall_s"]
+
+
+def test_the_bent_eye_vector_is_predicted_and_measured_at_every_near(
+    lit: ReportFiles,
+) -> None:
+    errors = lit.content["shading"]["eye_vector"]
+    assert [error["near"] for error in errors] == list(LIGHT_NEARS)
+    last = errors[-1]
+    assert last["measured"] == pytest.approx(last["predicted"], rel=0.1)
+    assert errors[0]["measured"] > 30 * last["measured"]
+
+
+def test_what_the_raster_misses_is_counted(lit: ReportFiles) -> None:
+    (missed,) = lit.content["shading"]["left_out"]
+    assert missed["shadows"] and not missed["interreflection"]
+    assert 0 < missed["pixels"] <= 64 * 48 and missed["darker"] == missed["pixels"]
+    assert missed["mean"] < 0 < missed["rms"] and missed["light_paths"] == 4
+    assert any("light transport changes" in note for note in lit.notes)
+
+
+def test_the_page_has_light(lit: ReportFiles) -> None:
+    own = page_alone(lit.html)
+    for part in (
+        "<h2>Light</h2>",
+        "What the raster misses",
+        "of white</tt>",
+        "All three scales of errors are logarithmic",
+        "fraction of display white",
+        "scale of the right one is logarithmic",
+        'id="plot-eye"',
+        'id="plot-flip"',
+        'data-layer="radiance"',
+    ):
+        assert part in own
+    data = page_data(lit.html)
+    assert {"radiance", "flip"} <= set(data["curves"][0][0]) and data["eye"]["data"]
+    assert all("radiance" in row["pictures"] for row in data["rows"])
+    # Colors are part of what is recommended.
+    best, html = lit.content["best"], lit.html.read_text()
+    row = next(row for row in lit.content["rows"] if row["settings"]["near"] == best["near"])
+    assert best["radiance_fraction"] == row["comparison"]["radiance"]["above_step"]
+    assert "off in color by more than a level of 255" in lit.sentence and "<dt>wrong color</dt>" in html
+
+
+def test_an_unshaded_scene_has_none_of_it(tmp_path: Path) -> None:
+    scene = view("asymmetric", (32, 24))
+    lit = make_report(scene, tmp_path, ReportOptions(nears=LIGHT_NEARS[:1], depths=FINE))
+    assert lit.content["shading"] is None
+    assert [note for note in lit.notes if not note.startswith("Measured at 1 of ")] == []
+    assert lit.content["rows"][0]["comparison"]["radiance"] is None
+    html = lit.html.read_text()
+    assert "<h2>Light</h2>" not in html and 'id="plot-flip"' not in html
+    assert "Both scales of errors are logarithmic" in html and "display white" not in html
+    data = page_data(lit.html)
+    assert data["eye"] is None and "radiance" not in data["rows"][0]["pictures"]
+    assert set(data["curves"][0][0]).isdisjoint({"radiance", "flip"})
+
+
+def test_a_matte_scene_has_no_curve_of_the_eye_vector(tmp_path: Path) -> None:
+    scene = replace(shiny(), sampling=Sampling(), transport=Transport())
+    matte = {"all": replace(SHINY, specular=(0.0, 0.0, 0.0))}
+    scene = replace(scene, appearance=replace(scene.appearance, materials=matte))
+    lit = make_report(scene, tmp_path, ReportOptions(nears=LIGHT_NEARS[:1], depths=FINE))
+    shading = lit.content["shading"]
+    assert shading["eye_vector"] == [] == shading["left_out"]
+    assert 'id="plot-eye"' not in lit.html.read_text()
+    assert np.isfinite(lit.content["rows"][0]["comparison"]["radiance"]["rms"])

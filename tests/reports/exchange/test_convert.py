@@ -1,15 +1,23 @@
 """`convert`: a plate goes through every layout and through Zarr, and comes back with the same bits."""
 
 import json
+import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zarr
+from PIL import Image
 
+from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, write_plate
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import (
     ConversionOptions,
+    LaidOutPlate,
     PlateArray,
     convert,
     missing_hogels,
@@ -17,8 +25,8 @@ from xfrustum.reports.exchange.convert import (
     write_group,
 )
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.files.layouts import PlateShape
-from xfrustum.scenes.files.plate_files import Plates, whole_plate
+from xfrustum.scenes.files.layouts import PlateShape, layouts_named
+from xfrustum.scenes.files.plate_files import Plates, find_files, whole_plate
 
 FULL = ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci")
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
@@ -198,3 +206,178 @@ def test_an_encoding_that_files_cannot_have_is_noted(
     assert "--encoding triangle-id is not used" in capsys.readouterr().err
     main([*arguments, "rgb"])
     assert "is not used" not in capsys.readouterr().err
+
+
+# Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing written.
+
+
+@pytest.fixture
+def sound(tmp_path: Path) -> Path:
+    """Return a Zarr group of 3 x 2 hogels of 5 x 4 pixels."""
+    pixels = np.random.default_rng(1).integers(0, 256, (2, 3, 4, 5, 3), np.uint8)
+    write_group(Plates(pixels=pixels, levels=255), tmp_path / "plate.zarr", PlateArray.COLOR, {})
+    return tmp_path / "plate.zarr"
+
+
+def refused(source: Path, out: Path, hogels: tuple[int, int] | None = None) -> str:
+    """Return the one line with which `convert` refuses, after it has written nothing."""
+    with pytest.raises(InputError) as raised:
+        convert(source, out, write_as="hogels", options=ConversionOptions(hogels=hogels))
+    assert not out.exists()
+    assert len(str(raised.value).splitlines()) == 1
+    assert len(str(raised.value)) <= 500
+    return str(raised.value)
+
+
+def chunk_of(sound: Path) -> Path:
+    """Return the file of the first hogel."""
+    return sound / "color" / "c" / "0" / "0" / "0" / "0" / "0"
+
+
+def edited(**keys: object) -> Callable[[Path], None]:
+    """Return what gives keys of the array's description other values."""
+
+    def edit(sound: Path) -> None:
+        path = sound / "color" / "zarr.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), **keys}))
+
+    return edit
+
+
+def flipped(sound: Path) -> None:
+    """Flip a bit of a compressed hogel."""
+    damaged = bytearray(chunk_of(sound).read_bytes())
+    damaged[len(damaged) // 2] ^= 4
+    chunk_of(sound).write_bytes(damaged)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        flipped,
+        lambda sound: (sound / "zarr.json").write_text("[]"),
+        lambda sound: (sound / "color" / "zarr.json").write_text("{}"),
+        edited(codecs=[{"name": "nonsense"}]),
+        edited(shape=[2, 3, 4]),
+        edited(shape="wide"),
+        edited(data_type="nothing"),
+        edited(shape=[30_000, 30_000, 4, 5, 3]),
+        edited(shape=[2, 3, 1 << 20, 1 << 20, 3]),
+        edited(chunk_grid={"name": "regular", "configuration": {"chunk_shape": [2, 3, 1 << 18, 1 << 18, 3]}}),
+    ],
+)
+def test_a_damaged_group_is_refused_in_one_line(
+    sound: Path, damage: Callable[[Path], object], tmp_path: Path
+) -> None:
+    damage(sound)
+    assert refused(sound, tmp_path / "out")
+
+
+@pytest.mark.parametrize("place", ["chunk", "description", "beside"])
+def test_a_pipe_in_a_group_is_refused_and_not_waited_for(sound: Path, place: str, tmp_path: Path) -> None:
+    path = {
+        "chunk": chunk_of(sound),
+        "description": sound / "color" / "zarr.json",
+        "beside": sound / ".zgroup",
+    }
+    path[place].unlink(missing_ok=True)
+    os.mkfifo(path[place])
+    assert "no regular file" in refused(sound, tmp_path / "out")
+
+
+def folder_of(place: Path, *names: str) -> Path:
+    """Return a folder of small pictures of these names."""
+    place.mkdir()
+    for name in names:
+        Image.new("RGB", (4, 4)).save(place / name)
+    return place
+
+
+@pytest.mark.parametrize(
+    ("name", "facts"),
+    [
+        ("hogel_0000_9999_0000_9999.png", None),
+        ("hogel_0x0.png", [30_000, 30_000]),
+        ("hogel_0x999999999999.png", None),
+    ],
+)
+def test_more_hogels_than_allowed_are_refused_before_anything_is_made_of_them(
+    name: str, facts: list[int] | None, tmp_path: Path
+) -> None:
+    folder = folder_of(tmp_path / "files", name, *(["hogel_0x0.png"] if "x" in name else []))
+    if facts:
+        (folder / "plate.json").write_text(json.dumps({"hogels": facts, "resolution": [4, 4]}))
+    for hogels in (None, (99_999_999, 99_999_999)):
+        assert "--max-hogels" in refused(folder, tmp_path / "out", hogels)
+
+
+@pytest.mark.parametrize("name", ["hogel_0000_4000_0000_4000.png", "9999_9999.png", "input_Cam99999999.png"])
+def test_names_of_millions_of_files_take_no_memory(name: str, tmp_path: Path) -> None:
+    # 16 million hogels are allowed; their files are counted, and not listed.
+    first = name.replace("9", "0") if name[0] != "h" else name
+    folder = folder_of(tmp_path / "files", name, first)
+    assert " files of the layout " in refused(folder, tmp_path / "out")
+
+
+# `plate --layout` writes a drawn plate in a layout: beside its Zarr group, or instead of it.
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a scene of a plate that is wider than its hogels are many."""
+    path = tmp_path / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes") + film((40, 20), (4, 3), (6, 5), (60, 60), (60, 60)) + objects)
+    return path
+
+
+def plate(scene: Path, out: Path, *words: str) -> int:
+    return main(["plate", str(scene), "--near", "0.5", "--out", str(out), "--quiet", "--json", *words])
+
+
+def test_beside_the_group_lies_the_same_plate_as_views(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "plate.zarr"
+    assert plate(scene, out, "--layout", "views", "--ids") == 0
+    said: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert (said["out"], said["drawn"]) == (str(out), 12)
+    wrote = {"layout": "views", "out": str(tmp_path / "plate-views"), "files": 30}
+    assert said["layout"] == wrote | {"losses": [], "notes": []}
+    drawn = whole_plate(open_plate(out, PlateArray.COLOR))
+    files = find_files(tmp_path / "plate-views")
+    assert files.plate.pixels.dtype == np.float16
+    assert np.array_equal(files.plate.pixels, drawn.pixels)
+    assert drawn.pixels.any()
+    assert "triangle" in zarr.open_group(out)
+
+
+def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, opened = tmp_path / "pictures", open_scene(scene)
+    begun = LaidOutPlate(out=out, layout="burnett")
+    write_plate(opened, DoubleFrustum(near=0.5), begun.group, [opened.plate.aperture(3, 1)])
+    assert plate(scene, out, "--layout", "burnett") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["out"], said["found"], said["drawn"]) == (None, 1, 11)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
+    write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
+    expected = whole_plate(open_plate(tmp_path / "again.zarr", PlateArray.COLOR))
+    found = find_files(out, layouts=layouts_named("burnett"))
+    assert np.array_equal(found.plate.pixels, expected.pixels)
+    assert (out / "Hogel_1x3.exr").exists()
+
+
+def test_triangle_numbers_alone_become_pictures_and_a_quilt_states_the_shape_of_the_plate(
+    scene: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "plate.zarr"
+    assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
+    expected = whole_plate(open_plate(out, PlateArray.TRIANGLE))
+    found = find_files(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))
+    assert np.array_equal(found.plate.pixels, expected.pixels) and expected.pixels.any()
+    quilt = LaidOutPlate(out=tmp_path / "quilt.png", layout="quilt")
+    shutil.copytree(out, quilt.group)
+    assert quilt.write(open_scene(scene)).files == 1
+    assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]

@@ -9,17 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import xarray
 import zarr
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
+from zarr.storage import _local as local_store
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, small, tree
 from tests.support.long_tail import examples, thinned
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import (
     BLOCK_BYTES,
     MAX_BLOCK_SIDE,
@@ -29,8 +35,9 @@ from xfrustum.reports.plate.store import (
     default_side,
 )
 from xfrustum.scenes import InputError, Plate
-from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
+from xfrustum.scenes.plate.plate import Aperture
 
 BLOCK = (3, 2)
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
@@ -235,3 +242,219 @@ def test_the_default_block_holds_at_most_what_it_says() -> None:
         stored = sum(math.prod(one.shape) * one.dtype.itemsize for one in layout.arrays) * columns * rows
         assert columns == rows <= MAX_BLOCK_SIDE
         assert stored <= BLOCK_BYTES or columns == 1
+
+
+# Plates that are judged: the measures of `compare` beside the pixels, as arrays and as a table.
+
+SQUARE = (2, 2)
+CHOSEN = [(3, 2), (0, 0), (1, 0), (6, 4)]
+
+
+def apertures() -> list[Aperture]:
+    return [small().plate.aperture(*index) for index in CHOSEN]
+
+
+def judged(out: Path, chosen: list[Aperture] | None = None) -> PlateFiles:
+    wanted = apertures() if chosen is None else chosen
+    return write_plate(small(), SETTINGS, out, wanted, EVERYTHING, block=SQUARE, judge=True)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four hogels of a plate, judged, in three blocks."""
+    out = tmp_path_factory.mktemp("judged") / "x.zarr"
+    assert judged(out).drawn == len(CHOSEN)
+    return out
+
+
+def test_the_measures_are_those_of_compare_and_the_others_are_not_a_number(
+    measured: Path,
+) -> None:
+    opened = xarray.open_zarr(measured, chunks=None)
+    reference = Reference(small())
+    with Rasterizer(small()) as rasterizer:
+        for here in apertures():
+            drawn = rasterizer.render(here, SETTINGS)
+            numbers = compare_images(reference.trace(here), drawn, reference, radiance=False).numbers
+            assert numbers.surface is not None and numbers.displacement_px is not None
+            hogel = opened.isel(row=here.row, column=here.column)
+            assert int(hogel.surface_wrong) == numbers.surface.wrong
+            assert float(hogel.surface_fraction) == numbers.surface.fraction
+            assert float(hogel.displacement_px_p99) == numbers.displacement_px.p99
+            assert int(hogel.judged) == numbers.judged
+            np.testing.assert_array_equal(hogel.color, drawn.color)
+    finite = np.isfinite(opened.displacement_px_p99.values)
+    assert {(column, row) for row, column in np.argwhere(finite).tolist()} == set(CHOSEN)
+    assert opened.displacement_px_p99.dims == ("row", "column")
+    assert opened.displacement_px_p99.attrs["units"] == "px" and opened.height_rms.attrs["units"] == "mm"
+    assert not [name for name in opened if str(name).startswith("radiance")]
+
+
+def test_the_table_has_a_row_for_each_hogel_and_the_columns_of_the_arrays(
+    measured: Path,
+) -> None:
+    table = pq.read_table(measured.with_suffix(".parquet"))
+    assert sorted(zip(*(table[name].to_pylist() for name in ("column", "row")), strict=True)) == sorted(
+        CHOSEN
+    )
+    opened = xarray.open_zarr(measured, chunks=None)
+    for row in table.to_pylist():
+        hogel = opened.isel(row=row["row"], column=row["column"])
+        assert (row["x"], row["y"]) == (float(hogel.x), float(hogel.y))
+        for name, number in hogel.data_vars.items():
+            if number.ndim == 0 and name != "finished":
+                assert row[str(name)] == float(number) or (row[str(name)] is None and np.isnan(number))
+
+
+@pytest.mark.parametrize("damage", ["part", "array"])
+def test_measures_that_are_gone_or_damaged_are_made_again(
+    damage: str, measured: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(measured, tmp_path / "x.zarr"))
+    table = Path(shutil.copytree(measured.with_suffix(".parquet"), tmp_path / "x.parquet"))
+    if damage == "part":
+        (table / "block-00000000.parquet").write_bytes(b"nothing")
+    else:
+        (out / "surface_wrong" / "c" / "0" / "0").write_bytes(b"")
+    files = write_plate(
+        small(),
+        SETTINGS,
+        out,
+        apertures(),
+        EVERYTHING,
+        block=SQUARE,
+        judge=True,
+        check=damage == "array",
+    )
+    assert files.drawn == 2
+    assert tree(out) == tree(measured) and tree(table) == tree(measured.with_suffix(".parquet"))
+
+
+def test_rows_of_one_block_add_up_in_any_order(measured: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.zarr"
+    second_of_its_block = [apertures()[2]]
+    assert judged(out, second_of_its_block).drawn == 1
+    files = judged(out)
+    assert (files.drawn, files.found) == (len(CHOSEN) - 1, 1)
+    assert tree(out) == tree(measured)
+    assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
+
+
+@pytest.mark.parametrize("written", [1, pytest.param(12, marks=pytest.mark.slow)])
+def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
+    written: int, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of a block are its triangles, its colors, the arrays of its measures, and which are finished."""
+    out, count, put = tmp_path / "x.zarr", 0, local_store._put
+
+    def ending(path: Path, *arguments: Any, **others: Any) -> int:
+        nonlocal count
+        count += path.is_relative_to(out)
+        if count > written:
+            raise OSError(28, "No space left on device")
+        return put(path, *arguments, **others)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(local_store, "_put", ending)
+        with pytest.raises(InputError, match="No space left"):
+            judged(out)
+    files = judged(out)
+    assert (files.drawn, files.found, files.damaged) == (len(CHOSEN), 0, 0)
+    assert tree(out) == tree(measured)
+    assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
+
+
+def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(measured: Path, tmp_path: Path) -> None:
+    out = write_plate(small(), SETTINGS, tmp_path / "x.zarr", apertures(), EVERYTHING, block=SQUARE).out
+    pixels = {path: data for path, data in tree(out).items() if path.startswith(("color/c", "triangle/c"))}
+    assert pixels.items() <= tree(measured).items()
+    with pytest.raises(InputError, match=r"other content"):
+        judged(out)
+
+
+@pytest.mark.parametrize(("name", "points"), thinned([("asymmetric-recentered", 3), ("mirror-sphere", 1)], 2))
+def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int, tmp_path: Path) -> None:
+    """The one is drawn hogel by hogel, the other many at a time: all channels, light, sub-apertures."""
+    scene = replace(small(name), sampling=Sampling(aperture=points))
+    content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
+    written = []
+    for judge in (False, True):
+        here, out = [scene.plate.aperture(0, 0)], tmp_path / f"{judge}.zarr"
+        write_plate(scene, SETTINGS, out, here, content, block=(1, 1), judge=judge)
+        written.append({path: data for path, data in tree(out).items() if "/c/" in path})
+    pixels, with_measures = written
+    assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
+
+
+def test_a_table_that_cannot_be_written_is_said_before_anything_is_made(tmp_path: Path) -> None:
+    (tmp_path / "x.parquet").write_text("mine")
+    with pytest.raises(InputError, match="is no folder"):
+        judged(tmp_path / "x.zarr")
+    assert [path.name for path in tmp_path.iterdir()] == ["x.parquet"]
+
+
+def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "x.zarr"
+    line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out), "--judge"]
+    assert main([*line, "--near", "0.1"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "2 hogels drawn, 0 found",
+        str(out),
+        str(tmp_path / "x.parquet"),
+    ]
+    assert pq.read_table(tmp_path / "x.parquet").num_rows == 2
+    assert main([*line[:-1], "--truth", "--judge", "--apertures", "0,0"]) == 2
+    assert "leave out --truth" in capsys.readouterr().err
+
+
+# What docs/plates.md shows runs, and does what it says.
+
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "plates.md").read_text(encoding="utf-8")
+PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+LEVELS_OF_A_PICTURE = 1.25
+"""Largest difference of levels: one by cutting off to whole levels, and 2^-11 of 255 for each of the two
+roundings of numbers of 16 bits."""
+
+DRAWN_COLUMNS = (0, 10, 20, 40)
+
+
+def test_the_mosaic_has_five_lines() -> None:
+    [mosaic] = [text for text in PROGRAMS if "mosaic.png" in text]
+    assert len([line for line in mosaic.splitlines() if line]) == 5
+
+
+def test_the_commands_can_be_given_in_order() -> None:
+    """A plate is continued by the same command alone, so that each has its own place."""
+    places = re.findall(r"^    xfrustum plate .*--out (\S+)", PAGE, re.MULTILINE)
+    assert len(places) > 5
+    assert len(set(places)) == len(places)
+    assert "row.zarr" in places
+
+
+def test_the_programs_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The row is that of a small scene, and has some of its hogels."""
+    monkeypatch.chdir(tmp_path)
+    scene = view("asymmetric", (16, 12))
+    chosen = blocks_of_apertures(scene.plate, [((column, column), (30, 30)) for column in DRAWN_COLUMNS])
+    content = PlateContent(channels=(Channel.COLOR, Channel.HEIGHT))
+    write_plate(scene, SETTINGS, Path("row.zarr"), chosen, content, judge=True)
+    names: dict[str, object] = {}
+    for program in PROGRAMS:
+        exec(compile(program, "docs/plates.md", "exec"), names)
+    printed = capsys.readouterr().out
+    assert "Dimensions" in printed and "displacement_px_p99" in printed and "worst hogel: " in printed
+    mosaic = np.asarray(Image.open("mosaic.png"))
+    assert mosaic.shape == (12, 9 * 16, 3)
+    with Rasterizer(scene) as rasterizer:
+        for place in range(9):
+            column = 10 * place
+            shown = mosaic[:, 16 * place : 16 * (place + 1)]
+            if column not in DRAWN_COLUMNS:
+                assert not shown.any()
+                continue
+            color = rasterizer.render_color(scene.plate.aperture(column, 30), SETTINGS).astype(np.float16)
+            expected = 255 * color.clip(0, 1).astype(np.float64) ** (1 / 2.2)
+            assert np.abs(shown - expected).max() <= LEVELS_OF_A_PICTURE
+            assert shown.any()

@@ -6,12 +6,30 @@ import math
 import numpy as np
 import pytest
 
+from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.scenes import open_scene
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes import Camera, InputError, open_scene
+from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.geometry.shapes import SHAPES, build_shape, refine
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.targets import SHEET_HEIGHTS, SHEET_SEPARATIONS
+from xfrustum.scenes.library import builtin, depth_family
+from xfrustum.scenes.library.car import surroundings
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, SeenScene, balanced_height, cars
+from xfrustum.scenes.library.targets import (
+    BACKDROP_HEIGHT,
+    COARSE,
+    FINE,
+    GLOBE_REACH,
+    GLOBES,
+    GRATING_HEIGHT,
+    GRATING_LEAN,
+    MIRROR_SPHERES,
+    SHEET_HEIGHTS,
+    SHEET_SEPARATIONS,
+    globes,
+)
+from xfrustum.scenes.model.effects import Effect, needed
 
 OVER_PLATE = 1e-9
 """Heights below this count as in the plate: far below any feature, far above rounding of lengths of 1e4."""
@@ -147,3 +165,178 @@ def test_shapes_are_closed_and_face_outward(name: str) -> None:
     keys = np.unique(shape.vertices, axis=0, return_inverse=True)[1].reshape(-1)[shape.faces]
     directed = {tuple(edge) for face in keys.tolist() for edge in zip(face, face[1:] + face[:1], strict=True)}
     assert all((b, a) in directed for a, b in directed), "every edge is walked once in each direction"
+
+
+# The shaded built-in scenes: closed forms that hold, and nothing symmetric that could hide a flip.
+
+SHADED = ("car-studio", "mirror-sphere", "grating")
+
+ONE_MICROMETER = 1e-3
+"""Vertices of lathes are rounded to a micrometer in scenes of millimeters: half of it along each axis."""
+
+
+def directions(radiance: Singles) -> Floats:
+    """Return (H, W, 3) where each pixel of a map lies, by CONVENTIONS.md: the middle -z, up +y, right +x."""
+    height, width = radiance.shape[:2]
+    up = np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
+    right = 2 * np.pi * (np.arange(width) + 0.5) / width - np.pi
+    y, along = np.broadcast_arrays(np.sin(up)[:, None], right[None, :])
+    level = np.cos(up)[:, None]
+    return np.stack([level * np.sin(along), y, -level * np.cos(along)], axis=-1)
+
+
+@pytest.mark.parametrize("name", [name for name in builtin.names() if name not in SHADED])
+def test_the_other_scenes_have_the_default_look_and_ask_for_nothing(name: str) -> None:
+    scene = open_scene(name)
+    assert scene.appearance.lights == (DEFAULT_LIGHT,)
+    assert scene.appearance.environment is None
+    assert (scene.sampling, scene.transport) == (Sampling(), Transport())
+    assert set(scene.materials) <= {DEFAULT_MATERIAL}
+    assert scene.surface.vertex_normals is None
+
+
+def test_no_flip_or_swap_of_axes_leaves_the_surroundings_as_they_are() -> None:
+    """Each of the 47 other signed permutations of the axes changes the radiance of some directions."""
+    radiance = surroundings(64).radiance
+    towards = directions(radiance)
+    height, width = radiance.shape[:2]
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            if order == (0, 1, 2) and signs == (1, 1, 1):
+                continue
+            x, y, z = np.moveaxis(towards[..., order] * signs, -1, 0)
+            row = np.clip((0.5 - np.arcsin(y) / np.pi) * height, 0, height - 1).astype(int)
+            column = ((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width).astype(int) % width
+            changed = np.abs(radiance[row, column] - radiance).max(axis=2) > 0.1
+            assert changed.mean() > 0.01, (order, signs)
+
+
+def test_the_mirror_spheres_are_spheres_with_normals_along_their_radii() -> None:
+    scene = open_scene("mirror-sphere")
+    assert needed(scene) >= {Effect.C, Effect.C_STAR, Effect.REFLECTION, Effect.SMOOTH_NORMALS}
+    assert not needed(scene) & {Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR}
+    for part, (center, radius) in zip(scene.objects, MIRROR_SPHERES, strict=True):
+        assert part.vertex_normals is not None
+        outward = part.vertices - np.array(center)
+        assert np.abs(np.linalg.norm(outward, axis=1) - radius).max() < ONE_MICROMETER
+        # Sums of coordinates of up to 84: half a unit in the last place of those.
+        np.testing.assert_allclose(part.vertex_normals, outward, atol=np.spacing(128.0))
+        a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+        agree = np.einsum("fx,fcx->fc", np.cross(b - a, c - a), part.vertex_normals[part.faces])
+        assert (agree > 0).all(), "the winding faces outward"
+
+
+def test_no_mirror_sphere_hides_the_other_from_the_middle_aperture() -> None:
+    (back, back_radius), (front, front_radius) = ((np.array(c), r) for c, r in MIRROR_SPHERES)
+    assert back[2] + back_radius < 0 < front[2] - front_radius
+    # Lines through the origin: the angle between the axes of the two cones, one of them turned around.
+    cosine = -(back @ front) / np.linalg.norm(back) / np.linalg.norm(front)
+    cones = sum(math.asin(r / np.linalg.norm(c)) for c, r in ((back, back_radius), (front, front_radius)))
+    assert math.acos(cosine) > cones
+
+
+def test_the_grating_is_finer_than_the_pitch_in_one_half_and_coarser_in_the_other() -> None:
+    scene = open_scene("grating")
+    assert scene.appearance.lights == ()
+    assert needed(scene) == {Effect.C, Effect.C_STAR, Effect.VERTEX_COLORS, Effect.AMBIENT}
+    pitches = [extent / count for extent, count in zip(scene.plate.size, scene.plate.hogels, strict=True)]
+    for part, axis, height in zip(scene.objects, (0, 1), (GRATING_HEIGHT, BACKDROP_HEIGHT), strict=True):
+        assert part.vertex_colors is not None
+        assert (part.vertices[:, 2] == height).all()
+        # Two ends of a bar follow each other; coordinates of sheets are rounded to 1e-6.
+        leaning = part.vertices[:, axis] - GRATING_LEAN * part.vertices[:, 1 - axis]
+        ends, shades = leaning.reshape(-1, 2), part.vertex_colors.reshape(-1, 2, 3)
+        np.testing.assert_allclose(ends[:, 0], ends[:, 1], atol=3e-6)
+        order = np.argsort(ends[:, 0])
+        along, turns = ends[order].mean(axis=1), shades[order, 0, 0]
+        assert (shades == shades[:, :1, :1]).all(), "gray, and one shade along a bar"
+        assert (np.abs(np.diff(turns)) == 1).all(), "black and white in turn"
+        middle = int(np.argmin(np.abs(along)))
+        assert abs(along[middle]) < 3e-6
+        assert turns[middle] == 0
+        halves = along[: middle + 1], along[middle:]
+        for half, period in zip(halves, (FINE, COARSE) if axis == 0 else (COARSE, FINE), strict=True):
+            np.testing.assert_allclose(np.diff(half), period * pitches[axis] / 2, atol=6e-6)
+
+
+# Scenes whose depth alone changes show one picture; the others change one thing each.
+
+SIZE = (32, 32)
+
+
+def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
+    """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
+    seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]
+    seen.append(depth_family.recentered_cars(10.0, SIZE))
+    for ratio in (CAR_RATIO, 1000.0):
+        scene = cars(ratio, Camera.C, SIZE)
+        heights = -scene.vertices[:, 2]
+        assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
+        assert heights.max() / heights.min() == pytest.approx(ratio, rel=1e-12)
+        seen.append(SeenScene(scene=scene, aperture=scene.plate.middle))
+    first, *others = [Reference(one.scene).trace(one.aperture) for one in seen]
+    assert (first.triangle >= 0).mean() > 0.3
+    for other in others:
+        assert (other.triangle != first.triangle).mean() < 1e-2
+    # From the middle, the nearest cars lie beside the film.
+    off, middle = seen[0].scene, seen[0].scene.plate.middle
+    nearest, farther = (float(-np.nanmax(i.height)) for i in (first, Reference(off).trace(middle)))
+    assert nearest == pytest.approx(0.01 * depth_family.REACH, rel=0.1)
+    assert farther > 5 * nearest
+
+
+def test_cars_before_the_plate_reach_as_far() -> None:
+    heights = cars(1000.0, Camera.C_STAR, (8, 8)).vertices[:, 2]
+    assert (heights.max(), heights.min()) == pytest.approx((FARTHEST, FARTHEST / 1000), rel=1e-12)
+
+
+@pytest.mark.parametrize("distance", [1e-1, 1e-4])
+def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -> None:
+    seen = [depth_family.car_through_plate(distance, SIZE, recentered=sheared) for sheared in (False, True)]
+    centered, recentered = (Reference(one.scene).trace(one.aperture) for one in seen)
+    assert seen[1].scene.frustum.screen is not None and centered.covered.any()
+    assert np.mean(recentered.triangle != centered.triangle) < 1e-2
+    same = recentered.triangle == centered.triangle
+    np.testing.assert_allclose(recentered.height[same], centered.height[same], rtol=1e-9)
+
+
+def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance() -> None:
+    distance = 1e-3
+    seen = depth_family.car_through_plate(distance, SIZE)
+    truth = Reference(seen.scene).trace(seen.aperture)
+    heights = np.abs(truth.height[truth.covered]) / depth_family.REACH
+    assert 0.5 < heights.min() / distance < 2
+    assert {-1.0, 1.0} == set(np.sign(truth.height[truth.covered]))
+
+
+def test_a_fit_at_the_balanced_height_displaces_both_ends_alike() -> None:
+    """To first order in n displacement goes with |1/|z| - 1/zf|."""
+    for ratio in (1.5, 100.0):
+        fitted = 1 / balanced_height(ratio)
+        assert ratio / FARTHEST - fitted == pytest.approx(fitted - 1 / FARTHEST)
+
+
+def test_a_scene_shallower_than_one_car_is_refused() -> None:
+    with pytest.raises(InputError, match=r"at least 1\.5"):
+        cars(1.2, Camera.C, (8, 8))
+
+
+@pytest.mark.parametrize("triangles", [1000, 100_000])
+def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(triangles: int) -> None:
+    scene = globes(triangles, (8, 8))
+    assert len(scene.faces) == triangles
+    # There are neither slivers without area nor triangles beyond the reach.
+    assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
+    assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
+    ends = [np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist() for one in scene.objects]
+    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
+    for part, (center, semi_axes) in zip(scene.objects, GLOBES, strict=True):
+        radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
+        # The unit globe's coordinates are rounded to 1e-6 of its diameter.
+        np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
+
+
+@pytest.mark.parametrize("triangles", [0, 10, 9999, 10_010, 10_000_001])
+def test_a_number_that_globes_cannot_share_evenly_is_refused(triangles: int) -> None:
+    with pytest.raises(InputError, match="cannot be shared"):
+        globes(triangles, (8, 8))

@@ -1,0 +1,569 @@
+"""Files: whole or absent, though a disk is full or a process killed; and hostile ones are refused."""
+
+import json
+import os
+import re
+import signal
+import socket
+import stat
+import struct
+import subprocess
+import sys
+import threading
+import zipfile
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from tests.scenes.files.test_exr import a_camera, an_image
+from tests.support.limited_disk import Outcome, run
+from tests.support.long_tail import kept
+from tests.support.scene_file import film, named, part
+from xfrustum.cli.main import main
+from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
+from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes.disk.durable import Aside, _host, new_file, remove_abandoned, write_file
+from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
+from xfrustum.scenes.files.exr import read_header, read_image, write_image
+from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
+from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.files.pictures import read_environment, read_rgb
+from xfrustum.scenes.geometry.tessellation import load_patches
+
+FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
+
+VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scene and what a renderer drew of it."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", "0x0.exr"]) == 0
+    return tmp_path
+
+
+def made_by_us(folder: Path) -> list[Path]:
+    return sorted(folder.glob(".xfrustum-*"))
+
+
+def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
+    """Start a process that makes something aside in a folder and waits to be killed."""
+    program = f"""
+import sys, time
+from pathlib import Path
+from xfrustum.scenes.disk.durable import Aside, new_file
+made = {what}
+made.__enter__()
+print("made", flush=True)
+time.sleep(600)
+"""
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=folder)
+    assert process.stdout is not None and process.stdout.readline() == "made\n"
+    return process
+
+
+def test_links_stay_and_what_they_point_to_is_replaced(folder: Path) -> None:
+    (folder / "far").mkdir()
+    target = folder / "far" / "target.xml"
+    target.write_text("old")
+    target.chmod(0o640)
+    (folder / "middle.xml").symlink_to(target)
+    (folder / "link.xml").symlink_to("middle.xml")
+    (folder / "out").mkdir()
+    (folder / "page.html").write_text("old")
+    (folder / "out" / "index.html").symlink_to("../page.html")
+    before = target.stat().st_ino
+    assert main([*VERIFY.split(), "link.xml", "--out", "out"]) == 0
+    assert (folder / "out" / "index.html").is_symlink()
+    assert (folder / "page.html").read_text().rstrip().endswith("</html>")
+    assert (folder / "link.xml").is_symlink() and (folder / "middle.xml").is_symlink()
+    assert target.read_text().startswith("<?xml") and target.stat().st_ino != before
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+
+
+def test_a_link_that_leads_nowhere_is_where_the_file_is_made(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("target")
+    write_file(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_bytes() == b"new"
+
+
+def test_a_device_is_written_into_and_stays_and_a_disk_is_refused(folder: Path) -> None:
+    device = folder / "null"
+    try:
+        os.mknod(folder / "disk", 0o600 | stat.S_IFBLK, os.makedev(7, 250))
+        os.mknod(device, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
+        device.write_bytes(b"")
+    except PermissionError:
+        pytest.skip("needs the right to make and open devices")
+    before = device.stat()
+    assert main([*VERIFY.split(), "null"]) == 0
+    assert main([*VERIFY.split(), str(folder / "x.xml"), "--out", "out"]) == 0
+    with pytest.raises(InputError, match=r"--junit .*: is a block device"):
+        check_writable_file(folder / "disk", "--junit")
+    with pytest.raises(InputError, match="is a block device"):
+        write_output(folder / "disk", b"new", "--junit")
+    assert (device.stat().st_ino, device.stat().st_rdev) == (before.st_ino, before.st_rdev)
+    assert made_by_us(folder) == []
+
+
+def test_a_pipe_is_written_into(folder: Path) -> None:
+    os.mkfifo(folder / "pipe.exr")
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append((folder / "pipe.exr").read_bytes()))
+    reader.start()
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", "pipe.exr"]) == 0
+    reader.join()
+    assert read == [(folder / "0x0.exr").read_bytes()]
+    assert stat.S_ISFIFO((folder / "pipe.exr").stat().st_mode)
+
+
+def test_standard_output_is_written_into_whatever_it_is(tmp_path: Path) -> None:
+    """A file that standard output goes to keeps all text, printed before and after."""
+    (tmp_path / "link").symlink_to("/dev/stdout")
+    names = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"]
+    program = """
+import sys
+from pathlib import Path
+from xfrustum.scenes.disk.durable import write_file
+for name in sys.argv[1:]:
+    print("before", flush=True)
+    write_file(Path(name), b"content\\n")
+    print("after", flush=True)
+"""
+    with (tmp_path / "log").open("w") as log:
+        subprocess.run([sys.executable, "-c", program, *names], stdout=log, check=True, cwd=tmp_path)
+    assert (tmp_path / "log").read_text() == "before\ncontent\nafter\n" * len(names)
+
+
+def test_what_no_file_can_be_written_into_is_refused_in_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "folder").mkdir()
+    (folder / "loop").symlink_to("loop")
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind("socket")
+    for name in ("folder", "socket", "loop", "missing/x.xml", "scene.toml/x.xml"):
+        capsys.readouterr()
+        assert main([*VERIFY.split(), name]) == 2, name
+        error = capsys.readouterr().err
+        assert error.startswith(f"xfrustum: error: --junit {name}: ") and error.count("\n") == 1
+    listening.close()
+    assert stat.S_ISSOCK((folder / "socket").stat().st_mode) and (folder / "loop").is_symlink()
+    (folder / "out").mkdir()
+    (folder / "socket").rename(folder / "out" / "index.html")
+    with (
+        pytest.raises(InputError, match=r"index\.html in it is a socket"),
+        Staging(Path("out"), ["index.html"]),
+    ):
+        pytest.fail("was begun")
+
+
+def test_the_command_line_refuses_a_name_that_is_no_utf8(folder: Path) -> None:
+    # Libraries in C++ end the process at such names, so that no command takes one.
+    place = os.fsdecode(os.fsencode(folder) + b"/\xff.exr")
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", place]) == 2
+    assert made_by_us(folder) == []
+
+
+@pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "new_file(Path('x'))"])
+def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(what: str, tmp_path: Path) -> None:
+    processes = [left_behind(tmp_path, what) for _ in range(2)]
+    try:
+        assert len(made_by_us(tmp_path)) == 2
+        remove_abandoned(tmp_path)
+        assert len(made_by_us(tmp_path)) == 2
+        processes[0].send_signal(signal.SIGKILL)
+        processes[0].wait()
+        remove_abandoned(tmp_path)
+        assert len(made_by_us(tmp_path)) == 1
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+    write_file(tmp_path / "other", b"anything")
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+def test_only_what_bears_our_name_is_removed(tmp_path: Path) -> None:
+    for name in (
+        ".xfrustum",
+        ".xfrustum-",
+        ".xfrustum-notes.txt",
+        ".xfrustum-0123456789",
+        f".xfrustum-00000000-{os.getpid()}-01234567",
+        ".xfrustum-00000000-999999999-01234567",
+        "xfrustum-01234567",
+    ):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "mine").write_text("mine")
+    (tmp_path / ".xfrustum-abcdefgh").symlink_to("folder")
+    before = sorted(tmp_path.rglob("*"))
+    remove_abandoned(tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("made", [True, False])
+def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(made: bool, tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "out") if made else (tmp_path,):
+        place.mkdir(exist_ok=True)
+        left = place / f".xfrustum-{_host()}-999999999-0a1b2c3d"
+        left.mkdir()
+        (left / "index.html").write_text("half")
+    with Staging(tmp_path / "out", ["x"]) as staging:
+        (staging.folder / "x").write_text("whole")
+        staging.commit()
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["out", "x"]
+
+
+def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_process_is_killed(
+    tmp_path: Path,
+) -> None:
+    program = """
+import os, signal, sys
+from pathlib import Path
+from xfrustum.reports.common.outputs import Staging
+left = 0
+def watched(event, arguments):
+    global left
+    if event == "os.rename":
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+sys.addaudithook(watched)
+for number, folder in enumerate(sys.argv[1:]):
+    if os.fork():
+        os.wait()
+        continue
+    left = number
+    os.chdir(folder)
+    with Staging(Path("new") / "out", "xyz") as staging:
+        for name in staging.names:
+            (staging.folder / name).write_text("whole")
+        staging.commit()
+    os._exit(0)
+"""
+    folders = [tmp_path / str(renames) for renames in range(4)]
+    for folder in folders:
+        folder.mkdir()
+    # One process for each number of renames; they are forked, so that Python starts once.
+    subprocess.run([sys.executable, "-c", program, *folders], check=True)
+    found = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
+    assert set(found) == {"", "xyz"}
+
+
+def test_nothing_has_its_name_before_it_is_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both the content and, after the renaming, the folder with the name are forced to the disk."""
+    path, seen = tmp_path / "x", []
+    fsync = os.fsync
+
+    def watched(descriptor: int) -> None:
+        seen.append((stat.S_ISDIR(os.fstat(descriptor).st_mode), path.exists()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    write_file(path, b"content")
+    assert seen == [(False, False), (True, True)]
+    seen.clear()
+    path.unlink()
+    with Staging(tmp_path, ["x"]) as staging:
+        (staging.folder / "x").write_text("content")
+        staging.commit()
+    assert seen == [(False, False), (True, True)]
+
+
+def test_an_error_of_the_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "x").write_text("old")
+
+    def failing(descriptor: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match=r"--junit .*Input/output error"):
+        write_output(tmp_path / "x", b"new", "--junit")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "old")]
+
+
+def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
+    mask = os.umask(0o027)
+    try:
+        with new_file(tmp_path / "x"):
+            pass
+        with Aside(tmp_path) as aside:
+            assert aside.path.exists()
+    finally:
+        os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == 0o640
+    (tmp_path / "other").mkdir()
+    with Staging(tmp_path / "out", ["x"]) as staging:
+        (staging.folder / "x").write_text("content")
+        staging.commit()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert made_by_us(tmp_path) == []
+
+
+# A disk that is full at any byte: the files of a command are whole, or it says so and leaves none.
+
+UNLIMITED = 1 << 40
+
+DISK_SCENE = SCENE.replace("hogels = [1, 1]", "hogels = [2, 1]").replace("[16, 12]", "[32, 24]")
+TRUTH, DRAWN = "trace scene.toml --quiet --out", "raster scene.toml --near 0.1 --out"
+
+COMMANDS = {
+    "trace": f"{TRUTH} out/x.exr",
+    "raster": f"{DRAWN} out/x.exr",
+    "compare": "compare truth.exr 1x0.exr --out out/folder",
+    "verify": "verify scene.toml {i}x{j}.exr --apertures 1,0 --quiet --out out/v --junit out/x.xml",
+    "plate": "plate scene.toml --near 0.1 --ids --quiet --out out/x.zarr",
+    "report": "report scene.toml --near 0.1 --depth d24 --quiet --out out/folder",
+}
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scene, its truth, and its raster."""
+    images = tmp_path_factory.mktemp("disk")
+    (images / "scene.toml").write_text(DISK_SCENE)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(images)
+        assert main([*TRUTH.split(), "truth.exr"]) == 0
+        assert main([*DRAWN.split(), "1x0.exr"]) == 0
+    return images
+
+
+def assert_done_or_absent(outcome: Outcome, whole: Outcome) -> None:
+    at = f"with at most {outcome.limit} bytes a file: {outcome}"
+    if outcome.status == whole.status:
+        assert outcome.files == whole.files, at
+        return
+    assert outcome.status == 2, at
+    assert re.fullmatch(r"xfrustum: error: [^\n]+\n", outcome.error), at
+    kept = {
+        # The plate's finished hogels stay, and so does a folder that is complete when the other file fails.
+        name: content
+        for name, content in outcome.files.items()
+        if not name.startswith(("x.zarr", "v"))
+    }
+    assert kept == {}, at
+    assert outcome.files.items() <= whole.files.items(), at
+
+
+def swept(command: str, limits: list[int], images: Path) -> tuple[list[Outcome], Outcome]:
+    *outcomes, whole = run(COMMANDS[command].split(), [*limits, UNLIMITED], images)
+    assert whole.status in (0, 1) and whole.files, whole
+    return outcomes, whole
+
+
+@pytest.mark.parametrize(
+    "command", kept(["trace", "raster", "compare", "verify", "plate"], ["trace", "plate"])
+)
+def test_files_are_whole_or_absent_wherever_the_disk_is_full(command: str, images: Path) -> None:
+    """OpenEXR writes the last bytes when it closes, and says nothing of an error then."""
+    size, limits = (
+        (images / ("truth.exr" if command == "trace" else "1x0.exr")).stat().st_size,
+        [400, 4000],
+    )
+    if command in ("trace", "raster"):
+        limits = [0, size // 2, size - 300, size - 100, size - 1]
+    outcomes, whole = swept(command, [*limits, size], images)
+    for outcome in outcomes:
+        assert_done_or_absent(outcome, whole)
+    assert {outcome.status for outcome in outcomes[:-1]} >= {2}
+    if command in ("trace", "raster"):
+        assert [outcome.status for outcome in outcomes] == [2] * len(limits) + [0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["trace", "raster", "compare", "verify", "plate"])
+def test_whole_or_absent_at_every_size(command: str, images: Path) -> None:
+    largest = {"trace": 3600, "raster": 3600, "compare": 12_000, "verify": 12_000, "plate": 12_000}[command]
+    outcomes, whole = swept(command, list(range(1, largest, 1 if largest == 3600 else 37)), images)
+    for outcome in outcomes:
+        assert_done_or_absent(outcome, whole)
+
+
+@pytest.mark.slow
+def test_a_report_is_whole_or_absent(images: Path) -> None:
+    """A report has times, so that no two reports are the same bytes."""
+    sizes = [0, 1000, 9000, 15_000, 20_000, 30_000, 100_000, 1_000_000, 4_000_000]
+    whole = {
+        "folder",
+        *(f"folder/{name}" for name in ("index.html", "inspect.html", "report.json", "measurements.parquet")),
+    }
+    for outcome in run(COMMANDS["report"].split(), [*sizes, UNLIMITED], images):
+        if outcome.status == 0:
+            assert set(outcome.files) == whole, outcome
+        else:
+            assert outcome.status == 2 and outcome.files == {}, outcome
+            assert re.fullmatch(r"xfrustum: error: [^\n]+\n", outcome.error), outcome
+    report = images / "out" / "folder"
+    assert json.loads((report / "report.json").read_text())
+    assert pq.read_table(report / "measurements.parquet").num_rows == 1
+    assert (report / "index.html").read_text().rstrip().endswith("</html>")
+
+
+# Files that nobody should have sent: pipes, devices, and a few bytes that declare gigabytes.
+
+GIBIBYTE = 1 << 30
+TINY_FILM = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+TINY_SCENE = TINY_FILM + "[[object]]\n"
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+
+
+def refusal(path: Path) -> str:
+    """Return the one line with which a scene of one mesh is refused."""
+    scene = path.with_suffix(".toml")
+    scene.write_text(TINY_SCENE + f'mesh = "{path.name}"\n')
+    with pytest.raises(InputError) as caught:
+        open_scene(str(scene))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def a_small_image(tmp_path: Path) -> Path:
+    path = tmp_path / "image.exr"
+    write_image(path, an_image())
+    return path
+
+
+def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.exr"
+    os.mkfifo(pipe)
+    camera = a_camera()
+    for read in (
+        lambda: open_scene(str(pipe)),
+        lambda: load_mesh(pipe),
+        lambda: load_patches(pipe),
+        lambda: read_environment(pipe),
+        lambda: read_image(pipe),
+        lambda: read_foreign(pipe, camera, Encoding.RGB),
+    ):
+        with pytest.raises(InputError, match=r"is a pipe; an? .* must be a regular file"):
+            read()
+    with pytest.raises(InputError, match="/dev/zero: is a device"):
+        open_scene("/dev/zero")
+
+
+def test_a_texture_that_is_a_pipe_refuses_the_mesh(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "skin.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd skin.png\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl m\n" + TRIANGLE)
+    assert "skin.png: is a pipe" in refusal(tmp_path / "a.obj")
+
+
+def test_a_gltf_of_some_hundred_bytes_cannot_ask_for_gigabytes(tmp_path: Path) -> None:
+    count = 150_000_000
+    accessors = [{"componentType": 5126, "type": "VEC3", "count": count}]
+    accessors.append({"componentType": 5125, "type": "SCALAR", "count": count})
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(tree))
+    told = refusal(tmp_path / "a.gltf")
+    assert "GiB of memory" in told
+    assert "--max-input-memory" in told
+
+
+def test_an_archive_is_refused_by_what_its_members_declare(tmp_path: Path) -> None:
+    with (
+        zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.obj", "w") as member,
+    ):
+        for _ in range(70):
+            member.write(b"v 0 0 0\n" * (1 << 17))
+        member.write(b"f 1 2 3\n")
+    assert (tmp_path / "a.zip").stat().st_size < 1 << 20
+    assert "unpacking" in refusal(tmp_path / "a.zip")
+    (tmp_path / "a.zip").write_bytes(b"PK\x03\x04 and then nothing")
+    assert "cannot be unpacked" in refusal(tmp_path / "a.zip")
+
+
+def test_the_bound_grows_with_the_file_and_can_be_raised() -> None:
+    assert allowed_memory(10) == GIBIBYTE
+    assert allowed_memory(GIBIBYTE) == 64 * GIBIBYTE
+    with input_memory(3 * GIBIBYTE):
+        assert allowed_memory(10) == 3 * GIBIBYTE
+    assert allowed_memory(10) == GIBIBYTE
+
+
+def test_pictures_and_textures_are_refused_by_the_pixels_that_they_declare(tmp_path: Path) -> None:
+    Image.new("1", (300, 300)).save(tmp_path / "skin.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd skin.png\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl m\n" + TRIANGLE)
+    told = r"300 x 300 pixels.*--max-input-memory"
+    with input_memory(1 << 16), pytest.raises(InputError, match=told):
+        read_rgb(tmp_path / "skin.png")
+    with input_memory(1 << 16):
+        assert re.search(told, refusal(tmp_path / "a.obj"))
+
+
+@pytest.mark.parametrize("name", [b"certainty", b"P.X", b"channels", b"dataWindow"])
+def test_a_name_in_an_openexr_file_that_is_no_utf8_is_damage(tmp_path: Path, name: bytes) -> None:
+    path = a_small_image(tmp_path)
+    data = path.read_bytes()
+    if name not in data:
+        name = b"id.object"
+    path.write_bytes(data.replace(name, b"\xff" + name[1:], 1))
+    with pytest.raises(InputError, match="damaged"):
+        read_image(path)
+
+
+def test_an_image_cannot_declare_more_pixels_than_its_file_may_hold(tmp_path: Path) -> None:
+    path = a_small_image(tmp_path)
+    data = path.read_bytes()
+    at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    path.write_bytes(data[:at] + struct.pack("<iiii", 0, 0, 40_000, 40_000) + data[at + 16 :])
+    with pytest.raises(InputError, match="--max-input-memory"):
+        read_header(path)
+
+
+def test_control_points_and_chords_beyond_numbers_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    assert "three coordinates" in refusal(tmp_path / "a.obj")
+    path = tmp_path / "a.bpt"
+    path.write_text("9" * 4400 + "\n")
+    assert "number of patches must be at most" in refusal(path)
+    path.write_text(
+        "1\n2 2\n" + "".join(f"{x} {y} {1e300 * (x == y == 1)}\n" for x in range(3) for y in range(3))
+    )
+    with pytest.raises(InputError, match="beyond 1e\\+100"):
+        load_patches(path)
+    path.write_text("1\n3 3\n" + "".join(f"{x} {y} {x * y}\n" for x in range(4) for y in range(4)))
+    with pytest.raises(InputError, match="choose a larger chord_tolerance"):
+        load_patches(path, chord_tolerance=1e-40)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("size = [10.0", "size = [1" + "0" * 400, "plate.size"),
+        ("reach = [20.0, 20.0]", "reach = " + "[" * 600 + "]" * 600, "nested too deeply"),
+        (
+            "fov_deg = [60.0, 60.0]",
+            "screen = { height = 20.0, center = [0.0, 0.0], size = [60.0, 5e-22] }",
+            "no image resolves such angles",
+        ),
+        ("fov_deg = [60.0, 60.0]", "fov_deg = [60.0, 1e-20]", "no image resolves such angles"),
+        ("[[object]]", "[[light]]\ndirection = [0.0, 0.0, 1.0]\ncolor = 1e308\n[[object]]", "light[0].color"),
+        ("[[object]]", "[material.m]\ndiffuse = 1e308\n[[object]]", "material.m.diffuse"),
+    ],
+)
+def test_numbers_that_nothing_can_hold_are_one_line(tmp_path: Path, old: str, new: str, told: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(TINY_SCENE.replace(old, new) + 'shape = "sphere"\n')
+    with pytest.raises(InputError) as caught:
+        open_scene(str(path))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
