@@ -93,22 +93,6 @@ class Mean:
         return (self._sum / count).astype(np.float32)
 
 
-def check_sampling(sampling: Sampling, device: str) -> None:
-    """Raise InputError where the current context's device cannot sample so finely."""
-    coverage = most_samples()
-    if sampling.multisample > coverage:
-        raise InputError(
-            f"multisample {sampling.multisample} is too fine for {device}, which has at most {coverage} "
-            "coverage samples; choose fewer, or supersample"
-        )
-    largest = largest_image()
-    if sampling.supersample > largest:
-        raise InputError(
-            f"supersample {sampling.supersample} is too fine for {device}, which draws at most {largest} "
-            "points in a row; choose fewer"
-        )
-
-
 def largest_image() -> int:
     """Return the largest width and height of an image on the current context's device."""
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
@@ -167,8 +151,19 @@ class Rasterizer(ContextOwner):
 
     def check_sampling(self, sampling: Sampling) -> None:
         """Raise InputError where the device cannot sample so finely."""
+        device = self.device["renderer"]
         with self._context:
-            check_sampling(sampling, self.device["renderer"])
+            coverage, largest = most_samples(), largest_image()
+        if sampling.multisample > coverage:
+            raise InputError(
+                f"multisample {sampling.multisample} is too fine for {device}, which has at most {coverage} "
+                "coverage samples; choose fewer, or supersample"
+            )
+        if sampling.supersample > largest:
+            raise InputError(
+                f"supersample {sampling.supersample} is too fine for {device}, which draws at most {largest} "
+                "points in a row; choose fewer"
+            )
 
     def effects_for(self, settings: DoubleFrustum) -> frozenset[Effect]:
         """Return the effects that pictures with these settings are drawn with."""
@@ -209,9 +204,9 @@ class Rasterizer(ContextOwner):
         """Return the hogel image of an aperture and the time that it took; see `render`."""
         self._check(aperture, settings)
         sampling = self.scene.sampling if sampling is None else sampling
+        self.check_sampling(sampling)
         # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.
         with self._context:
-            check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
             effects = self.effects_for(settings)
             passes = drawing_order(self.scene, aperture, settings, effects)
@@ -256,8 +251,8 @@ class Rasterizer(ContextOwner):
     ) -> Singles:
         """Return the color of `render` alone, (H, W, 3) linear RGB, in less time."""
         self._check(aperture, settings)
+        self.check_sampling(sampling)
         with self._context:
-            check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
             if sampling == SINGLE_SAMPLE:
                 passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))

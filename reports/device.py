@@ -9,10 +9,11 @@ from typing import Any
 from xfrustum.compare.attribution.recorded import Replayed, read_frames, replay
 from xfrustum.compare.rounding.fingerprints import Measured
 from xfrustum.raster.device.context import (
+    OLDEST_VERSION,
     describe,
     egl_devices,
     is_software,
-    oldest_context,
+    open_context,
     overlooked_card,
 )
 from xfrustum.raster.device.fingerprint import draw_fingerprint
@@ -38,7 +39,7 @@ class DeviceReport:
 
 def measure_device() -> DeviceReport:
     """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3."""
-    with oldest_context() as context:
+    with open_context(OLDEST_VERSION) as context:
         names = describe(context)
         measured = Measured(draw_fingerprint(context, names))
     context.release()

@@ -84,18 +84,11 @@ class DepthTest:
     function: str
 
 
-def nearest_wins(mapping: Mapping) -> DepthTest:
-    """Return the depth test of C, the orthoscopic camera."""
-    return DepthTest(
-        clear=mapping.stored_far, function="<" if mapping.stored_near < mapping.stored_far else ">"
-    )
-
-
-def farthest_wins(mapping: Mapping) -> DepthTest:
-    """Return the depth test of C*, the pseudoscopic camera."""
-    return DepthTest(
-        clear=mapping.stored_near, function=">" if mapping.stored_near < mapping.stored_far else "<"
-    )
+def depth_test(mapping: Mapping, *, nearest: bool) -> DepthTest:
+    """Return the depth test of C, where the nearest surface wins, or of C*, where the farthest does."""
+    clear = mapping.stored_far if nearest else mapping.stored_near
+    smaller_wins = nearest == (mapping.stored_near < mapping.stored_far)
+    return DepthTest(clear=clear, function="<" if smaller_wins else ">")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,7 +276,7 @@ def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: S
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
         heights=kept_heights(camera),
-        test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
+        test=depth_test(mapping, nearest=camera.orthoscopic),
         front_face="ccw" if camera.orthoscopic else "cw",
         culled_face=None if settings.cull is Cull.NONE else away,
         orthoscopic=camera.orthoscopic,

@@ -14,14 +14,6 @@ from typing import Any, Self
 
 import moderngl
 from OpenGL import EGL, GL, error, platform
-from OpenGL.arrays import (  # noqa: F401 - PyOpenGL imports them anyway, while the first frame is drawn
-    ctypesarrays,
-    ctypesparameters,
-    ctypespointers,
-    lists,
-    nones,
-    numpymodule,
-)
 from OpenGL.EGL.EXT.device_base import EGLDeviceEXT
 from OpenGL.EGL.EXT.device_enumeration import eglQueryDevicesEXT
 from OpenGL.EGL.EXT.device_query import eglQueryDeviceStringEXT
@@ -39,29 +31,22 @@ _HELP = (
 )
 
 
-def open_context() -> moderngl.Context:
-    """Return a new OpenGL 4.5 context without a window; InputError without EGL, or if it is too old."""
+def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
+    """Return a new context of at least some version of OpenGL, without a window; InputError without one."""
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
             "PyOpenGL was imported for another platform before xfrustum.raster: import xfrustum.raster "
             "first, or set the environment variable PYOPENGL_PLATFORM=egl"
         )
     try:
-        return _context(REQUIRED_VERSION)
+        return _context(version)
     except Exception as error:
         # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
         reason = " ".join(str(error).split())
+        found = [f"OpenGL {one.version} of {one.renderer}" for one in egl_devices() if one.renderer]
+        has = f"this machine has {', '.join(found) or 'no OpenGL at all'}"
         helps = overlooked_card() or _HELP
-        raise InputError(f"no OpenGL 4.5 through EGL ({reason}); {_found()}: {helps}") from error
-
-
-def oldest_context() -> moderngl.Context:
-    """Return a new context of OpenGL 3.3 or later, for what asks for no more; InputError without one."""
-    try:
-        return _context(OLDEST_VERSION)
-    except Exception as error:  # as above
-        reason = " ".join(str(error).split())
-        raise InputError(f"no OpenGL 3.3 through EGL ({reason}): {overlooked_card() or _HELP}") from error
+        raise InputError(f"no OpenGL {version / 100:.1f} through EGL ({reason}); {has}: {helps}") from error
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:
@@ -98,12 +83,6 @@ def egl_devices() -> tuple[EglDevice, ...]:
         found.append(EglDevice(index=index, renderer=names["renderer"], version=names["version"]))
         context.release()
     return tuple(found)
-
-
-def _found() -> str:
-    """Return in words what the machine has, where it lacks `REQUIRED_VERSION`."""
-    found = [f"OpenGL {one.version} of {one.renderer}" for one in egl_devices() if one.renderer]
-    return f"this machine has {', '.join(found)}" if found else "this machine has no OpenGL at all"
 
 
 NVIDIA_CARDS = Path("/proc/driver/nvidia/gpus")

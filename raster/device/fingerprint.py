@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
+from xfrustum.raster.device.targets import framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
@@ -139,17 +140,11 @@ class _Canvas:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        pictures = [self._texture(GL.GL_RGBA32F) for _ in range(2)]
-        self._framebuffers = {}
-        for depth, internal in INTERNAL_FORMAT.items():
-            self._framebuffers[depth] = int(GL.glGenFramebuffers(1))
-            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[depth])
-            points = [GL.GL_COLOR_ATTACHMENT0, GL.GL_COLOR_ATTACHMENT1]
-            for point, texture in zip(points, pictures, strict=True):
-                GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, GL.GL_TEXTURE_2D, texture, 0)
-            stored = self._texture(internal)
-            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, stored, 0)
-            GL.glDrawBuffers(2, points)
+        pictures = {GL.GL_COLOR_ATTACHMENT0 + number: self._texture(GL.GL_RGBA32F) for number in range(2)}
+        self._framebuffers = {
+            depth: framebuffer({**pictures, GL.GL_DEPTH_ATTACHMENT: self._texture(internal)}, [0, 1])
+            for depth, internal in INTERNAL_FORMAT.items()
+        }
 
     @staticmethod
     def _texture(internal: int) -> int:
@@ -158,8 +153,7 @@ class _Canvas:
         is_depth = internal in INTERNAL_FORMAT.values()
         layout = (GL.GL_DEPTH_COMPONENT if is_depth else GL.GL_RGBA), GL.GL_FLOAT
         GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, SIZE, SIZE, 0, *layout, None)
-        for name in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
-            GL.glTexParameteri(GL.GL_TEXTURE_2D, name, GL.GL_NEAREST)
+        look_up_single_texels(GL.GL_TEXTURE_2D, texture)
         return texture
 
     def draw(self, program: moderngl.Program, corners: Singles, depth: DepthFormat, content: str) -> None:

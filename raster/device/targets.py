@@ -6,7 +6,7 @@ attachments and without freeing it, and it cannot wrap a framebuffer of several 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,32 @@ def most_samples() -> int:
     return min(int(GL.glGetIntegerv(limit)) for limit in _SAMPLE_LIMITS)
 
 
+def framebuffer(textures: Mapping[int, int], outputs: Sequence[int], *, depth: bool = True) -> int:
+    """Return a framebuffer of textures by their attachment, whose shaders have outputs of some numbers.
+
+    An output without a texture is dropped.
+    """
+    made = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, made)
+    points = [GL.GL_COLOR_ATTACHMENT0 + number for number in outputs]
+    points = [point if point in textures else GL.GL_NONE for point in points]
+    for point in (*points, *([GL.GL_DEPTH_ATTACHMENT] if depth else [])):
+        if point != GL.GL_NONE:
+            GL.glFramebufferTexture(GL.GL_FRAMEBUFFER, point, textures[point], 0)
+    GL.glDrawBuffers(len(points), points)
+    status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+    if status != GL.GL_FRAMEBUFFER_COMPLETE:
+        raise RuntimeError(f"a framebuffer is incomplete: status {status}")
+    return made
+
+
+def look_up_single_texels(kind: int, texture: int) -> None:
+    """Bind a texture and switch off filters, without which integers cannot be looked up."""
+    GL.glBindTexture(kind, texture)
+    GL.glTexParameteri(kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+    GL.glTexParameteri(kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
+
+
 class Target:
     """One framebuffer of W, H pixels and a depth format in the current context, reused from image to image.
 
@@ -88,24 +114,24 @@ class Target:
         self.size = size
         self.samples = samples
         self._kind = GL.GL_TEXTURE_2D if samples == 1 else GL.GL_TEXTURE_2D_MULTISAMPLE
-        self._textures = [int(t) for t in np.atleast_1d(GL.glGenTextures(len(_FORMATS) + 1))]
-        for attachment, internal in _FORMATS.items():
-            self._store(self._textures[attachment], internal)
-        self._store(self._textures[-1], INTERNAL_FORMAT[depth])
-        self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
+        formats = {GL.GL_COLOR_ATTACHMENT0 + number: internal for number, internal in _FORMATS.items()}
+        formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[depth]
+        self._textures = {point: self._store(internal) for point, internal in formats.items()}
+        self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
         # Triangle numbers alone are drawn without a color to clear and to write.
-        self._numbers = self._framebuffer([IDENTITY], depth=True)
+        self._numbers = framebuffer(self._textures, [IDENTITY])
         # Reflections read the identities, which therefore must not be attached; reflection.frag says how
         # it does without a depth buffer.
-        self._reflection = self._framebuffer([COLOR], depth=False)
+        self._reflection = framebuffer(self._textures, [COLOR], depth=False)
         self._resolved = None if samples == 1 else Target(size, depth)
 
-    def _store(self, texture: int, internal: int) -> None:
+    def _store(self, internal: int) -> int:
+        texture = int(GL.glGenTextures(1))
         GL.glBindTexture(self._kind, texture)
         if self.samples > 1:
             GL.glTexStorage2DMultisample(self._kind, self.samples, internal, *self.size, True)
             self.samples = int(GL.glGetTexLevelParameteriv(self._kind, 0, GL.GL_TEXTURE_SAMPLES))
-            return
+            return texture
         try:
             GL.glTexStorage2D(self._kind, 1, internal, *self.size)
         except GLError as error:
@@ -116,26 +142,8 @@ class Target:
                 f"the OpenGL device has no memory left for an image of {width} x {height} pixels; "
                 "choose a smaller frustum.resolution"
             ) from error
-        # Integer textures are complete, and can be sampled, only without filtering.
-        GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
-        GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
-
-    def _framebuffer(self, attachments: Sequence[int], *, depth: bool) -> int:
-        framebuffer = int(GL.glGenFramebuffers(1))
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-        points = [GL.GL_COLOR_ATTACHMENT0 + number for number in range(len(attachments))]
-        for point, attachment in zip(points, attachments, strict=True):
-            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, self._kind, self._textures[attachment], 0)
-        if depth:
-            point = GL.GL_DEPTH_ATTACHMENT
-            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, self._kind, self._textures[-1], 0)
-        GL.glDrawBuffers(len(points), points)
-        status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
-        if status != GL.GL_FRAMEBUFFER_COMPLETE:
-            raise RuntimeError(
-                f"framebuffer {self.size} of {self.samples} samples is incomplete: status {status}"
-            )
-        return framebuffer
+        look_up_single_texels(self._kind, texture)
+        return texture
 
     def begin(self, *, color: bool = True) -> None:
         """Draw here from now on, on an empty image: number 0 and, unless no color is wanted, black."""
@@ -158,7 +166,7 @@ class Target:
     def bind_identity(self, unit: int) -> None:
         """Make the identities a texture for a shader."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
-        GL.glBindTexture(self._kind, self._textures[IDENTITY])
+        GL.glBindTexture(self._kind, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
     def read_identity(self) -> NDArray[np.uint32]:
         """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 where nothing is."""
@@ -174,7 +182,7 @@ class Target:
         """Return the mean of another target's samples, taken by the driver."""
         width, height = self.size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, other._reflection)
-        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + COLOR)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._reflection)
         whole = (0, 0, width, height)
         GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
@@ -191,6 +199,6 @@ class Target:
     def release(self) -> None:
         """Free the framebuffers and textures."""
         GL.glDeleteFramebuffers(3, [self._picture, self._numbers, self._reflection])
-        GL.glDeleteTextures(self._textures)
+        GL.glDeleteTextures(list(self._textures.values()))
         if self._resolved is not None:
             self._resolved.release()

@@ -32,9 +32,6 @@ from xfrustum.scenes.model.scene import Scene
 
 HOGELS_BINDING = 0  #: binding of the uniform block with the matrices of each hogel
 
-LAYER_EXTENSIONS = frozenset({"GL_ARB_shader_viewport_layer_array"})
-"""Extensions of OpenGL each of which lets a vertex shader choose the layer that is drawn on."""
-
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
 """Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers."""
 
@@ -50,7 +47,7 @@ PICTURE, REFLECTION = 0, 1  #: places of the two drawings in `PlatePicture.drawi
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
     """Return whether one draw may reach many layers, which no version of OpenGL requires."""
-    return bool(LAYER_EXTENSIONS & set(context.extensions))
+    return "GL_ARB_shader_viewport_layer_array" in context.extensions
 
 
 def many_defines(context: moderngl.Context, hogels: int) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import ctypes
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import INTERNAL_FORMAT
-from xfrustum.raster.device.targets import COLOR, IDENTITY, forget_history
+from xfrustum.raster.device.targets import COLOR, IDENTITY, forget_history, framebuffer, look_up_single_texels
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
@@ -76,10 +75,9 @@ class LayeredTarget:
         formats = {GL.GL_COLOR_ATTACHMENT0 + number: form.attachments[number] for number in form.attachments}
         formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[form.depth]
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
-        # The shader's outputs keep their numbers; those without a buffer are dropped.
-        self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
+        self._picture = framebuffer(self._textures, [IDENTITY, COLOR])
         # Shaders of this one read the identities, which therefore must not be attached to it.
-        self._radiance = self._framebuffer([COLOR], depth=False)
+        self._radiance = framebuffer(self._textures, [COLOR], depth=False)
         per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize}
         if self._content.ids:
             per_pixel[IDENTITY] = 4
@@ -92,26 +90,8 @@ class LayeredTarget:
         texture = int(GL.glGenTextures(1))
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
         GL.glTexStorage3D(GL.GL_TEXTURE_2D_ARRAY, 1, internal, *self.size, self.layers)
-        _look_up_single_texels(GL.GL_TEXTURE_2D_ARRAY, texture)
+        look_up_single_texels(GL.GL_TEXTURE_2D_ARRAY, texture)
         return texture
-
-    def _framebuffer(self, outputs: Sequence[int], *, depth: bool) -> int:
-        framebuffer = int(GL.glGenFramebuffers(1))
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-        order = []
-        for output in outputs:
-            attachment = GL.GL_COLOR_ATTACHMENT0 + output
-            order.append(attachment if attachment in self._textures else GL.GL_NONE)
-            if attachment in self._textures:
-                GL.glFramebufferTexture(GL.GL_FRAMEBUFFER, attachment, self._textures[attachment], 0)
-        if depth:
-            texture = self._textures[GL.GL_DEPTH_ATTACHMENT]
-            GL.glFramebufferTexture(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, texture, 0)
-        GL.glDrawBuffers(len(order), order)
-        status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
-        if status != GL.GL_FRAMEBUFFER_COMPLETE:
-            raise RuntimeError(f"framebuffer {self.size} x {self.layers} is incomplete: status {status}")
-        return framebuffer
 
     def _pack(self, size: int) -> int:
         """Return a buffer of some bytes."""
@@ -153,7 +133,7 @@ class LayeredTarget:
             view = int(GL.glGenTextures(1))
             whole = self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY]
             GL.glTextureView(view, GL.GL_TEXTURE_2D, whole, GL.GL_RG32UI, 0, 1, len(self._views), 1)
-            _look_up_single_texels(GL.GL_TEXTURE_2D, view)
+            look_up_single_texels(GL.GL_TEXTURE_2D, view)
             self._views.append(view)
         return Layer(size=self.size, view=self._views[number])
 
@@ -213,10 +193,3 @@ class LayeredTarget:
         GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
         GL.glDeleteTextures([*self._views, *self._textures.values()])
         GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))
-
-
-def _look_up_single_texels(kind: int, texture: int) -> None:
-    """Bind a texture and switch off filters, without which integers cannot be looked up."""
-    GL.glBindTexture(kind, texture)
-    GL.glTexParameteri(kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
-    GL.glTexParameteri(kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)

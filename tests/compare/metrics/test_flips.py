@@ -13,7 +13,6 @@ from tests.support.views import reversed_d32f, view
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.cameras import cameras
-from xfrustum.raster.cameras.cameras import nearest_wins
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Camera, HogelImage, Scene
 
@@ -119,7 +118,8 @@ def test_a_c_star_that_is_not_flipped_and_a_c_that_is_are_wrong(answers: Answers
 
 def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
     """C* looks back: the surface nearest to it is the one farthest from the viewer."""
-    monkeypatch.setattr(cameras, "farthest_wins", nearest_wins)
+    own = cameras.depth_test
+    monkeypatch.setattr(cameras, "depth_test", lambda mapping, nearest: own(mapping, nearest=True))
     with Rasterizer(answers.scene) as raster:
         assert answers.surface(raster.render(answers.aperture, SETTINGS)) > SEEN
 
