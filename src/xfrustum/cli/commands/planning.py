@@ -8,21 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.light import BUDGET, light_options
-from xfrustum.cli.options import (
-    BELOW_1,
-    COUNT,
-    COUNT_FROM_1,
-    FOLDER,
-    INDEX,
-    LENGTH,
-    NUMBERS,
-    POSITIVE,
-    flag,
-    group,
-    option,
-    or_auto,
-    several,
-)
+from xfrustum.cli.options import flag, group, option, or_auto, several
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
@@ -46,28 +32,46 @@ def _eyes(**given: Any) -> dict[str, Any]:
     return said
 
 
-class _Plan(options.Measured):
+class _Planned(options.Measured):
     scene = options.scene_argument
-    aperture = option(INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
-    apertures = option(or_auto(COUNT), "Plan for so many: middle, corners, then between; auto: the worst.")
-    sample = option(COUNT_FROM_1, "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS)
-    seed = options.seed_option
-    required = several(
-        tolerance_px=options.tolerance_option,
-        separation=option(POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
-        max_wrong=option(BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
-    )
     depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
     mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
+    sample = option(
+        options.COUNT_FROM_1, "Random hogels that a plate's plan is measured at.", default=SAMPLED_HOGELS
+    )
+    seed = options.seed_option
+
+    def how(self) -> dict[str, Any]:
+        """Return what may be chosen from, and how the plan is measured."""
+        from xfrustum.compare.planning.plan import depth_buffers
+        from xfrustum.compare.sampling import RandomSample
+
+        sample = RandomSample(hogels=self.sample, seed=self.seed)
+        choices = depth_buffers(self.depth, self.mapping)
+        return {"choices": choices, "sample": sample, "progress": self.progress}
+
+
+class _Plan(_Planned):
+    aperture = option(options.INDEX, "Column,row: plan for this aperture alone.  [default: the plate]")
+    apertures = option(
+        or_auto(options.COUNT), "Plan for so many: middle, corners, then between; auto: the worst."
+    )
+    required = several(
+        tolerance_px=options.tolerance_option,
+        separation=option(options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
+        max_wrong=option(options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
+    )
     eyes = group(
         _eyes,
-        viewer=option(LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
-        acuity_arcmin=option(POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]", "--acuity"),
-        stereo_acuity_arcsec=option(
-            POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]", "--stereo-acuity"
+        viewer=option(options.LENGTH, "Distance of a viewer, such as 600mm: plan to what eyes see there."),
+        acuity_arcmin=option(
+            options.POSITIVE, "Arc minutes that the viewer resolves.  [default: 1]", "--acuity"
         ),
-        eyes_apart_mm=option(POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"),
-        pupil_mm=option(POSITIVE, "Millimeters of his pupils.  [default: 4]", "--pupil"),
+        stereo_acuity_arcsec=option(
+            options.POSITIVE, "Arc seconds of disparity that he tells.  [default: 20]", "--stereo-acuity"
+        ),
+        eyes_apart_mm=option(options.POSITIVE, "Millimeters between his eyes.  [default: 65]", "--ipd"),
+        pupil_mm=option(options.POSITIVE, "Millimeters of his pupils.  [default: 4]", "--pupil"),
     )
 
     def chosen(self, scene: Scene) -> Sequence[Aperture] | AutoApertures | None:
@@ -95,9 +99,7 @@ def plan(asked: _Plan) -> None:
     if asked.aperture is not None and asked.apertures is not None:
         raise click.UsageError(options.ONE_OR_MANY)
     opened = options.open_scene(asked.scene)
-    from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
-    from xfrustum.compare.sampling import RandomSample
     from xfrustum.compare.scout import AutoApertures
     from xfrustum.raster import require_room
     from xfrustum.reports.planning import make_plan, table
@@ -105,9 +107,6 @@ def plan(asked: _Plan) -> None:
     requirement = Requirement(**asked.required)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
     require_room(opened)
-    sample = RandomSample(hogels=asked.sample, seed=asked.seed)
-    buffers = depth_buffers(asked.depth, asked.mapping)
-    how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
     if asked.eyes:
         from xfrustum.compare.eye.noticeable import Viewer, scene_length
         from xfrustum.reports.planning import make_viewer_plan, planned_table, scouted_plate
@@ -115,13 +114,13 @@ def plan(asked: _Plan) -> None:
         distance = scene_length(asked.eyes.pop("viewer"), opened)
         viewer, scouted = Viewer(distance=distance, **asked.eyes), scouted_plate(opened, asked.progress)
         options.warn_of(opened)
-        seen = make_viewer_plan(scouted, viewer, requirement, buffers, **how)
+        seen = make_viewer_plan(scouted, viewer, requirement, **asked.how())
         # The last line is the command that draws so, as in all plans.
         planned = table(seen.plan, opened, [opened.plate.middle], seen.requirement, seen.record.exceeded)
         asked.tell(seen.summary, lambda: f"{planned_table(seen.record, opened.units)}\n\n{planned}")
         return
     chosen = asked.chosen(opened)
-    made = make_plan(opened, chosen, requirement, buffers, **how)
+    made = make_plan(opened, chosen, requirement, **asked.how())
     if chosen is None:
         # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
         options.warn_of(opened)
@@ -132,12 +131,12 @@ def plan(asked: _Plan) -> None:
 class _Explain(options.Measured):
     scene = options.scene_argument
     aperture = options.aperture_option
-    slabs = option(NUMBERS, "Heights |z| at which both frusta are cut.", default=())
+    slabs = option(options.NUMBERS, "Heights |z| at which both frusta are cut.", default=())
     camera = option(options.one_of(Camera), "Which cameras draw.", default=Camera.BOTH)
     tracer = options.tracer_option
     light = light_options(*BUDGET)
-    near = option(POSITIVE, "Near offset of the table of depths.  [default: reach/1000]")
-    viewer = option(LENGTH, "Distance of an eye, such as 600mm: what does it notice there?")
+    near = option(options.POSITIVE, "Near offset of the table of depths.  [default: reach/1000]")
+    viewer = option(options.LENGTH, "Distance of an eye, such as 600mm: what does it notice there?")
     measure = flag("Measure what each effect costs on this machine.")
     repeat = option(click.IntRange(0), "Measured pairs of images; implies --measure.  [default: 6]")
 
@@ -171,16 +170,11 @@ def explain(asked: _Explain) -> None:
     asked.tell(lambda: summary, lambda: text)
 
 
-class _Recommend(options.Measured):
-    scene = options.scene_argument
-    viewer = option(LENGTH, "Distance of who looks at the display, such as 600mm.")
-    display = option(LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]")
-    tolerance_px = option(POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]")
-    depth = option(options.one_of(DepthFormat), "Depth buffer format.  [default: any]")
-    mapping = option(options.one_of(DepthMapping), "Depth mapping.  [default: any]")
-    sample = option(COUNT_FROM_1, "Random hogels that plans are measured at.", default=SAMPLED_HOGELS)
-    seed = options.seed_option
-    out = option(FOLDER, "Folder for the page and recommend.json.")
+class _Recommend(_Planned):
+    viewer = option(options.LENGTH, "Distance of who looks at the display, such as 600mm.")
+    display = option(options.LENGTH, "Pitch of the display, such as 0.5mm.  [default: that of the scene]")
+    tolerance_px = option(options.POSITIVE, "Displacement allowed.  [default: 0.5; with --viewer, any]")
+    out = option(options.FOLDER, "Folder for the page and recommend.json.")
 
 
 @options.command("xfrustum recommend asymmetric --viewer 400mm --out recommend")
@@ -193,18 +187,13 @@ def recommend(asked: _Recommend) -> None:
     """
     opened = options.open_scene(asked.scene)
     from xfrustum.compare.eye.noticeable import Viewer, scene_length
-    from xfrustum.compare.planning.plan import depth_buffers
-    from xfrustum.compare.sampling import RandomSample
     from xfrustum.reports import recommend as recommending
 
     options.check_out(asked.out, recommending.FILES)
     if asked.display is not None:
         opened = recommending.for_display(opened, scene_length(asked.display, opened))
-    buffers = depth_buffers(asked.depth, asked.mapping)
     viewer = None if asked.viewer is None else Viewer(distance=scene_length(asked.viewer, opened))
-    sample = RandomSample(hogels=asked.sample, seed=asked.seed)
-    how: dict[str, Any] = {"sample": sample, "progress": asked.progress}
-    found = recommending.recommend(opened, viewer, asked.tolerance_px, buffers, **how)
+    found = recommending.recommend(opened, viewer, asked.tolerance_px, **asked.how())
     options.warn_of(opened)
     if asked.out is not None:
         recommending.write_recommendation(found, asked.out)
@@ -213,8 +202,8 @@ def recommend(asked: _Recommend) -> None:
 
 class _Cost(options.OneOrAuto):
     tolerance_px = options.tolerance_option
-    repeat = option(COUNT_FROM_1, "Timed pictures of each, after a warm-up.", default=5)
-    out = option(FOLDER, "Folder for the page and cost.json.")
+    repeat = option(options.COUNT_FROM_1, "Timed pictures of each, after a warm-up.", default=5)
+    out = option(options.FOLDER, "Folder for the page and cost.json.")
 
 
 @options.command("xfrustum cost asymmetric --repeat 1 --out cost")

@@ -11,21 +11,7 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.verifying import tell_losses
 from xfrustum.cli.light import ALL, light_options
-from xfrustum.cli.options import (
-    ACCEPTED,
-    COUNT_FROM_1,
-    FOLDER,
-    LAYOUT,
-    NUMBERS,
-    RESOLUTION,
-    SHARE,
-    TEXT,
-    TILES,
-    choice,
-    flag,
-    group,
-    option,
-)
+from xfrustum.cli.options import choice, flag, group, option
 
 Span = tuple[int, int] | None
 CHANNELS = ("color", "height", "triangle", "normal", "certainty")
@@ -66,16 +52,16 @@ class _Plate(options.Measured):
         "Images; certainty is of truths alone.  [default: color]",
         default=(),
     )
-    block = option(TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
+    block = option(options.TILES, "Hogels in one shard.  [default: at most 16x16 and 64 MiB]")
     truth = flag("Store truths, traced and certified, instead of --near.")
     judge = flag("Trace every hogel too, and store how it differs (plate.parquet).")
     check = flag("Read all finished hogels in full, and draw damaged ones again.")
     layout = option(
-        LAYOUT,
+        options.LAYOUT,
         "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
     )
     engine = options.engine_options("this process")
-    out = option(FOLDER, "Folder of a Zarr group.", required=True)
+    out = option(options.FOLDER, "Folder of a Zarr group.", required=True)
 
     def refuse_contradictions(self) -> None:
         """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
@@ -167,22 +153,24 @@ class _Survey(options.Measured):
     scene = options.scene_argument
     settings = group(
         _settings,
-        nears=option(NUMBERS, "Several offsets, each of which is a setting."),
+        nears=option(options.NUMBERS, "Several offsets, each of which is a setting."),
         **options.settings_members(),
     )
     everything = flag("Judge every hogel: facts, not bounds.", "--all")
-    sample = option(COUNT_FROM_1, "Hogels drawn at random.  [default: 300]")
-    until = option(SHARE, "Go on until at most this share, such as 1%, is beyond (95 %).")
+    sample = option(options.COUNT_FROM_1, "Hogels drawn at random.  [default: 300]")
+    until = option(options.SHARE, "Go on until at most this share, such as 1%, is beyond (95 %).")
     tolerance_px = options.tolerance_option
     seed = options.seed_option
     tracer = options.tracer_option
-    resolution = option(RESOLUTION, "Pixels of each hogel.  [default: the scene's]")
-    images = option(TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'.")
+    resolution = option(options.RESOLUTION, "Pixels of each hogel.  [default: the scene's]")
+    images = option(
+        options.TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'."
+    )
     encoding = options.encoding_option
-    layout = option(LAYOUT, "Layout of --images.  [default: what it looks like]")
-    accept = option(ACCEPTED, "Conventions of --images that are no faults; see verify.")
+    layout = option(options.LAYOUT, "Layout of --images.  [default: what it looks like]")
+    accept = option(options.ACCEPTED, "Conventions of --images that are no faults; see verify.")
     engine = options.engine_options("one per processor or GPU")
-    out = option(FOLDER, "Folder.", required=True)
+    out = option(options.FOLDER, "Folder.", required=True)
 
     def judged(self) -> tuple[DoubleFrustum, ...] | ForeignRenderer:
         """Return what is judged: settings of our own rasterizer, or another renderer's plate."""

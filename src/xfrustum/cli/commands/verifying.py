@@ -8,22 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.options import (
-    ACCEPTED,
-    FOLDER,
-    INDICES,
-    LAYOUT,
-    LAYOUT_OR_ZARR,
-    POSITIVE,
-    RESOLUTION,
-    SHARE,
-    TEXT,
-    choice,
-    flag,
-    group,
-    option,
-    several,
-)
+from xfrustum.cli.options import choice, flag, group, option, several
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
@@ -32,15 +17,15 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
 
 _COUNTS = options.Read(
-    "COLUMNS,ROWS", lambda text: RESOLUTION.read(text.replace("x", ",")), "COLUMNS,ROWS such as 8,6"
+    "COLUMNS,ROWS", lambda text: options.RESOLUTION.read(text.replace("x", ",")), "COLUMNS,ROWS such as 8,6"
 )
 
 
 class _Convert(options.Measured):
-    source: Path = options.argument(metavar="IN", type=FOLDER)
-    out: Path = options.argument(type=FOLDER)
-    read_as = option(LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from")
-    write_as = option(LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to")
+    source: Path = options.argument(metavar="IN", type=options.FOLDER)
+    out: Path = options.argument(type=options.FOLDER)
+    read_as = option(options.LAYOUT_OR_ZARR, "Layout of IN.  [default: what it looks like]", "--from")
+    write_as = option(options.LAYOUT_OR_ZARR, "Layout of OUT.  [default: zarr for NAME.zarr]", "--to")
     facts = several(
         hogels=option(_COUNTS, "Columns and rows of hogels, which a mosaic does not state."),
         tiles=option(_COUNTS, "Columns and rows of tiles of a quilt.  [default: by its views]"),
@@ -100,18 +85,19 @@ class _Verify(options.Measured):
     source: str | None = options.argument(required=False)
     judged = several(
         command=option(
-            TEXT, "In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'."
+            options.TEXT,
+            "In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'.",
         ),
         encoding=options.encoding_option,
-        layout=option(LAYOUT, "Layout of SOURCE.  [default: what it looks like]"),
-        apertures=option(INDICES, "Column,row of each.  [default: the whole plate]"),
+        layout=option(options.LAYOUT, "Layout of SOURCE.  [default: what it looks like]"),
+        apertures=option(options.INDICES, "Column,row of each.  [default: the whole plate]"),
         near=option(click.FLOAT, "Near offset that the renderer is known to have.  [default: 0]"),
         accept=option(
-            ACCEPTED, "Conventions that are no faults, such as orientation,order; or all.", default=()
+            options.ACCEPTED, "Conventions that are no faults, such as orientation,order; or all.", default=()
         ),
         compare=choice("color geometry", "What plain pictures are judged by.", default="color"),
         max_wrong=option(
-            SHARE,
+            options.SHARE,
             "Share of wrong surfaces (colors, outlines) in the pixels that show something.",
             default="1%",
         ),
@@ -121,14 +107,14 @@ class _Verify(options.Measured):
             default=str(TOLERANCE_PX),
         ),
         max_color=option(click.FLOAT, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]"),
-        timeout_s=option(POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0),
+        timeout_s=option(options.POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0),
     )
     engine = options.engine_options("this process", draws=False)
-    out = option(FOLDER, "Folder for index.html, inspect.html, verification.json.")
-    junit = option(FOLDER, "JUnit XML file for continuous integration.")
+    out = option(options.FOLDER, "Folder for index.html, inspect.html, verification.json.")
+    junit = option(options.FOLDER, "JUnit XML file for continuous integration.")
     baseline = group(
         _baseline,
-        baseline=option(FOLDER, "Folder of accepted measures: fail on what got worse."),
+        baseline=option(options.FOLDER, "Folder of accepted measures: fail on what got worse."),
         approve=flag("Accept the present measures in --baseline."),
         repeated=flag("With --approve: differences are the renderer's noise."),
         tolerance=option(
@@ -136,8 +122,10 @@ class _Verify(options.Measured):
             "What counts as noise.  [default: the spread of accepted runs]",
             "--baseline-tolerance",
         ),
-        renderer=option(TEXT, "Name of the renderer in --baseline.  [default: SOURCE or the command]"),
-        device=option(TEXT, "Name of its device in --baseline.  [default: this machine's processor]"),
+        renderer=option(
+            options.TEXT, "Name of the renderer in --baseline.  [default: SOURCE or the command]"
+        ),
+        device=option(options.TEXT, "Name of its device in --baseline.  [default: this machine's processor]"),
     )
 
     def found(self, scene: Scene) -> Verification | None:
@@ -219,9 +207,9 @@ class _Camera(options.Printed):
         "--for",
         required=True,
     )
-    apertures = option(INDICES, "Column,row of each.  [default: as `report`; blender: all]")
+    apertures = option(options.INDICES, "Column,row of each.  [default: as `report`; blender: all]")
     settings = options.settings_options()
-    out = option(FOLDER, "Folder.", required=True)
+    out = option(options.FOLDER, "Folder.", required=True)
 
 
 @options.command("xfrustum camera asymmetric --for json --near 0.1 --out cameras")
