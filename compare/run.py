@@ -34,7 +34,7 @@ from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene, is_shaded
-from xfrustum.scenes.notebook import Figure, Shown, Table
+from xfrustum.scenes.notebook import Figure, Shown
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -138,8 +138,9 @@ class JudgedDrawing(Shown):
         near, depth = self.settings.near, self.settings.depth_label
         return f"near {near:.3g} scene units, {depth}: {self.comparison.said()}"
 
-    def _tables(self) -> Sequence[Table]:
-        return (self.comparison.table(),)
+    def table(self) -> str:
+        """Return the numbers as aligned lines."""
+        return self.comparison.table()
 
     def _figures(self) -> Sequence[Figure]:
         return self.comparison._figures() if isinstance(self.comparison, Comparison) else ()

@@ -113,15 +113,6 @@ class BudgetReport(notebook.Shown):
         )
         return f"{self.scene.name!r}, {self.place} with {settings}: {self.geometry._said()}"
 
-    def _tables(self) -> Sequence[notebook.Table]:
-        head, *rows = _link_cells(self.geometry.numbers)
-        counts = self.geometry.explanation.counts()
-        rounding = ", ".join(f"{count:,} {name}" for name, count in counts.items())
-        return (
-            notebook.Table(head=head, rows=rows, numbers=True),
-            notebook.Table(rows=[("wrong by rounding", rounding)]),
-        )
-
     def _figures(self) -> Sequence[notebook.Figure]:
         drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
         shown = notebook.as_shown(drawn.color, drawn.covered, drawn.height)
@@ -151,9 +142,6 @@ class AutoBudget(notebook.Shown):
     def _said(self) -> str:
         said = (f"{one.place.removeprefix('aperture ')}: {one.geometry._said()}" for one in self.budgets)
         return f"{len(self.budgets)} apertures; " + "; ".join(said)
-
-    def _tables(self) -> Sequence[notebook.Table]:
-        return (notebook.Table(rows=[(one.place, one.why, one.geometry._said()) for one in self.budgets]),)
 
 
 def auto_budget(

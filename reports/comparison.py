@@ -3,16 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.compare.metrics.comparison import Comparison, Share, compare_images
-from xfrustum.compare.metrics.error_maps import HeightError, Spread
-from xfrustum.compare.metrics.radiance import RadianceSpread
+from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import write_files
 from xfrustum.reports.common.provenance import unexamined_truth
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import Certainty, HogelCamera, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import image_size, read_image
-from xfrustum.scenes.notebook import aligned
 
 MAPS = ("displacement", "triangle", "height", "radiance", "surface")
 FILES = ("comparison.json", *(f"{name}.png" for name in MAPS))  #: names of the files that may be written
@@ -93,42 +90,3 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
         pictures["surface"] = images.mask(maps.surface, images.SURFACE_COLOR)
     files = {f"{name}.png": encoded for name, encoded in pictures.items()}
     return write_files(out, {"comparison.json": comparison.numbers, **files})
-
-
-def table(comparison: Comparison) -> str:
-    """Return the numbers of a comparison as aligned lines."""
-    surface, color = comparison.surface, comparison.radiance
-
-    def share(part: Share | None) -> str:
-        return "not known" if part is None else f"{part.wrong:,} ({100 * part.fraction:.3g} %)"
-
-    def numbers(group: Spread | HeightError | RadianceSpread | None, names: str) -> str:
-        """Write some numbers of a group, each after its name."""
-        if group is None:
-            return "not defined"
-        return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names.split())
-
-    lines = {
-        "pixels": f"{comparison.pixels:,}",
-        "judged": f"{comparison.judged:,}",
-        "covered": f"{comparison.covered:,}",
-        "wrong surface": share(surface),
-    }
-    if surface is not None and surface.culled is not None:
-        lines["  a face culled"] = f"{surface.culled:,}"
-    lines |= {
-        "another triangle": share(comparison.triangle),
-        "displacement, px": numbers(comparison.displacement_px, "rms p50 p95 p99 max"),
-        "height error": numbers(comparison.height, "rms max"),
-        "drawn in the plate": f"{comparison.at_plate:,}",
-    }
-    if color is not None:
-        lines["radiance error"] = numbers(color, "mean rms p99 max")
-        if color.away_from_edges is not None:
-            lines["  in the same triangle"] = numbers(color.away_from_edges, "mean rms p99 max")
-        if color.flip is not None:
-            ssim = "not defined" if color.ssim is None else f"{color.ssim:.4g}"
-            lines["looks different"] = f"FLIP {color.flip:.3g}  SSIM {ssim}"
-        if color.noise is not None:
-            lines["beyond noise, 1/255"] = f"{color.noise.differ:,} pixels"
-    return aligned(list(lines.items()), str.ljust)

@@ -31,7 +31,7 @@ from xfrustum.reports.scout import choices
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.notebook import Shown, Table, aligned, digits, percent
+from xfrustum.scenes.notebook import Shown, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -90,10 +90,6 @@ class CostReport(Shown):
             f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {self.answer}"
         )
 
-    def _tables(self) -> Sequence[Table]:
-        rows = [one.cells for one, _ in _ascending(self.options)]
-        return (Table(head=("configuration", *COLUMNS), rows=rows, numbers=True),)
-
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
 
@@ -143,6 +139,13 @@ class CostReport(Shown):
                 "versions": self.versions,
             }
         )
+
+    def table(self) -> str:
+        """Return the answers, every option on the front as aligned lines, and which one to take."""
+        rows = [one.cells for one, best in _ascending(self.options) if best]
+        told = [one.sentence for one in self.answers]
+        front = aligned([("on the Pareto front", *COLUMNS), *rows])
+        return "\n".join([*told, "", front, "", self.answer])
 
 
 def cost(
@@ -524,14 +527,6 @@ def _ascending(options: Sequence[Option]) -> list[tuple[Option, bool]]:
     """Return options by time, and whether they are on the front."""
     pairs = zip(options, pareto(options), strict=True)
     return sorted(pairs, key=lambda pair: pair[0].time_s.median)
-
-
-def cost_table(measured: CostReport) -> str:
-    """Return the answers, every option on the front as aligned lines, and which one to take."""
-    rows = [one.cells for one, best in _ascending(measured.options) if best]
-    told = [one.sentence for one in measured.answers]
-    front = aligned([("on the Pareto front", *COLUMNS), *rows])
-    return "\n".join([*told, "", front, "", measured.answer])
 
 
 def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:

@@ -27,7 +27,7 @@ from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, SlabContent, decide, slab_contents
-from xfrustum.scenes.notebook import Shown, Table, aligned, counted, digits, percent
+from xfrustum.scenes.notebook import Shown, aligned, counted, digits, percent
 from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = FEWEST_DIFFERENCES  #: measured pairs of images for each effect, where costs are measured
@@ -160,9 +160,101 @@ class EffectsPlan(Shown):
             f"aperture {column},{row} of {self.scene.name!r} calls for {used}; it is drawn without {left_out}"
         )
 
-    def _tables(self) -> Sequence[Table]:
-        rows = [(one.name, "used" if one.used else "left out", one.reason) for one in self.rows]
-        return (Table(head=("effect", "", "reason"), rows=rows),)
+    def summary(self) -> dict[str, Any]:
+        """Return the object that `explain --json` prints."""
+        sampling, scene, cameras = self.scene.sampling, self.scene, (Effect.C, Effect.C_STAR)
+
+        def by_renderer(of: str, name: str) -> dict[str, Any]:
+            """Return a number of a cost by each renderer; None where it was not measured or means nothing."""
+            return {one: self.costs.get(of, {}).get(one, {}).get(name) for one in RENDERERS}
+
+        named = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
+        effects = [
+            {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
+            | {key: by_renderer(row.name, name) for key, name in named.items()}
+            for row in self.rows
+        ]
+        objects = []
+        for number, part in enumerate(scene.objects):
+            z, rows = part.vertices[:, 2], [row for row in self.rows if number in row.objects]
+            objects.append(
+                {
+                    "number": number,
+                    "name": part.name,
+                    "heights": (z.min(), z.max()),
+                    "in_sight": any(row.name in cameras for row in rows),
+                    "effects": [row.name for row in rows if row.used and row.name not in cameras],
+                }
+            )
+        # The rasterizer's passes: slabs that have something in them, of the cameras that are used.
+        used = {row.name for row in self.rows if row.used}
+        drawn = [slab for slab in self.slabs if slab.triangles and slab.camera.value in used]
+        kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
+        found = {
+            "scene": {"name": scene.name, "hash": scene.content_hash},
+            "aperture": self.aperture.index,
+            "effects": effects,
+            "objects": objects,
+            "depths": self.depths,
+            "cameras": list(dict.fromkeys(slab.camera for slab in drawn)),
+            "slabs": self.slabs,
+            "passes": [
+                {"camera": slab.camera, "heights": slab.heights, "draws": kind}
+                for kind in kinds
+                for slab in drawn
+            ],
+            "samples": {"pixel": sampling.supersample**2}
+            | {name: getattr(sampling, name) for name in ("multisample", "aperture")},
+            "transport": scene.transport,
+            "tracer": self.tracer,
+            "image_s": by_renderer("all", "without"),
+            "left_out_s": by_renderer("all", "seconds"),
+            "left_out_interval_s": by_renderer("all", "interval"),
+            "repeat": self.repeat,
+            "procedure": PROCEDURE,
+        }
+        return json_object(found)
+
+    def table(self) -> str:
+        """Return the plan as text: the effects, then what is drawn, sampled and traced."""
+        units, told, measured = self.scene.units, self.summary(), RENDERERS if self.repeat else ()
+        effects = [("effect", "", *measured, "because")]
+        for row in self.rows:
+            costs = (_time(self.costs[row.name].get(name)) for name in measured)
+            effects.append((row.name, "used" if row.used else "left out", *costs, row.reason))
+        head = (
+            f"|z| ({units})",
+            "surface",
+            "near offset",
+            "pivot camera",
+            "separation",
+            "blur",
+            "sub-apertures",
+        )
+        by_depth: list[tuple[str, ...]] = [head]
+        for one in self.depths["rows"]:
+            least, largest = (digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"])
+            cells = (
+                f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
+                percent(one["share"]),
+                f"{digits(one['near_px'])} px",
+                f"{digits(one['shear_px'])} px",
+                f"{digits(one['separation'])} {units}",
+                f"{least} to {largest} px",
+                _points(one["sub_apertures"]),
+            )
+            by_depth.append(cells)
+        values = {
+            "plan": self,
+            "told": told,
+            "depths": self.depths,
+            "units": units,
+            "effects": aligned(effects, str.ljust),
+            "by_depth": aligned(by_depth, str.ljust),
+            "transport": [name for name in ("shadows", "interreflection") if told["transport"][name]],
+        }
+        filters: Filters = {"time": _time, "duration": _duration, "points": _points}
+        return plain_text("explain.txt.j2", values, filters).removesuffix("\n")
 
 
 def explain(
@@ -291,106 +383,15 @@ def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[st
     }
 
 
-def summary(plan: EffectsPlan) -> dict[str, Any]:
-    """Return the object that `explain --json` prints."""
-    sampling, scene, cameras = plan.scene.sampling, plan.scene, (Effect.C, Effect.C_STAR)
-
-    def by_renderer(of: str, name: str) -> dict[str, Any]:
-        """Return a number of a cost by each renderer; None where it was not measured or means nothing."""
-        return {one: plan.costs.get(of, {}).get(one, {}).get(name) for one in RENDERERS}
-
-    named = {"cost_s": "seconds", "spread_s": "spread", "interval_s": "interval", "resolved": "resolved"}
-    effects = [
-        {name: getattr(row, name) for name in ("name", "used", "reason", "objects", "out_of_sight")}
-        | {key: by_renderer(row.name, name) for key, name in named.items()}
-        for row in plan.rows
-    ]
-    objects = []
-    for number, part in enumerate(scene.objects):
-        z, rows = part.vertices[:, 2], [row for row in plan.rows if number in row.objects]
-        objects.append(
-            {
-                "number": number,
-                "name": part.name,
-                "heights": (z.min(), z.max()),
-                "in_sight": any(row.name in cameras for row in rows),
-                "effects": [row.name for row in rows if row.used and row.name not in cameras],
-            }
-        )
-    # The rasterizer's passes: slabs that have something in them, of the cameras that are used.
-    used = {row.name for row in plan.rows if row.used}
-    drawn = [slab for slab in plan.slabs if slab.triangles and slab.camera.value in used]
-    kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
-    found = {
-        "scene": {"name": scene.name, "hash": scene.content_hash},
-        "aperture": plan.aperture.index,
-        "effects": effects,
-        "objects": objects,
-        "depths": plan.depths,
-        "cameras": list(dict.fromkeys(slab.camera for slab in drawn)),
-        "slabs": plan.slabs,
-        "passes": [
-            {"camera": slab.camera, "heights": slab.heights, "draws": kind}
-            for kind in kinds
-            for slab in drawn
-        ],
-        "samples": {"pixel": sampling.supersample**2}
-        | {name: getattr(sampling, name) for name in ("multisample", "aperture")},
-        "transport": scene.transport,
-        "tracer": plan.tracer,
-        "image_s": by_renderer("all", "without"),
-        "left_out_s": by_renderer("all", "seconds"),
-        "left_out_interval_s": by_renderer("all", "interval"),
-        "repeat": plan.repeat,
-        "procedure": PROCEDURE,
-    }
-    return json_object(found)
-
-
-def table(plan: EffectsPlan) -> str:
-    """Return the plan as text: the effects, then what is drawn, sampled and traced."""
-    units, told, measured = plan.scene.units, summary(plan), RENDERERS if plan.repeat else ()
-    effects = [("effect", "", *measured, "because")]
-    for row in plan.rows:
-        costs = (_time(plan.costs[row.name].get(name)) for name in measured)
-        effects.append((row.name, "used" if row.used else "left out", *costs, row.reason))
-
-    def points(count: int | None) -> str:
-        return "over 65,536" if count is None else f"{count:,}"
-
-    by_depth: list[tuple[str, ...]] = [
-        (f"|z| ({units})", "surface", "near offset", "pivot camera", "separation", "blur", "sub-apertures")
-    ]
-    for one in plan.depths["rows"]:
-        least, largest = (digits(blur) if math.isfinite(blur) else "any" for blur in one["blur_px"])
-        cells = (
-            f"{digits(one['nearest'])} to {digits(one['farthest'])} {one['side']}",
-            percent(one["share"]),
-            f"{digits(one['near_px'])} px",
-            f"{digits(one['shear_px'])} px",
-            f"{digits(one['separation'])} {units}",
-            f"{least} to {largest} px",
-            points(one["sub_apertures"]),
-        )
-        by_depth.append(cells)
-    values = {
-        "plan": plan,
-        "told": told,
-        "depths": plan.depths,
-        "units": units,
-        "effects": aligned(effects, str.ljust),
-        "by_depth": aligned(by_depth, str.ljust),
-        "transport": [name for name in ("shadows", "interreflection") if told["transport"][name]],
-    }
-    filters: Filters = {"time": _time, "duration": _duration, "points": points}
-    return plain_text("explain.txt.j2", values, filters).removesuffix("\n")
-
-
 def _time(found: Cost | None) -> str:
     """Write a cost, or the interval of its repetitions where it cannot be told from nothing."""
     if found is None or found["resolved"]:
         return "-" if found is None else _duration(found["seconds"])
     return f"not told ({' to '.join(map(_duration, found['interval']))})"
+
+
+def _points(count: int | None) -> str:
+    return "over 65,536" if count is None else f"{count:,}"
 
 
 def _duration(seconds: float) -> str:

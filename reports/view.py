@@ -36,7 +36,7 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, EyeImage
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene, look_hash
-from xfrustum.scenes.notebook import Figure, Shown, Table, as_shown, counted, digits, marked, percent
+from xfrustum.scenes.notebook import Figure, Shown, as_shown, counted, digits, marked, percent
 from xfrustum.scenes.notebook import png as notebook_png
 
 PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
@@ -242,19 +242,6 @@ class SceneView(Shown):
         seen = f"{self.scene.name!r}, seen by {counted(len(self.views), 'eye')} through {hogels}"
         return f"{seen}; {', '.join(parts)}"
 
-    def _tables(self) -> Sequence[Table]:
-        first = f"eye, {self.scene.units}"
-        head = (first, "pixels per degree", "lost by", "wrong surfaces", "displacement 99 %, arcmin")
-        rows = []
-        for one in self.record.eyes:
-            for name, lost in one.losses.items():
-                wrong = "unknown" if lost.fraction is None else percent(lost.fraction)
-                moved = lost.displacement_arcmin
-                place = ", ".join(map(digits, one.eye)), digits(one.pixels_per_degree)
-                by = name if name == "display" else self.record.source or ""
-                rows.append((*place, by, wrong, "-" if moved is None else digits(moved.p99)))
-        return (Table(head=head, rows=rows),)
-
     def _figures(self) -> Sequence[Figure]:
         names = {"true": "true view", "replayed": "replayed truth", "drawn": self.record.source or ""}
         return [
@@ -262,6 +249,20 @@ class SceneView(Shown):
             for number in range(len(self.views[:MAX_SHOWN_EYES]))
             for name, image in self.images(number).items()
         ]
+
+    def table(self) -> str:
+        """Return the numbers as lines for a terminal."""
+        lines = _sentences(self)
+        for number, eye in enumerate(self.record.eyes):
+            place = ",".join(f"{value:g}" for value in eye.eye)
+            for name, lost in eye.losses.items():
+                said = UNKNOWN if lost.fraction is None else f"wrong {percent(lost.fraction)}"
+                moved = lost.displacement_arcmin
+                if moved is not None:
+                    said += f", displaced {digits(moved.p50)}' p50, {digits(moved.p99)}' p99"
+                said += "" if lost.flip is None else f", FLIP {digits(lost.flip)}"
+                lines.append(f"eye {number} at {place}, {name:<8}  {said}")
+        return "\n".join(lines)
 
 
 def eyes_on_path(eyes: Sequence[Eye], count: int | None) -> tuple[Eye, ...]:
@@ -515,21 +516,6 @@ def _sentences(found: SceneView) -> list[str]:
             "beside and behind them too."
         )
     return told
-
-
-def table(found: SceneView) -> str:
-    """Return the numbers as lines for a terminal."""
-    lines = _sentences(found)
-    for number, eye in enumerate(found.record.eyes):
-        place = ",".join(f"{value:g}" for value in eye.eye)
-        for name, lost in eye.losses.items():
-            said = UNKNOWN if lost.fraction is None else f"wrong {percent(lost.fraction)}"
-            moved = lost.displacement_arcmin
-            if moved is not None:
-                said += f", displaced {digits(moved.p50)}' p50, {digits(moved.p99)}' p99"
-            said += "" if lost.flip is None else f", FLIP {digits(lost.flip)}"
-            lines.append(f"eye {number} at {place}, {name:<8}  {said}")
-    return "\n".join(lines)
 
 
 def quilt_names(scene: Scene, tiles: tuple[int, int], *, drawn: bool) -> tuple[str, ...]:

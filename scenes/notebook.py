@@ -234,11 +234,18 @@ class Figure:
 
 
 class Shown:
-    """An object that says in a line what it is (`_said`), and that notebooks show: `_tables`, `_figures`."""
+    """An object that says in a line what it is (`_said`).
+
+    Notebooks show its facts (`table`, `_tables`) and pictures (`_figures`).
+    """
 
     def _said(self) -> str:
         """Return what the object is, in a line or two with sizes and units; cheap to find."""
         raise NotImplementedError
+
+    def table(self) -> str:
+        """Return the facts as aligned lines, as a command prints them; empty where `_tables` has them."""
+        return ""
 
     def _tables(self) -> Sequence[Table]:
         """Return the facts that a notebook shows below that line."""
@@ -255,7 +262,9 @@ class Shown:
         name, said = escape(type(self).__name__), escape(self._said())
         figures = "".join(one.html() for one in self._figures())
         row = f'<div style="display: flex; flex-wrap: wrap; gap: 12px">{figures}</div>' if figures else ""
-        return f"<div><p><b>{name}</b>: {said}</p>{row}{''.join(one.html() for one in self._tables())}</div>"
+        tables = [one.html() for one in self._tables()]
+        tables += [f"<pre>{escape(text)}</pre>"] if (text := self.table()) else []
+        return f"<div><p><b>{name}</b>: {said}</p>{row}{''.join(tables)}</div>"
 
     def _repr_png_(self) -> bytes | None:
         found = next(iter(self._figures()), None)

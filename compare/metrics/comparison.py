@@ -21,7 +21,7 @@ from xfrustum.scenes.notebook import (
     Figure,
     Labelled,
     Shown,
-    Table,
+    aligned,
     as_shown,
     dataset,
     digits,
@@ -81,23 +81,40 @@ class ComparisonNumbers:
             told.append(f"99 of 100 surface points within {p99} px, all within {most} px")
         return f"of {self.judged:,} judged pixels {', '.join(told)}"
 
-    def table(self) -> Table:
-        """Return the numbers in words."""
-        rows = [
-            ("pixels", f"{self.pixels:,}; {self.judged:,} are judged, {self.covered:,} show a surface"),
-            ("certainty of the truth", ", ".join(f"{n:,} {name}" for name, n in self.certainty.items() if n)),
-        ]
-        if self.surface is not None:
-            rows.append(("wrong surface", f"{self.surface}, {self.surface.outside:,} outside the film"))
-        if self.triangle is not None:
-            rows.append(("another triangle", str(self.triangle)))
-        if spread := self.displacement_px:
-            sizes = f"rms {digits(spread.rms)}, 50 % {digits(spread.p50)}, 95 % {digits(spread.p95)}"
-            rows.append(("displacement, px", f"{sizes}, 99 % {digits(spread.p99)}, max {digits(spread.max)}"))
-        for name, error in (("height, scene units", self.height), ("radiance", self.radiance)):
-            if error is not None:
-                rows.append((name, f"rms {digits(error.rms)}, max {digits(error.max)}"))
-        return Table(rows=rows)
+    def table(self) -> str:
+        """Return the numbers as aligned lines."""
+        surface, color = self.surface, self.radiance
+
+        def numbers(group: object, names: str) -> str:
+            """Write some numbers of a group, each after its name."""
+            if group is None:
+                return "not defined"
+            return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names.split())
+
+        lines = {
+            "pixels": f"{self.pixels:,}",
+            "judged": f"{self.judged:,}",
+            "covered": f"{self.covered:,}",
+            "wrong surface": "not known" if surface is None else str(surface),
+        }
+        if surface is not None and surface.culled is not None:
+            lines["  a face culled"] = f"{surface.culled:,}"
+        lines |= {
+            "another triangle": "not known" if self.triangle is None else str(self.triangle),
+            "displacement, px": numbers(self.displacement_px, "rms p50 p95 p99 max"),
+            "height error": numbers(self.height, "rms max"),
+            "drawn in the plate": f"{self.at_plate:,}",
+        }
+        if color is not None:
+            lines["radiance error"] = numbers(color, "mean rms p99 max")
+            if color.away_from_edges is not None:
+                lines["  in the same triangle"] = numbers(color.away_from_edges, "mean rms p99 max")
+            if color.flip is not None:
+                ssim = "not defined" if color.ssim is None else f"{color.ssim:.4g}"
+                lines["looks different"] = f"FLIP {color.flip:.3g}  SSIM {ssim}"
+            if color.noise is not None:
+                lines["beyond noise, 1/255"] = f"{color.noise.differ:,} pixels"
+        return aligned(list(lines.items()), str.ljust)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -158,8 +175,9 @@ class Comparison(Shown, ComparisonNumbers):
         what = f"{renderer} against the truth, aperture {column},{row} of {camera.scene or 'a scene'!r}"
         return f"{what}; {self.said()}"
 
-    def _tables(self) -> Sequence[Table]:
-        return (self.table(),)
+    def table(self) -> str:
+        """Return the numbers as aligned lines."""
+        return self.numbers.table()
 
     def _figures(self) -> Sequence[Figure]:
         truth, picture = (

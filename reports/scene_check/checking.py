@@ -29,7 +29,7 @@ from xfrustum.reports.common.templates_environment import Filters, plain_text, s
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook import Figure, Shown, Table, counted, digits
+from xfrustum.scenes.notebook import Figure, Shown, counted
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
@@ -283,21 +283,6 @@ class SceneCheck(Shown):
         told = counted(len(self.warnings), "warning")
         return f"{self.scene.name!r}, {counted(len(self.objects), 'object')}, {seen}; {told}"
 
-    def _tables(self) -> Sequence[Table]:
-        units = self.scene.units
-        rows = [
-            (
-                Path(one.name).name,
-                f"{one.triangles:,}",
-                " x ".join(map(digits, one.size)),
-                f"{digits(one.low[2])} to {digits(one.high[2])}",
-                f"{one.sight.apertures:,}",
-            )
-            for one in (checked.extent for checked in self.objects)
-        ]
-        head = ("object", "triangles", f"size, {units}", f"heights, {units}", "apertures that see it")
-        return (Table(head=head, rows=rows), Table(rows=[("warning", line) for line in self.warnings]))
-
     def _figures(self) -> Sequence[Figure]:
         return [Figure(caption=view.value, content=self.view(view).encode()) for view in View]
 
@@ -316,6 +301,11 @@ class SceneCheck(Shown):
                 "seen": self.seen,
             }
         )
+
+    def table(self) -> str:
+        """Return a check as lines for people."""
+        filters: Filters = {"length": length, "heights": heights}
+        return plain_text("check.txt.j2", vars(self), filters).removesuffix("\n")
 
 
 def check(scene: Scene) -> SceneCheck:
@@ -339,12 +329,6 @@ def check(scene: Scene) -> SceneCheck:
 def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
     """Write side.svg and top.svg into a folder, both or none; InputError where that cannot be."""
     return write_files(out, {name: checked.view(view) for view, name in zip(View, FILES, strict=True)})
-
-
-def table(checked: SceneCheck) -> str:
-    """Return a check as lines for people."""
-    filters: Filters = {"length": length, "heights": heights}
-    return plain_text("check.txt.j2", vars(checked), filters).removesuffix("\n")
 
 
 def _looks(part: SceneObject) -> dict[str, str]:

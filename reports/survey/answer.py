@@ -21,7 +21,7 @@ from xfrustum.reports.inspection import PlateMap
 from xfrustum.reports.scout import MARK, mark, plate_map
 from xfrustum.reports.survey import rows
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.notebook import Figure, Shown, Table, digits, map_of, percent, png
+from xfrustum.scenes.notebook import Figure, Shown, digits, map_of, percent, png
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,15 +196,6 @@ class Survey(Shown):
 
     def _said(self) -> str:
         return f"{self.scene.name!r}, {self.sentence}"
-
-    def _tables(self) -> Sequence[Table]:
-        lines = []
-        for one, share in self.shares:
-            name = one and f"near {digits(one.near)} {self.scene.units}, {one.depth_label}"
-            counts = (f"{share.judged:,}", f"{share.beyond:,}")
-            lines.append((name or "as found", *counts, share.bound_words, share.worst_words))
-        head = ("settings", "judged", "beyond", "share beyond, at most", "worst hogel")
-        return (Table(head=head, rows=lines, numbers=True),)
 
     def _figures(self) -> Sequence[Figure]:
         found = self.tallies[self.best].maps.get(rows.P99)

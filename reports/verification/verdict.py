@@ -41,7 +41,7 @@ from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.notebook import Figure, Shown, Table, plain
+from xfrustum.scenes.notebook import Figure, Shown, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISTANCES_PX = (1.5, 4.5)
@@ -447,11 +447,9 @@ class Verification(Shown):
     def _said(self) -> str:
         return f"{self.source} as an answer to {self.scene.name!r}. {sentence(self)}"
 
-    def _tables(self) -> Sequence[Table]:
-        rows = [(check.words, "kept" if check.held else "exceeded") for check in self.checks]
-        words = [fault.words for fault in self.diagnosis.faults] or ["nothing found"]
-        diagnosis = Table(rows=[(f"diagnosis, by {self.diagnosis.means}", text) for text in words])
-        return (Table(head=("worst hogel", "limit"), rows=rows), diagnosis)
+    def table(self) -> str:
+        """Return verdict, diagnosis and figures as lines."""
+        return table(self)
 
     def _figures(self) -> Sequence[Figure]:
         shown = [entry for one in self.worst.kept[:1] for entry in one.pictures.items()]

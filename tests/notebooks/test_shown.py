@@ -116,7 +116,19 @@ def assert_right_for_a_notebook(name: str, one: Shown) -> None:
         assert line.startswith(f"{name}: ")
     html = one._repr_html_()
     shown = Structure(html)
-    assert set(shown.tags) <= {"div", "p", "b", "table", "tr", "th", "td", "figure", "figcaption", "img"}
+    assert set(shown.tags) <= {
+        "div",
+        "p",
+        "b",
+        "pre",
+        "table",
+        "tr",
+        "th",
+        "td",
+        "figure",
+        "figcaption",
+        "img",
+    }
     assert line.partition(": ")[2] in "".join(shown.words)
     # Neither ink nor paper is chosen: both are the page's, be it light or dark.
     styles = " ".join(re.findall(r'style="([^"]*)"', html))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.support.long_tail import examples
 from xfrustum.cli.main import main
-from xfrustum.reports.explain import _time, cost, explain, summary, table
+from xfrustum.reports.explain import _time, cost, explain
 from xfrustum.scenes import Camera, DepthFormat, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -149,9 +149,9 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
         sampling=Sampling(supersample=3, aperture=5),
         transport=Transport(shadows=True, samples=7),
     )
-    plan = summary(
-        explain(asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0)), tracer="mitsuba", repeat=0)
-    )
+    plan = explain(
+        asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0)), tracer="mitsuba", repeat=0
+    ).summary()
     assert plan["cameras"] == ["c"]
     assert [slab["triangles"] for slab in plan["slabs"]] == [0, 1, 0, 0, 0, 0]
     assert plan["slabs"][1]["heights"] == [4.0, 6.0]
@@ -169,10 +169,10 @@ def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
 
 def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
     plan = explain(scene(), repeat=1)
-    rows = {row["name"]: row["cost_s"] for row in summary(plan)["effects"]}
+    rows = {row["name"]: row["cost_s"] for row in plan.summary()["effects"]}
     assert {name for name, costs in rows.items() if costs["reference"] is None} == {"c", "c-star"}
     assert {name for name, costs in rows.items() if costs["raster"] is None} == {"shadows", "interreflection"}
-    text = table(plan)
+    text = plan.table()
     assert "slab 0 to 20 units behind the plate, camera c: 1 triangle\n" in text
     assert "slab 0 to 10 units before the plate, camera c-star: empty, skipped\n" in text
 
@@ -219,7 +219,7 @@ def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.Captu
 def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
     plan = explain(scene(), settings=DoubleFrustum(near=0.1))
-    told = summary(plan)["depths"]
+    told = plan.summary()["depths"]
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
     # The sheet lies between two bins, and belongs to the inner one.
     [row] = told["rows"]
@@ -233,14 +233,14 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     levels = {one["sub_apertures"]: one["levels"] for one in told["band_errors"]}
     # A blur of more than a pixel: without band limiting half the contrast, else the points' discrepancy.
     assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(0.7 * 255 * 0.0329)
-    text = table(plan)
+    text = plan.table()
     assert "1 sub-aperture is used; edges may be off by so many levels of 8 bits: 1: 89.2" in text
     assert "8,192 keep them under one" in text and "4,096: 1.28" in text and "without cuts" in text
-    inside = [row["side"] for row in summary(explain(scene(sheet(z=0.0))))["depths"]["rows"]]
-    assert inside == ["behind", "before"] and " to any px" in table(explain(scene(sheet(z=0.0))))
-    [sheet_record] = summary(plan)["objects"]
+    inside = [row["side"] for row in explain(scene(sheet(z=0.0))).summary()["depths"]["rows"]]
+    assert inside == ["behind", "before"] and " to any px" in explain(scene(sheet(z=0.0))).table()
+    [sheet_record] = plan.summary()["objects"]
     assert sheet_record["in_sight"] and sheet_record["effects"] == ["ambient", "diffuse"]
-    beyond = summary(explain(scene(sheet(), sheet(z=-500.0))))["objects"][1]
+    beyond = explain(scene(sheet(), sheet(z=-500.0))).summary()["objects"][1]
     assert not beyond["in_sight"] and beyond["effects"] == []
 
 
@@ -249,12 +249,12 @@ def test_explain_displaces_nothing_beyond_the_first_cut() -> None:
     below, above = (
         explain(scene(), settings=DoubleFrustum(near=0.1, slabs=cut)) for cut in ((4.0,), (10.0,))
     )
-    [row] = summary(below)["depths"]["rows"]
-    assert row["near_px"] == 0 and summary(below)["depths"]["largest_near"] == 4.0
-    assert "cut at 4 units" in table(below)
-    [row] = summary(above)["depths"]["rows"]
+    [row] = below.summary()["depths"]["rows"]
+    assert row["near_px"] == 0 and below.summary()["depths"]["largest_near"] == 4.0
+    assert "cut at 4 units" in below.table()
+    [row] = above.summary()["depths"]["rows"]
     assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1 * (1 - 5 / 10))
-    largest = summary(above)["depths"]["largest_near"]
+    largest = above.summary()["depths"]["largest_near"]
     assert 8 * 2**0.5 * largest / (5 + largest) * (1 - 5 / 10) == pytest.approx(0.5)
 
 
@@ -262,7 +262,7 @@ def test_explain_tells_the_separation_in_the_slab_that_draws_a_depth() -> None:
     """Standard depth of a camera in the aperture, has steps in proportion to 1/near - 1/far."""
     whole = explain(scene(), settings=DoubleFrustum(near=0.01, depth=DepthFormat.D16))
     cut = explain(scene(), settings=DoubleFrustum(near=0.01, depth=DepthFormat.D16, slabs=(4.0,)))
-    [coarse], [fine] = (summary(one)["depths"]["rows"] for one in (whole, cut))
+    [coarse], [fine] = (one.summary()["depths"]["rows"] for one in (whole, cut))
     far = scene().frustum.reach[1]
     steps = (1 / 0.01 - 1 / (far + 0.01)) / (1 / 4 - 1 / far)
     assert coarse["separation"] / fine["separation"] == pytest.approx(steps, rel=0.02)

@@ -110,7 +110,7 @@ def compare(asked: _Compare) -> None:
         options.note(note)
     if asked.out is not None:
         comparison.write_comparison(compared, asked.out)
-    asked.tell(compared.comparison.summary, lambda: comparison.table(compared.comparison))
+    asked.tell(compared.comparison.summary, compared.comparison.table)
 
 
 class _Budget(options.OneOrAuto):

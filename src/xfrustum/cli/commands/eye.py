@@ -83,7 +83,7 @@ def view(asked: _Asked) -> None:
     if asked.encoding is not None and asked.images is None:
         raise click.UsageError("--encoding says what pixels of --images hold: give both")
     opened = asked.light.applied(options.open_scene(asked.scene))
-    from xfrustum.reports.view import file_names, quilt_names, table, write_quilt, write_view
+    from xfrustum.reports.view import file_names, quilt_names, write_quilt, write_view
     from xfrustum.reports.view import view as viewed
 
     eyes = asked.eyes()
@@ -104,4 +104,4 @@ def view(asked: _Asked) -> None:
     found = viewed(opened, eyes, source, stereo=stereo, **how)
     files = () if out is None else write_view(found, out)
     page = [str(file) for file in files if file.suffix == ".html"]
-    asked.tell(found.summary, lambda: "\n".join((table(found), *page)))
+    asked.tell(found.summary, lambda: "\n".join((found.table(), *page)))

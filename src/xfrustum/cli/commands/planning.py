@@ -160,7 +160,7 @@ def explain(asked: _Explain) -> None:
     repeat = asked.repeat if asked.repeat is not None else explaining.REPEAT if asked.measure else 0
     how: dict[str, Any] = {"tracer": asked.tracer, "repeat": repeat, "progress": asked.progress}
     plan = explaining.explain(opened, chosen, settings, **how)
-    summary, text = explaining.summary(plan), explaining.table(plan)
+    summary, text = plan.summary(), plan.table()
     if asked.viewer is not None:
         from xfrustum.compare.eye.noticeable import scene_length
 
@@ -221,4 +221,4 @@ def cost(asked: _Cost) -> None:
     measured = costs.cost(opened, chosen, asked.tolerance_px, repeat=asked.repeat, progress=asked.progress)
     if asked.out is not None:
         costs.write_cost(measured, asked.out)
-    asked.tell(measured.summary, lambda: costs.cost_table(measured))
+    asked.tell(measured.summary, measured.table)

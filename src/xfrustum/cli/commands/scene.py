@@ -88,6 +88,6 @@ def check(asked: _Check) -> int:
         say(f"warning: {warning}")
     asked.tell(
         lambda: {**found.summary(), "files": [str(file) for file in files]},
-        lambda: "\n".join([checking.table(found), *([""] if files else []), *map(str, files)]),
+        lambda: "\n".join([found.table(), *([""] if files else []), *map(str, files)]),
     )
     return 0 if found.seen else options.LIMIT_EXCEEDED
