@@ -35,6 +35,7 @@ from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
+from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -619,19 +620,6 @@ def table1_table(found: Record) -> str:
         for rates, factor, by in drawn:
             frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
             lines.append(f"{begin}{frames:>11.3g}{polygons:>13,.0f}{factor:>9}  {by}")
-    width, height = found["resolution"]
-    factors = " and ".join(f"{row['antialiased']['factor']:.1f}" for row in rows)
-    slower = " and ".join(f"{row['antialiased']['slowdown']:.2f}" for row in rows)
-    shares = (f"{row['submitted_polygons_per_second'] / row['polygons_per_second']:.2f}" for row in rows)
-    lines += [
-        "",
-        f"Images of {width} x {height} by both cameras with reflections, 8-bit color read back; the paper "
-        "does not say its size.",
-        f"Polygons submitted for an image, reflective ones twice, over the database's: {', '.join(shares)}.",
-        f"With antialiasing one hogel is drawn after the other and read back in 32 bits: {slower} times as "
-        "long as without in the same loop,",
-        f"and {factors} times as fast as the {REALITY_ENGINE}, whose antialiasing was on.",
-        f"Median of {rows[0]['seconds_per_frame'].repetitions} rows of {COLUMNS} hogels after a warm-up; "
-        f"{ANTIALIASED_COLUMNS} where they are drawn one after the other.",
-    ]
-    return "\n".join(lines)
+    values: Record = {"found": found, "table": "\n".join(lines), "machine": REALITY_ENGINE}
+    values |= {"columns": COLUMNS, "few": ANTIALIASED_COLUMNS}
+    return plain_text("table1.txt.j2", values).removesuffix("\n")

@@ -31,6 +31,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.reports.common.provenance import plate_command, raster_command
+from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.view import Drawing, stereo_eyes
 from xfrustum.scenes import Aperture, DoubleFrustum, Plate, Scene
 from xfrustum.scenes.arguments import one_of
@@ -411,34 +412,15 @@ def planned_record(
 
 def planned_table(record: PlannedRecord, units: str) -> str:
     """Return the same as lines of text."""
-    viewer = record.viewer
-    lines = [
-        f"for a viewer at {digits(viewer.distance)} {units}, eyes {digits(viewer.eyes_apart_mm)} mm apart:"
-    ]
-    for limits, cuts in ((record.limits, "without cuts"), (record.limits_with_cuts, "with these cuts")):
-        for limit in limits or ():
-            largest = "any near"
-            if limit.largest_near is not None:
-                largest = f"near up to {limit.largest_near:g} {units}" if limit.largest_near else "no near"
-            what = f"change of depth, {digits(limit.allowed)} arc seconds of disparity"
-            if limit.name == CRACK:
-                what = f"the crack at the plate, {digits(limit.allowed)} arc minutes ({limit.hidden_by})"
-            binds = "  <- binds" if limit == binding(limits or ()) else ""
-            lines.append(f"  {f'{cuts}: {what}':<82}  {largest}{binds}")
-    found = record.measured
-    if found is None:
-        return "\n".join(lines)
-    if record.stereo_change_arcsec is not None and found.disparity_change_arcsec is not None:
-        lines.append(
-            f"  two eyes see depths off by {digits(record.stereo_change_arcsec)} arc seconds of disparity; "
-            f"replayed, {digits(found.disparity_change_arcsec)} ({found.matched:,} points), which is known "
-            f"to within {digits(record.noise_arcsec or 0.0)}"
-        )
-    # As if pixels were drawn at random.
-    at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)
-    lines.append(
-        f"  replayed, {percent(found.depth_wrong)} of what both eyes are shown is wrong by depth "
-        f"({found.judged:,} pixels of {found.hogels:,} hogels; at most {percent(at_most)}, "
-        f"with a confidence of {percent(CONFIDENCE)})"
-    )
-    return "\n".join([*lines, *(f"  beyond what is required: {one}" for one in record.exceeded)])
+    found, kinds = record.measured, []
+    for words, limits in (
+        ("without cuts", record.limits),
+        ("with these cuts", record.limits_with_cuts or ()),
+    ):
+        kinds.append((words, limits, binding(limits)))
+    values = {"record": record, "viewer": record.viewer, "units": units, "kinds": kinds, "found": found}
+    if found is not None:
+        # As if pixels were drawn at random.
+        at_most = share_at_most(round(found.depth_wrong * found.judged), found.judged)
+        values |= {"depth_wrong_at_most": at_most, "confidence": CONFIDENCE}
+    return plain_text("plan-viewer.txt.j2", values).removesuffix("\n")

@@ -149,8 +149,11 @@ def test_the_command_writes_a_page_and_what_it_prints(
 ) -> None:
     """What was asked for is what the answer of the other tests was asked for, so that it is found once."""
 
-    def found(opened: Scene, *asked: object, sample: RandomSample, **_: object) -> Recommendation:
-        assert (opened.name, *asked, sample.hogels) == ("through", Viewer(distance=600.0), None, FINE, 6)
+    def found(
+        opened: Scene, *asked: object, choices: object, sample: RandomSample, progress: bool
+    ) -> Recommendation:
+        assert (opened.name, *asked) == ("through", Viewer(distance=600.0), None)
+        assert (choices, sample.hogels, progress) == (FINE, 6, False)
         return replace(both, pixels_count=False)
 
     monkeypatch.setattr(recommend_module, "recommend", found)
