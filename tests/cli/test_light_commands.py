@@ -54,16 +54,6 @@ def run(line: str) -> None:
     assert main(line.split()) == 0
 
 
-def test_all_effects_and_those_called_for_are_the_same_picture() -> None:
-    for effects in ("auto", "all"):
-        run(f"raster boxes.toml --near 0.1 --effects {effects} --out {effects}.exr")
-        run(f"trace boxes.toml --effects {effects} --quiet --out true-{effects}.exr")
-    for kind in ("", "true-"):
-        auto, all_ = read_image(f"{kind}auto.exr"), read_image(f"{kind}all.exr")
-        for name in ("color", "triangle", "position"):
-            np.testing.assert_array_equal(getattr(auto, name), getattr(all_, name))
-
-
 def test_effects_by_name_leave_out_the_others() -> None:
     run("raster boxes.toml --near 0.1 --out all.exr")
     run("raster boxes.toml --near 0.1 --effects c,ambient --out dark.exr")
@@ -72,15 +62,6 @@ def test_effects_by_name_leave_out_the_others() -> None:
     shown = dark.covered
     np.testing.assert_allclose(dark.color[shown], 0.1, atol=1e-6)
     assert (full.color[shown] > 0.2).any()
-
-
-def test_samples_average_color_and_nothing_else() -> None:
-    run("raster boxes.toml --near 0.1 --out once.exr")
-    run("raster boxes.toml --near 0.1 --supersample 3 --aperture-samples 2 --out x.exr")
-    once, many = read_image("once.exr"), read_image("x.exr")
-    np.testing.assert_array_equal(once.triangle, many.triangle)
-    np.testing.assert_array_equal(once.position, many.position)
-    assert np.abs(once.color - many.color).max() > 0.05
 
 
 def test_the_header_says_what_made_the_picture() -> None:

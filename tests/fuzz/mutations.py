@@ -95,7 +95,7 @@ def mutated_header(data: bytes, chance: random.Random) -> bytes:
         one = attributes[chance.randrange(len(attributes))]
         action = chance.randrange(6)
         if action < 3:
-            one[2] = chance.choice((_whole_number, _flip, _random_byte, mutated))(one[2], chance)[: 1 << 16]
+            one[2] = chance.choice((_whole_number, _flip, _splice, mutated))(one[2], chance)[: 1 << 16]
             one[3] = len(one[2]) if chance.random() < 0.9 else chance.choice(WHOLE) & 0x7FFFFFFF
         elif action == 3:
             one[1] = attributes[chance.randrange(len(attributes))][1]
@@ -108,41 +108,18 @@ def mutated_header(data: bytes, chance: random.Random) -> bytes:
 
 
 def _flip(data: bytes, chance: random.Random) -> bytes:
-    if not data:
-        return data
-    at = chance.randrange(len(data))
-    return data[:at] + bytes([data[at] ^ 1 << chance.randrange(8)]) + data[at + 1 :]
-
-
-def _random_byte(data: bytes, chance: random.Random) -> bytes:
     at = chance.randrange(len(data) + 1)
-    return data[:at] + bytes([chance.randrange(256)]) + data[at + chance.randrange(2) :]
+    return data[:at] + bytes(one ^ 1 << chance.randrange(8) for one in data[at : at + 1]) + data[at + 1 :]
 
 
-def _truncate(data: bytes, chance: random.Random) -> bytes:
-    return data[: chance.randrange(len(data) + 1)]
-
-
-def _remove(data: bytes, chance: random.Random) -> bytes:
-    start = chance.randrange(len(data) + 1)
-    return data[:start] + data[start + chance.choice((1, 2, 4, 16, 256)) :]
-
-
-def _repeat(data: bytes, chance: random.Random) -> bytes:
-    start = chance.randrange(len(data) + 1)
-    piece = data[start : start + chance.choice((1, 4, 16, 256))]
-    return data[:start] + piece * chance.choice((2, 3, 10, 1000)) + data[start:]
-
-
-def _exchange(data: bytes, chance: random.Random) -> bytes:
-    length = chance.choice((1, 4, 16))
-    if len(data) < 2 * length:
-        return data
-    first, second = sorted(chance.randrange(len(data) - length + 1) for _ in range(2))
-    if second - first < length:
-        return data
-    one, other = data[first : first + length], data[second : second + length]
-    return data[:first] + other + data[first + length : second] + one + data[second + length :]
+def _splice(data: bytes, chance: random.Random) -> bytes:
+    """Replace a piece by nothing, by a random byte, by itself many times, or by a piece from elsewhere."""
+    start, length = chance.randrange(len(data) + 1), chance.choice((0, 1, 2, 4, 16, 256, len(data)))
+    piece, other = data[start : start + length], chance.randrange(len(data) + 1)
+    new = chance.choice(
+        (b"", chance.randbytes(1), piece * chance.choice((2, 3, 10, 1000)), data[other:][:length])
+    )
+    return data[:start] + new + data[start + length :]
 
 
 def _whole_number(data: bytes, chance: random.Random) -> bytes:
@@ -190,7 +167,7 @@ def _nest(data: bytes, chance: random.Random) -> bytes:
 
 
 MUTATIONS: tuple[Mutation, ...] = (
-    *(_flip, _random_byte, _truncate, _remove, _repeat, _exchange, _whole_number, _whole_number),
+    *(_flip, _splice, _splice, _splice, _splice, _splice, _whole_number, _whole_number),
     *(_number, _number, _number, _word, _word, _line, _nest),
 )
 """All kinds of damage; the ones that find most are listed more than once."""

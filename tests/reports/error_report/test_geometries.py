@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
 from tests.reports.error_report.test_reports import page_data
-from xfrustum.cli.app import cli
+from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.provenance import raster_command
 from xfrustum.reports.error_report.best import ReportOptions, admits, geometry_grid, geometry_names
@@ -156,30 +155,18 @@ def test_default_nears_that_reach_over_the_first_cut_are_left_out_without_an_off
 
 
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
-
     def note(_scene: object, _out: object, options: ReportOptions) -> None:
-        asked.update(vars(options))
+        asked.append(options)
         raise InputError("enough")
 
+    asked: list[ReportOptions] = []
     monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
-    words = [
-        "--pivot",
-        "aperture,camera",
-        "--fit",
-        "angle,screen,15",
-        "--offset",
-        "plate,none",
-        "--no-causes",
-    ]
-    CliRunner().invoke(cli, ["report", "car-recentered", *words, "--slabs", "15,40;20;none", "--quiet"])
-    assert asked["pivots"] == (Pivot.APERTURE, Pivot.CAMERA)
-    assert asked["fits"] == (Fit.ANGLE, Fit.SCREEN, 15.0)
-    assert asked["offsets"] == (Offset.PLATE, Offset.NONE)
-    assert asked["slabs"] == ((15.0, 40.0), (20.0,), ())
-    assert not asked["causes"]
-    CliRunner().invoke(cli, ["report", "car", "--quiet"])
-    assert asked["causes"]
+    lists = "--pivot aperture,camera --fit angle,screen,15 --offset plate,none --slabs 15,40;20;none"
+    assert main(f"report car-recentered --no-causes {lists}".split()) == main(["report", "car"]) == 2
+    first, usual = asked
+    assert (first.pivots, first.fits) == ((Pivot.APERTURE, Pivot.CAMERA), (Fit.ANGLE, Fit.SCREEN, 15.0))
+    assert (first.offsets, first.slabs) == ((Offset.PLATE, Offset.NONE), ((15.0, 40.0), (20.0,), ()))
+    assert usual.causes and not first.causes
 
 
 def test_names_tell_geometries_apart_by_what_differs() -> None:

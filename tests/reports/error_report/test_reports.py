@@ -211,16 +211,6 @@ def test_causes_add_up_and_the_near_offset_moves_what_its_closed_form_says(files
             assert moved["displacement_rms_px"] == pytest.approx(expected, rel=0.1)
 
 
-def test_what_tracers_alone_would_have_got_wrong_is_told_for_every_aperture(files: ReportFiles) -> None:
-    found = files.content["tracers_alone"]
-    assert [one["aperture"] for one in found] == [
-        [one["column"], one["row"]] for one in files.content["apertures"]
-    ]
-    assert found[0]["judged"] == files.content["rows"][0]["comparison"]["judged"]
-    assert all(0 <= one[name] <= one["judged"] for one in found for name in ("embree", "mitsuba"))
-    assert "by Embree alone" in files.html.read_text()
-
-
 def test_the_page_is_one_file_with_pictures_and_curves_of_every_row_that_asks_for_nothing(
     files: ReportFiles,
 ) -> None:

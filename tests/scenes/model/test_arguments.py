@@ -29,7 +29,6 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.disk.input_files import largest_plate
-from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.plate_content import PlateContent
 
 NONSENSE: tuple[Any, ...] = (
@@ -162,14 +161,6 @@ def test_functions_refuse_what_they_cannot_mean_too() -> None:
         with pytest.raises(InputError):
             call()
             pytest.fail(f"call {number} took it")
-
-
-def test_effects_may_be_given_by_name() -> None:
-    scene = Scene(name="s", plate=PLATE, frustum=FRUSTUM, objects=(SHEET,))
-    names: Any = {"c", "diffuse"}
-    with xfrustum.Rasterizer(scene, effects=names) as rasterizer:
-        assert rasterizer.effects == {Effect.C, Effect.DIFFUSE}
-        assert all(isinstance(effect, Effect) for effect in rasterizer.effects)
 
 
 # The plate's apertures, by the formula of CONVENTIONS.md, "Frames".
