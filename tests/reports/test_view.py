@@ -10,6 +10,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.view import eyes_on_path
@@ -19,25 +20,12 @@ from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.notebook import percent
 
 EYES, EYE, RESOLUTION, NEAR = "--eye=-20,3,300;25,3,300", "--eye=0,0,300", "--resolution=24,18", "--near=0.5"
-SCENE = """
-name = "two"
-units = "mm"
-[plate]
-size = [40.0, 30.0]
-hogels = [8, 6]
-[frustum]
-resolution = [32, 24]
-fov_deg = [50.0, 40.0]
-reach = [40.0, 40.0]
-[[object]]
-shape = "sphere"
-scale = 16.0
-translate = [-3.0, 1.0, -15.0]
-[[object]]
-shape = "box"
-scale = 6.0
-translate = [6.0, -3.0, 12.0]
-"""
+SCENE = (
+    named("two", "mm")
+    + film((40.0, 30.0), hogels=(8, 6), resolution=(32, 24), fov_deg=(50.0, 40.0), reach=(40.0, 40.0))
+    + part("sphere", 16.0, (-3.0, 1.0, -15.0))
+    + part("box", 6.0, (6.0, -3.0, 12.0))
+)
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,6 @@ import fcntl
 import json
 import os
 import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -14,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 import zarr
 
 from tests.support.long_tail import thinned
-from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
@@ -381,19 +376,3 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     assert stores[0].missing(block, check=True) == ((), 0)
     whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(7, 5)).out
     assert tree(out) == tree(whole)
-
-
-@pytest.mark.slow
-def test_a_killed_worker_changes_no_byte_of_a_plate(tmp_path: Path) -> None:
-    path, out = tmp_path / "boxes.toml", tmp_path / "killed.zarr"
-    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
-    path.write_text(named("boxes") + film((40, 32), (7, 5), (16, 16), (60, 60), (60, 60)) + objects)
-    words = ["plate", str(path), "--near", "0.5", "--ids", "--block", "1x1", "--quiet"]
-    assert main([*words, "--out", str(tmp_path / "one.zarr")]) == 0
-    command = [sys.executable, "-m", "xfrustum", *words, "--out", str(out), "--workers", "2"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:
-        while not finished(out) and run.poll() is None:
-            time.sleep(0.01)
-        psutil.Process(run.pid).children()[0].kill()
-    assert run.returncode == 0
-    assert tree(out) == tree(tmp_path / "one.zarr")

@@ -10,7 +10,6 @@ import pytest
 from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
 from xfrustum.compare.eye.noticeable import (
-    EYES_APART_MM,
     STEREO_ACUITY_ARCSEC,
     Display,
     Viewer,
@@ -20,7 +19,7 @@ from xfrustum.compare.eye.noticeable import (
 from xfrustum.compare.sampling import share_at_most
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies import noticeable
-from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns, rule_near
+from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns
 from xfrustum.reports.studies.sweep import read_rows
 from xfrustum.scenes import open_scene
 from xfrustum.tolerances import MAX_DEPTH_WRONG
@@ -57,12 +56,6 @@ def test_the_published_page_has_the_numbers_that_follow_from_its_data(rows: tupl
     assert f"these are {apart['pixels_only']} of {sum(apart.values())} pairs" in " ".join(page.split())
     for quarter in noticeable.quarters(rows):
         assert f"{quarter['failed']} of {quarter['kept']} from {quarter['distance']:g} mm" in page
-
-
-def test_at_the_limit_of_the_rule_two_eyes_tell_the_gap_from_none() -> None:
-    near, distance = rule_near(600.0), 600.0
-    change = EYES_APART_MM / (distance - near) - EYES_APART_MM / (distance + near)
-    assert math.degrees(change) * 3600 == pytest.approx(STEREO_ACUITY_ARCSEC, rel=1e-9)
 
 
 def safe_near(distance: float, nearest: float) -> float:

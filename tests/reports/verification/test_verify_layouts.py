@@ -1,6 +1,5 @@
 """`verify` reads layouts by name, and names the wrong readings that people are known for."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -13,7 +12,6 @@ from PIL import Image
 
 from tests.reports.verification.synthetic import packed
 from tests.support.brute_force import first_hits
-from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, table
@@ -167,51 +165,6 @@ def test_a_wrong_reading_is_named(case: str, tmp_path: Path) -> None:
     if case == "views as hogels":
         assert [fault.value for fault in found.diagnosis.faults] == ["views"]
         assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("layout", "program", "named"),
-    [
-        # T. Burnett's renderer samples pixels at their corners.
-        ("burnett", {"shift": (-0.5, -0.5)}, {"shift-x", "shift-y"}),
-        # J. Hocking's recipe works for scenes behind the plate only; its field of view is 70 degrees.
-        ("hocking", {"front": "missing"}, {"front-missing"}),
-        ("hocking", {"fov": (math.tan(math.radians(35)) * math.sqrt(3),) * 2}, {"fov-x", "fov-y"}),
-    ],
-)
-def test_what_the_program_of_a_layout_draws_otherwise(
-    layout: str, program: dict[str, Any], named: set[str], tmp_path: Path
-) -> None:
-    scene = small("asymmetric", 48)
-    with Faulty(scene=scene, **program) as renderer:
-        plate = plate_of(scene, partial(renderer, scene))
-    found = asked(scene, written(plate, layout, tmp_path))
-    assert f"layout {layout}" in found.source
-    assert not found.passed
-    assert faults(found) == named
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kept", [True, False])
-def test_rows_of_hogels_as_videos(kept: bool, tmp_path: Path) -> None:
-    """Numbers survive in a video that keeps every bit, and are named lost in one that does not."""
-    av = pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
-    scene = scene_of((32, 32))
-    plate = plate_of(scene, Reference(scene).trace)
-    for row in range(3):
-        with av.open(str(tmp_path / f"HogelRow_{row}.avi"), "w", format="avi") as video:
-            stream = video.add_stream("ffv1" if kept else "mjpeg", rate=25)
-            stream.height = stream.width = 32
-            stream.pix_fmt = "bgr0" if kept else "yuvj420p"
-            for hogel in plate.pixels[row]:
-                turned = np.ascontiguousarray(hogel[::-1, ::-1])
-                video.mux(stream.encode(av.VideoFrame.from_ndarray(turned, format="rgb24")))
-            video.mux(stream.encode(None))
-    found = asked(scene, tmp_path)
-    assert "layout burnett" in found.source
-    assert found.passed == kept
-    assert faults(found) == (set() if kept else {"lossy"})
 
 
 def sheared_views(scene: Scene, factor: float) -> Plates:
