@@ -8,17 +8,17 @@ other depths than their own.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from xfrustum.compare.metrics.error_maps import hidden_pixels
 from xfrustum.compare.metrics.radiance import perceptual_difference
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
-from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reference import SurfacePoints
 from xfrustum.reference.eye.view import EyeReference, hogel_lines
 from xfrustum.reference.lines.lines import model_cameras, pixel_places
 from xfrustum.reference.lines.triangles import plane_places, triangle_normals
@@ -395,13 +395,9 @@ def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
     """Return the pixels that show a point which the eye could not see, for something is in front of it."""
     known = np.isfinite(shown.position).all(axis=-1) & (shown.triangle != NOTHING)
     # Hogels do not know where the eye is: they show what lies beside it and behind it too.
-    hidden: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
-    asked = np.flatnonzero(known & ~hidden)
-    position, number = shown.position.reshape(-1, 3)[asked], shown.triangle.ravel()[asked]
-    tolerance = position_tolerance(reference.scene, number, position)
-    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
-    hidden.flat[asked] = reference.hidden(shown.eye, points)
-    return hidden
+    behind: Mask = known & (shown.position[..., 2] >= shown.eye.position[2])
+    occluded = partial(reference.hidden, shown.eye)
+    return behind | hidden_pixels(known & ~behind, shown, reference.scene, occluded)
 
 
 def _angle(a: Floats, b: Floats) -> Floats:

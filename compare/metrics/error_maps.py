@@ -22,7 +22,7 @@ from xfrustum.compare.rounding.positions import POSITION_TOLERANCE, largest_tole
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, SurfaceImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.notebook import Brief
 from xfrustum.scenes.plate.double_frustum import Cull
@@ -108,7 +108,7 @@ class DrawnPoints:
     triangle: Numbers  #: (N,) as the image has them
 
     @classmethod
-    def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
+    def of(cls, image: SurfaceImage, pixels: Indices) -> DrawnPoints:
         """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
         axes = [image.position[..., axis].reshape(-1)[pixels] for axis in range(3)]
         triangle = image.triangle.reshape(-1)[pixels]
@@ -276,7 +276,7 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     return found
 
 
-def hidden_pixels(asked: Mask, shown: HogelImage, scene: Scene, hides: Occluded) -> Mask:
+def hidden_pixels(asked: Mask, shown: SurfaceImage, scene: Scene, hides: Occluded) -> Mask:
     """Return which of the asked pixels (H, W), which show a surface off the plate, show a hidden point."""
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)

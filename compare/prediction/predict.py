@@ -161,7 +161,7 @@ class Predictor:
         if crosses:
             moved = [None if one else one for one in moved]
         prediction = Prediction(
-            displacement_px=None if crosses else _spread(self._points, self._frustum, settings),
+            displacement_px=None if crosses else displacement(self._points, self._frustum, settings),
             reasons=Reasons(displacement=CROSSES if crosses else None),
             silhouettes=sum(swept) / judged,
             snapped=snapped / judged,
@@ -263,12 +263,8 @@ def plate_segments(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
     return (first + last)[:, 0] / 2, (last - first)[:, 0] / 2
 
 
-def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
+def displacement(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
-    return _spread(TruePoints.of(truth).shown(), frustum, settings)
-
-
-def _spread(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     moved = displacement_lengths(points, frustum, settings)
     return Spread.of(moved[np.isfinite(moved)])
 

@@ -24,6 +24,7 @@ from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS as BY_FRAGMENT
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
+from xfrustum.compare.prediction.displacement import TruePoints
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
@@ -235,7 +236,7 @@ def measure(cells: Sequence[Cell]) -> Iterator[Row]:
                 exact = with_exact_depth(cell.settings)
                 control = rasterizer.render(aperture, exact, normals=False, color=False)
                 control_wrong = surface_errors(truth, control, reference).wrong & judged_pixels(truth)
-                predicted = predict.displacement(truth, scene.frustum, exact)
+                predicted = predict.displacement(TruePoints.of(truth), scene.frustum, exact)
             drawn = rasterizer.render(aperture, cell.settings, normals=False, color=False)
             judged = compare_images(truth, drawn, reference)
             wrong, spread = judged.maps.surface, judged.displacement_px

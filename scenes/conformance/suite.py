@@ -7,7 +7,6 @@ import hashlib
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,13 +40,6 @@ the plate than some ten times the offset: points at |z| move by W / 2 * n / |z| 
 """
 
 
-class Colors(StrEnum):
-    """What is asked of cases about light; all others ask for numbers of triangles or objects."""
-
-    RGB = "rgb"
-    SRGB = "srgb"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """One frozen question, and what is accepted for an answer."""
@@ -69,8 +61,8 @@ class Case:
 
     @property
     def colored(self) -> bool:
-        """Whether colors are asked for."""
-        return self.asked in set(Colors)
+        """Whether colors are asked for, as cases about light do; all others ask for numbers."""
+        return self.asked in ("rgb", "srgb")
 
     @property
     def accepted(self) -> str:

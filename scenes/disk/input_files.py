@@ -95,9 +95,9 @@ def check_mesh_file(path: Path) -> None:
     regular_size(path, what, "a mesh path is relative to its scene file")
 
 
-def head_of(path: Path, what: str, size: int = 1024, advice: str = "") -> bytes:
+def head_of(path: Path, what: str, size: int = 1024) -> bytes:
     """Return the first bytes of a file; InputError where `regular_size` takes none, or it cannot be read."""
-    regular_size(path, what, advice)
+    regular_size(path, what)
     try:
         with path.open("rb") as file:
             return file.read(size)

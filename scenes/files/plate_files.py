@@ -62,11 +62,11 @@ class PlateRows:
 class Plates(PlateRows):
     """All pixels (rows, columns, H, W, 3) of a plate; lossy where the format of some file changes pixels."""
 
-    def __init__(self, pixels: Pixels, levels: int | None, *, lossy: bool = False) -> None:
+    def __init__(self, pixels: Pixels, levels: int | None) -> None:
         rows, columns, height, width, _ = pixels.shape
         shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
         super().__init__(shape=shape, levels=levels, dtype=np.dtype(pixels.dtype), row=pixels.__getitem__)
-        self.pixels, self.lossy = pixels, lossy
+        self.pixels, self.lossy = pixels, False
 
     @classmethod
     def empty(cls, shape: PlateShape, dtype: np.dtype[Any], levels: int | None) -> Plates:
