@@ -18,19 +18,13 @@ scout           Which apertures of a plate decide the error: a look through many
 selfcheck/       The truth against brute force in integers
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING
+import lazy_loader
 
-if TYPE_CHECKING:
-    from xfrustum.compare.metrics.comparison import Comparison, compare_images
-    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError, Spread
-
-__all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
-
-
-def __getattr__(name: str) -> object:
-    """Import a name when it is first used: closed forms answer without loading the reference."""
-    if name not in __all__:
-        raise AttributeError(f"module 'xfrustum.compare' has no attribute {name!r}")
-    module = "comparison" if name in ("Comparison", "compare_images") else "error_maps"
-    return getattr(import_module(f"xfrustum.compare.metrics.{module}"), name)
+# Names are imported when first used: closed forms answer without loading the reference.
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "metrics.comparison": ["Comparison", "compare_images"],
+        "metrics.error_maps": ["ErrorMaps", "HeightError", "Spread"],
+    },
+)

@@ -251,20 +251,11 @@ def _beyond_film(points: DrawnPoints, places: Places, pencil: Pencil, scene: Sce
     A point known to within a tolerance is known on the film to within that over w t, with w its depth from
     the center of the lines: |z| for the true frustum.
     """
-    sides = np.asarray(pencil.resolution, dtype=np.float64)
-
-    def beyond(places: Places, known_to: tuple[Floats | float, Floats | float]) -> Mask:
-        ends = zip(places, sides, known_to, strict=True)
-        off_film = [(at < -0.5 - off) | (at > side - 0.5 + off) for at, side, off in ends]
-        return np.asarray(np.logical_or.reduce(off_film))
-
-    outside = beyond(places, (0.0, 0.0))
-    # Few points lie there: only these are asked how exactly they are known.
-    some = np.flatnonzero(outside)
-    asked = points.at(some)
-    tolerance, depth = asked.surface_points(scene).tolerance, np.abs(asked.coordinates[2] - pencil.center[2])
-    across, down = (tolerance * share / depth for share in sides / (2 * np.asarray(pencil.half_extent)))
-    outside[some] = beyond((places[0][some], places[1][some]), (across, down))
+    tolerance = points.surface_points(scene).tolerance / np.abs(points.coordinates[2] - pencil.center[2])
+    outside = np.zeros(len(tolerance), dtype=np.bool_)
+    for place, side, half in zip(places, pencil.resolution, pencil.half_extent, strict=True):
+        off = tolerance * side / (2 * half)
+        outside |= (place < -0.5 - off) | (place > side - 0.5 + off)
     return outside
 
 

@@ -150,29 +150,16 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
 
 def _occludes(truth: HogelImage, axis: int) -> Mask:
     """Return the pairs of neighbors along an axis whose points lie in neither tangent plane of the other."""
-    height = np.ascontiguousarray(truth.height)
-    near, far = _neighbors(height, axis)
-    found = np.zeros(near.shape, dtype=np.bool_)
+    near, far = _neighbors(truth.height, axis)
     if truth.normal is None:
-        return found
-    k, t = np.asarray(truth.camera.shear), np.asarray(truth.camera.half_extent)
-    # Two points of equal height on neighboring lines are no farther off any plane than the lines are apart.
-    longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
-    per_height = 2 * np.max(t / truth.camera.resolution)
-    spacing = per_height * np.maximum(*_neighbors(np.abs(height), axis))
-    deep = np.abs(far - near) * longest > (MIN_OCCLUSION_SPACINGS - 1) * spacing
-    some = np.flatnonzero(deep)
-    spacing = spacing.ravel()[some]
-    positions, normals = (one.reshape(-1, 3) for one in (truth.position, truth.normal))
-    first, step = (some + some // near.shape[1], 1) if axis else (some, near.shape[1])
-    chord = positions[first + step] - positions[first]
-    # Few points lie off the first plane: only these are asked how far they lie off the second.
-    for beyond in (0, step):
-        off = np.abs(np.einsum("ij,ij->i", chord, normals[first + beyond]))
-        kept = off > MIN_OCCLUSION_SPACINGS * spacing
-        some, first, chord, spacing = (one[kept] for one in (some, first, chord, spacing))
-    found.reshape(-1)[some] = True
-    return found
+        return np.zeros(near.shape, dtype=np.bool_)
+    spacing = 2 * np.max(np.asarray(truth.camera.half_extent) / truth.camera.resolution)
+    allowed = MIN_OCCLUSION_SPACINGS * spacing * np.maximum(np.abs(near), np.abs(far))
+    here, there = _neighbors(truth.position, axis)
+    chord = there - here
+    with np.errstate(invalid="ignore"):
+        off = [np.abs(np.einsum("...i,...i", chord, one)) for one in _neighbors(truth.normal, axis)]
+        return np.asarray((off[0] > allowed) & (off[1] > allowed))
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
@@ -219,7 +206,10 @@ class Silhouettes:
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the expected wrong pixels that each link makes wrong to the end of a chain."""
         steps, *sides = self._contours_for(chain[-1])
-        missing, between = self._not_shown(chain[-1]), steps.kind == Kind.OBJECTS
+        between, missing = steps.kind == Kind.OBJECTS, self._in_aperture
+        if chain[-1].camera is not Camera.BOTH or chain[-1].offset is not Offset.PLATE:
+            height = self._points.height
+            missing = missing | (np.isfinite(height) & ~is_drawn(height, chain[-1]))
         # From the last link backward: the part of each step's wrong span that stays wrong to the end, px.
         low, high = np.full(len(steps.kind), -np.inf), np.full(len(steps.kind), np.inf)
         found: dict[DoubleFrustum, float] = {}
@@ -257,13 +247,6 @@ class Silhouettes:
             front, back = (replace(points, from_middle=places) for points in ends)
             self._contours[first] = steps, front, back
         return self._contours[first]
-
-    def _not_shown(self, settings: DoubleFrustum) -> Mask:
-        """Return the pixels whose surface no camera shows, (H, W)."""
-        if settings.camera is Camera.BOTH and settings.offset is Offset.PLATE:
-            return self._in_aperture
-        height = self._points.height
-        return np.asarray(self._in_aperture | (np.isfinite(height) & ~is_drawn(height, settings)))
 
 
 def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.rounding.depth import Depths, depths
+from xfrustum.compare.rounding.depth import depths
 from xfrustum.compare.rounding.edges import (
     Placement,
     distance_to_border,
@@ -107,7 +107,8 @@ def find_causes(
     chosen = before.possible & after.possible & ~edge
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if chosen.any():
-        one, other = _stored(drawn, cameras, images, chosen)
+        kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
+        one, other = depths(kept).at(kept.slots, (len(cameras), len(images), len(chosen)))
         order = np.asarray(one.indistinguishable_from(other).any(axis=0))
         lost = one.lost().any(axis=0) & ~order
     # The far cut may run nearly anywhere where depth is starved, and seams take long to find: both are looked
@@ -158,15 +159,6 @@ def _marks(
         marks.reshape(4, -1)[:, drawn.slots] = placement(drawn)
     marks[0] |= [image.triangle.reshape(-1).take(pixels) == NOTHING for image in images]
     return [Placement(*of_image) for of_image in np.moveaxis(np.asarray(marks.any(axis=1)), 1, 0)]
-
-
-def _stored(
-    drawn: PixelTriangles, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], chosen: Mask
-) -> list[Depths]:
-    """Return the depths (cameras, N) that each image's triangles have in buffers at `chosen` pixels (N,)."""
-    shape = len(cameras), len(images), len(chosen)
-    kept = drawn.some(np.flatnonzero(chosen[drawn.slots % len(chosen)]))
-    return depths(kept).at(kept.slots, shape)
 
 
 def _beside_likeness(expected: HogelImage, shown: HogelImage, pixels: PixelIndex) -> Mask:
