@@ -7,6 +7,7 @@ of a line and C* the farthest.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -154,6 +155,7 @@ def _moved(parts: Sequence[SceneObject], move: Callable[[Floats], Floats]) -> li
     return [replace(part, vertices=move(part.vertices)) for part in parts]
 
 
+@lru_cache(8)
 def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
     """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
     if not (math.isfinite(ratio) and ratio >= CAR_RATIO):

@@ -290,9 +290,9 @@ def assert_alike(rows: list[dict[str, Any]], verified: Verification) -> None:
 
 def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     path, pattern, out = tmp_path / "boxes.toml", tmp_path / "{i}x{j}.exr", tmp_path / "survey"
-    box(path, (3, 2), (24, 24), (40, 32)).write_text(path.read_text() + part("box", 6, (-5, 2, 16)))
+    box(path, (2, 2), (16, 16), (40, 32)).write_text(path.read_text() + part("box", 6, (-5, 2, 16)))
     scene = open_scene(path)
-    draw(scene, 0.5, pattern, missing=(2, 1))
+    draw(scene, 0.5, pattern, missing=(1, 1))
     assert survey_of(path, pattern, out) == 1
     verified = verify(scene, str(pattern))
     rows = rows_of(out).to_pylist()
@@ -300,9 +300,9 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     said = json.loads((out / "survey.json").read_text())
     assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > 1
     # A hogel that is missing is worse than any that is wrong.
-    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": None}
+    assert said["worst"] == {"aperture": [1, 1], "displacement_p99_px": None, "surface_fraction": None}
     page = (out / "index.html").read_text()
-    assert "<b>2,1</b>: missing</summary>" in page
+    assert "<b>1,1</b>: missing</summary>" in page
     assert "This hogel is missing" in page
 
 
@@ -344,8 +344,8 @@ RECORDED = Path(__file__).parent / "car-81x61.parquet"
 """The columns of `xfrustum survey car --resolution 128,128 --near 0.15 --all` that decide what is beyond, as
 recorded in November 2026."""
 
-SEEDS, MIN_HOLDING = 20, 18
-"""Number of surveys, and how many bounds must hold: of bounds that hold with 95 % exactly, fewer do in 8 of
+SEEDS, MIN_HOLDING = 10, 9
+"""Number of surveys, and how many bounds must hold: of bounds that hold with 95 % exactly, fewer do in 9 of
 100 tests; ours are conservative."""
 
 
