@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.long_tail import thinned
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
@@ -228,23 +227,6 @@ def program(body: str) -> list[str]:
     ]
 
 
-def from_the_first_moment(arguments: Sequence[str]) -> list[str]:
-    """Return arguments of a Python that says when signals are obeyed, then runs the command line."""
-    return [
-        "-c",
-        "import sys\n"
-        "from xfrustum import interrupts\n"
-        "from xfrustum.cli.main import run\n"
-        "def obeyed(*, ignored_afterwards, obeyed=interrupts.obeyed):\n"
-        "    with obeyed(ignored_afterwards=ignored_afterwards):\n"
-        "        print('ready', flush=True)\n"
-        "        yield\n"
-        "import contextlib; interrupts.obeyed = contextlib.contextmanager(obeyed)\n"
-        f"sys.argv[1:] = {list(arguments)!r}\n"
-        "sys.exit(run())\n",
-    ]
-
-
 BODIES = {
     "a library that turns it into another exception": """
         import time
@@ -426,31 +408,6 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 70 and "went on" in said
-
-
-@pytest.mark.parametrize("begun_s", thinned([0.6, 0.2, 1.0], 3))
-def test_ctrl_c_is_obeyed_within_a_second_of_cpu_time_while_modules_load(
-    begun_s: float, tmp_path: Path
-) -> None:
-    loading = from_the_first_moment(["report", "car", "--quiet", "--out", "out"])
-    with start(loading, tmp_path) as process:
-        assert process.stdout.readline() == "ready\n"
-        until = cpu_s(process.pid) + begun_s
-        while (spent := cpu_s(process.pid)) < until:
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
-            time.sleep(0.01)  # a process that has ended and was not waited for still tells its time
-        after = cpu_s(process.pid)
-        _, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == ENDED[signal.SIGINT]
-    assert after - spent < 1.0
-
-
-def cpu_s(pid: int) -> float:
-    """Return the CPU time that a process has taken, in seconds; proc(5), /proc/pid/stat."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, 
 from xfrustum.cli.options import engine_of
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
-from xfrustum.reports.parts import Parts, differences_words
+from xfrustum.reports.parts import Parts
 from xfrustum.scenes import InputError, open_scene
 
 LONGEST_WAIT_S = 120
@@ -342,17 +342,3 @@ def test_a_folder_is_continued_with_the_same_work_alone(parts: Parts, tmp_path: 
     (tmp_path / "mine" / "rows.parquet").touch()
     with pytest.raises(InputError, match="was not begun by this command"):
         Parts(out=tmp_path, name="mine").open({})
-
-
-def test_differences_tell_short_values_and_no_hashes() -> None:
-    found = {"settings": [{"near": 0.1, "depth": "d24"}], "scene": {"content": "a" * 64}, "hogels": [1, 2]}
-    wanted = {"settings": [{"near": 0.2, "depth": "d24"}], "scene": {"content": "b" * 64}, "hogels": [1, 2]}
-    assert differences_words(found, wanted) == "other settings (near was 0.1, now 0.2) and another scene"
-    assert differences_words(None, wanted) == "another description"
-    told = 'other content (judged was false, now true; channels was ["color"], now ["color", "height"])'
-    one, other = (
-        {"judged": on, "channels": names} for on, names in ((False, ["color"]), (True, ["color", "height"]))
-    )
-    assert differences_words({"content": one}, {"content": other, "tracer": None}) == told
-    told = differences_words({"state of the images": "a" * 64}, {"state of the images": "b" * 64})
-    assert told == "another state of the images"

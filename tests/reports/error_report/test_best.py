@@ -23,7 +23,6 @@ from xfrustum.reports.error_report.best import (
 from xfrustum.reports.error_report.page import cause_figure
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.plate.double_frustum import Pivot
 
 CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
 FILM = (256, 256)
@@ -251,13 +250,6 @@ def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
         text = sentence(rows, "mm", 150.0)
         assert ("wrong surface, most of them by the near offset, and" in text) is said
     assert "most of them" not in sentence([measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0)
-
-
-def test_the_pivot_of_a_centered_frustum_is_not_named() -> None:
-    rows = [measured(1.0, 0.0, 0.1)]
-    rows.append(replace(rows[0], settings=replace(rows[0].settings, pivot=Pivot.CAMERA)))
-    assert "and pivot" in sentence(rows, "mm", 150.0)
-    assert "pivot" not in sentence(rows, "mm", 150.0, recentered=False)
 
 
 # Causes over near ----------------------------------------------------------------------------------------

@@ -418,19 +418,6 @@ roundings of numbers of 16 bits."""
 DRAWN_COLUMNS = (0, 10, 20, 40)
 
 
-def test_the_mosaic_has_five_lines() -> None:
-    [mosaic] = [text for text in PROGRAMS if "mosaic.png" in text]
-    assert len([line for line in mosaic.splitlines() if line]) == 5
-
-
-def test_the_commands_can_be_given_in_order() -> None:
-    """A plate is continued by the same command alone, so that each has its own place."""
-    places = re.findall(r"^    xfrustum plate .*--out (\S+)", PAGE, re.MULTILINE)
-    assert len(places) > 5
-    assert len(set(places)) == len(places)
-    assert "row.zarr" in places
-
-
 def test_the_programs_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
