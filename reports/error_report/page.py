@@ -291,7 +291,8 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "settings_count": len({row.settings for row in sweep.rows}),
         "certainty": _certainty_table(sweep),
         "certified": sweep.decided_by == CERTIFIED,
-        "alone": _alone_figures(sweep),
+        "alone": [pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks],
+        "sparse_fraction": SPARSE_FRACTION,
         "images": images,
         "height_range": images.height_range(scene, reach),
         "shading": sweep.light,
@@ -309,7 +310,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, shears),
     }
-    return html_page("report.html.j2", values, {"pixels": best.pixels})
+    return html_page("report.html.j2", values, {"pixels": best.pixels, "address": address})
 
 
 def _page_data(sweep: Sweep, shears: Shears) -> dict[str, Any]:
@@ -400,24 +401,6 @@ def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
         wrong = [getattr(numbers, name) for numbers in alone]
         found.append((f"would have been wrong by {name.capitalize()} alone", wrong))
     return found
-
-
-def _alone_figures(sweep: Sweep) -> list[dict[str, Any]]:
-    """Return a figure for each aperture and tracer that would have got pixels wrong alone."""
-    return [
-        {
-            "title": f"{name.capitalize()} alone, aperture {aperture.column},{aperture.row}",
-            "color": color,
-            "wrong": (wrong := getattr(truth.alone, name)),
-            "judged": truth.alone.judged,
-            "sparse": wrong < SPARSE_FRACTION * truth.alone.judged,
-            "truth": address(truth.marks["truth"]),
-            "marks": address(truth.marks[name]),
-        }
-        for aperture, truth in zip(sweep.apertures, sweep.truths, strict=True)
-        for name, color in images.ALONE_COLORS.items()
-        if truth.alone is not None and name in truth.marks
-    ]
 
 
 def _comparison_figures(sweep: Sweep, aperture: Aperture, shears: Shears) -> dict[str, Figure]:

@@ -41,16 +41,16 @@ FARTHEST = 0.75
 """What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
 but named: one mesh in other units must not shrink all others to a dot."""
 
-C_COLOR, C_STAR_COLOR, INK, SOFT, SCREEN = "#0072b2", "#d55e00", "#1b1f24", "#5b636d", "#00785a"
+C_COLOR, C_STAR_COLOR = "#0072b2", "#d55e00"
 OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
 """Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
 
 DARK = {
     "#ffffff": "#14171b",
     "#c9ced4": "#3a414a",
-    INK: "#e8eaed",
-    SOFT: "#a0a8b2",
-    SCREEN: "#35c79f",
+    "#1b1f24": "#e8eaed",
+    "#5b636d": "#a0a8b2",
+    "#00785a": "#35c79f",
     C_COLOR: "#6db3ee",
     C_STAR_COLOR: "#ff9a52",
     **dict(zip(OBJECT_COLORS, ("#aab2bc", "#2fd0a0", "#dd8fd0", "#d3b542", "#97a6ff"), strict=True)),
@@ -165,7 +165,6 @@ def draw_view(scene: Scene, view: View) -> str:
     """
     frame, frustum, axis = PictureFrame.of(scene, view), scene.frustum, view.axis
     toward, back = frustum.reach
-    plate, ends, half_plate = frame.x(0.0), (frame.x(-back), frame.x(toward)), scene.plate.size[axis] / 2
     frusta = []
     middle, *corners = shown_apertures(scene)
     for aperture in (*corners, middle):  # the middle one last
@@ -174,11 +173,6 @@ def draw_view(scene: Scene, view: View) -> str:
             places = [(0.0, (aperture.x, aperture.y)[axis]), (end, low), (end, high)]
             points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
             frusta.append({"points": points, "color": color, "middle": aperture == middle})
-    lines = [(end, frame.box[1], frame.box[3], SOFT, 1.5) for end in (-back, toward)]
-    if frustum.screen is not None:
-        center, half = frustum.screen.center[axis], frustum.screen.size[axis] / 2
-        lines.append((frustum.screen.height, center - half, center + half, SCREEN, 3))
-    lines.append((0.0, -half_plate, half_plate, INK, 4))
     objects = []
     for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
         shapes, (lowest, highest) = outlines(part, frame, view), box(part)
@@ -201,43 +195,18 @@ def draw_view(scene: Scene, view: View) -> str:
     def signed(value: float) -> str:
         return ("\N{MINUS SIGN}" if value < 0 else "") + length(abs(value))
 
-    values = {
-        "scene": scene,
-        "dark": DARK,
-        "title": title,
-        "subtitle": subtitle,
-        "axis": "xy"[axis],
-        "halves": [
-            {"x": ends[0], "width": plate - ends[0], "color": C_COLOR, "text": plate - 8},
-            {"x": plate, "width": ends[1] - plate, "color": C_STAR_COLOR, "text": plate + 8},
-        ],
-        "frusta": frusta,
-        "objects": objects,
-        # The ends of the reach, the projection screen and the plate.
-        "uprights": [
-            {"x": frame.x(z), "low": frame.y(low), "high": frame.y(high)}
-            | {"color": color, "width": width, "dashed": color == SOFT}
-            for z, low, high, color, width in lines
-        ],
-        "ticks": [
-            [(frame.x(z), signed(z)) for z in _ticks(frame.box[0], frame.box[2])],
-            [(frame.y(across), signed(across)) for across in _ticks(frame.box[1], frame.box[3])],
-        ],
-        # The outer labels keep away from the middle one as far as their texts need.
-        "marks": [
-            (min(ends[0], plate - 60), f"reach {length(back)}"),
-            (plate, "plate"),
-            (max(ends[1], plate + 60), f"reach {length(toward)}"),
-        ],
-        "screen": frustum.screen is not None,
-        "more": max(0, len(scene.objects) - len(objects)),
-        "height": 540 + 18 * len(objects),
-    }
-
     def printable(words: str) -> str:  # XML cannot hold control characters, which file names may have
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
-    return svg_picture("scene-view.svg.j2", values, {"printable": printable}) + "\n"
+    values = {
+        **{"scene": scene, "frame": frame, "frustum": frustum, "dark": DARK, "axis": axis},
+        **{"title": title, "subtitle": subtitle, "frusta": frusta, "objects": objects},
+        "ticks": [_ticks(frame.box[0], frame.box[2]), _ticks(frame.box[1], frame.box[3])],
+        "more": max(0, len(scene.objects) - len(objects)),
+        "height": 540 + 18 * len(objects),
+    }
+    filters: Filters = {"printable": printable, "signed": signed, "length": length}
+    return svg_picture("scene-view.svg.j2", values, filters) + "\n"
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -162,10 +162,9 @@ class Survey(Shown):
             )
         return f"{said}; worst: {share.worst_words}." if share.worst else f"{said}."
 
-    @property
-    def record(self) -> dict[str, Any]:
-        """The JSON object: the counts of the best setting, and those of each in its order."""
-        return {
+    def summary(self) -> dict[str, Any]:
+        """Return what `survey --json` prints: counts of the best setting, then those of each in its order."""
+        found = {
             "scene": self.scene.name,
             "hash": self.scene.content_hash,
             "hogels": self.extent.hogels,
@@ -180,10 +179,7 @@ class Survey(Shown):
             "sentence": self.sentence,
             "settings": [{"settings": one, **share.record} for one, share in self.shares],
         }
-
-    def summary(self) -> dict[str, Any]:
-        """Return the record in JSON's own types, as `survey --json` prints it."""
-        return json_object(self.record)
+        return json_object(found)
 
     def table(self) -> str:
         """Return the sentence, and each setting where there are several."""
@@ -227,7 +223,7 @@ def write_survey(found: Survey, pictured: Pictured, out: Path) -> tuple[Path, ..
     """Write the page, the JSON object and the inspection page, all or nothing."""
     with Staging(out, FILES) as staging:
         staging.write(PAGE, render_page(found, pictured))
-        staging.write(DATA, found.record)
+        staging.write(DATA, found.summary())
         settings, maps = found.settings[found.best], found.tallies[found.best].maps
         name = next((one for one in (rows.P99, rows.SURFACE, rows.FRACTION) if one in maps), None)
         drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
