@@ -272,7 +272,7 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
     order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     shears = {key: found[key] for key in order}
-    shown = ("best", "apertures", "auto", "rows", "decided_by", "versions", "devices", "reduction")
+    shown = ("best", "apertures", "auto", "rows", "truths", "decided_by", "versions", "devices", "reduction")
     values = {
         **{name: getattr(sweep, name) for name in shown},
         "scene": scene,
@@ -289,7 +289,8 @@ def render_page(sweep: Sweep, sentence: str, command: str) -> str:
         "per_depth": best.best_per_depth(sweep.rows),
         "scouted_lines": FILM_PIXELS**2,
         "settings_count": len({row.settings for row in sweep.rows}),
-        "certainty": _certainty_table(sweep),
+        "certainty": {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)},
+        "certainty_labels": {kind.name.lower(): words for kind, words in CERTAINTY_LABELS.items()},
         "certified": sweep.decided_by == CERTIFIED,
         "alone": [pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks],
         "sparse_fraction": SPARSE_FRACTION,
@@ -386,20 +387,6 @@ def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]
             found.append((heading, best.cause_sentences(rows, sweep.scene.units)))
-    return found
-
-
-def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
-    """Return one line per class of certainty and per tracer: words, and a number for each aperture."""
-    first = {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)}
-    found = [
-        (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
-        for kind, words in CERTAINTY_LABELS.items()
-    ]
-    alone = [truth.alone for truth in sweep.truths if truth.alone is not None]
-    for name in images.ALONE_COLORS if alone else ():
-        wrong = [getattr(numbers, name) for numbers in alone]
-        found.append((f"would have been wrong by {name.capitalize()} alone", wrong))
     return found
 
 

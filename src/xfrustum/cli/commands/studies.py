@@ -14,9 +14,9 @@ def study() -> None:
 
 
 class _Study(options.Measured):
+    out = option(FOLDER, "Folder.  [default: study/NAME]")
+    quick = flag("A small part, in less than a minute.")
     engine = options.engine_options("this process")
-    out: Any = None
-    quick = False
 
     def made(self, own: Any) -> None:
         """Make the study of a module, and print what it found."""
@@ -30,13 +30,8 @@ class _Study(options.Measured):
             self.tell(lambda: own.record(files), lambda: f"{own.sentence(files.rows)}\n{files.document}")
 
 
-class _Splitting(_Study):
-    out = option(FOLDER, "Folder.  [default: study/splitting]")
-    quick = flag("A small part of the maps, in less than a minute.")
-
-
 @options.command("xfrustum study splitting --quick --out splitting", study)
-def splitting(asked: _Splitting) -> None:
+def splitting(asked: _Study) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
@@ -46,13 +41,8 @@ def splitting(asked: _Splitting) -> None:
     asked.made(own)
 
 
-class _Noticeable(_Study):
-    out = option(FOLDER, "Folder.  [default: study/noticeable]")
-    quick = flag("One scene and a few settings, in less than a minute.")
-
-
 @options.command("xfrustum study noticeable --quick --out noticeable", study)
-def noticeable(asked: _Noticeable) -> None:
+def noticeable(asked: _Study) -> None:
     """Ask what viewers notice of near and depth buffer; write noticeable.md and its data.
 
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
