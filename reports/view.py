@@ -20,7 +20,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.outputs import Staging, json_object, progress_bar
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import address, html_page, png
+from xfrustum.reports.common.templates_environment import address, html_page, plain_text, png
 from xfrustum.reports.exchange.convert import packed
 from xfrustum.reports.inspection import first_triangles
 from xfrustum.reports.plate import store
@@ -252,17 +252,8 @@ class SceneView(Shown):
 
     def table(self) -> str:
         """Return the numbers as lines for a terminal."""
-        lines = _sentences(self)
-        for number, eye in enumerate(self.record.eyes):
-            place = ",".join(f"{value:g}" for value in eye.eye)
-            for name, lost in eye.losses.items():
-                said = UNKNOWN if lost.fraction is None else f"wrong {percent(lost.fraction)}"
-                moved = lost.displacement_arcmin
-                if moved is not None:
-                    said += f", displaced {digits(moved.p50)}' p50, {digits(moved.p99)}' p99"
-                said += "" if lost.flip is None else f", FLIP {digits(lost.flip)}"
-                lines.append(f"eye {number} at {place}, {name:<8}  {said}")
-        return "\n".join(lines)
+        values = {"sentences": _sentences(self), "eyes": self.record.eyes, "unknown": UNKNOWN}
+        return plain_text("view.txt.j2", values).removesuffix("\n")
 
 
 def eyes_on_path(eyes: Sequence[Eye], count: int | None) -> tuple[Eye, ...]:

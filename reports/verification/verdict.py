@@ -34,7 +34,14 @@ from xfrustum.compare.judging.judged import (
 from xfrustum.reports import inspection
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
-from xfrustum.reports.common.templates_environment import Filters, address, html_page, png, svg_picture
+from xfrustum.reports.common.templates_environment import (
+    Filters,
+    address,
+    html_page,
+    plain_text,
+    png,
+    svg_picture,
+)
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
@@ -653,29 +660,18 @@ def sentence(found: Verification) -> str:
 
 def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
-    lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
-    for fault in found.diagnosis.faults:
-        known = fault.low is not None and fault.high is not None
-        ends = f"  [{number(fault.low, fault.unit)}, {number(fault.high, fault.unit)}]" if known else ""
-        lines.append(f"  {fault.words}{ends}")
-    if found.diagnosis.faults:
-        lines += [f"  explained: {told}" for told in explained(found)]
-    elif found.explained is False:
-        lines.append(f"  {unexplained(found)}")
-        lines += [f"    {fault.words}" for fault in found.diagnosis.guesses]
-        lines += [f"  wrong by {told}" for told in where_words(found.where or {})]
-    else:
-        judged = any(hogel.as_found for hogel in found.hogels)
-        lines.append("  nothing found" if judged else "  no hogel could be judged")
-    for name, figures in (("as found", found.as_found), ("corrected", found.corrected)):
-        if figures is not None:
-            lines.append(f"{name}: {figures_words(figures)}")
-    problems = [hogel for hogel in found.hogels if hogel.problem]
-    if len(problems) > 1 and len({hogel.problem for hogel in problems}) == 1:
-        return "\n".join([*lines, f"{len(problems)} hogels: {problems[0].problem}"])
-    lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:MAX_LISTED]]
-    more = len(problems) - MAX_LISTED
-    return "\n".join([*lines, *([f"and {more} more like these"] if more > 0 else [])])
+    values = {
+        "found": found,
+        "sentence": sentence(found),
+        "explained": explained(found),
+        "unexplained": unexplained(found),
+        "where": where_words(found.where or {}),
+        "figures": {"as found": found.as_found, "corrected": found.corrected},
+        "problems": [hogel for hogel in found.hogels if hogel.problem],
+        "listed": MAX_LISTED,
+    }
+    filters: Filters = {"figures": figures_words, "number": number}
+    return plain_text("verify.txt.j2", values, filters).removesuffix("\n")
 
 
 def unexplained(found: Verification) -> str:
