@@ -13,7 +13,7 @@ from plotly.colors import unlabel_rgb
 from xfrustum.compare.attribution import radiance_budget
 from xfrustum.compare.attribution.budget import RIGHT, Budget, BudgetNumbers, LinkNumbers, make_budget
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.prediction.chain import CULLING, Chain, make_chain
+from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.prediction.predict import CROSSES, FEW, MIN_PIXELS
 from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
@@ -31,36 +31,8 @@ from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.notebook import png as notebook_png
 
-CHAIN = {
-    "T0": "the truth",
-    "T1": "with the near offset",
-    "T2": "with the pivot",
-    "T3": "with the fit",
-    "T4": "with slabs",
-    "T5": "with faces culled that are turned away from the viewer",
-    "R0": "rasterized, with linear depth",
-    "R1": "as it is drawn",
-}
-"""Names of the chain's images, as files are called, and what each shows; T5 only where faces are culled."""
-
-LINK_WORDS = {
-    "near offset": "both cameras step back from the plate by near",
-    "pivot": "where the shear is centered",
-    "fit": "which plane is drawn exactly",
-    "slabs": "both frusta are cut, and all but the first slab have cameras of their own",
-    CULLING: "faces that are turned away from the viewer are left out",
-    "rasterization": "vertices and edges are rounded to 32-bit floats and to subpixels",
-    "depth": "depth is rounded to what the depth buffer stores",
-}
-"""What each link of the chain changes."""
-
-EXPLANATION_WORDS = {
-    "edge": "the pixel's center lies so near an edge, or a cut, that the rounding of vertices decides",
-    "order": "the two surfaces are so near each other that the rounding of depth decides",
-    "lost": "the surface lies so near the depth buffer's clear value that the rounding of depth decides",
-    "unexplained": "none of these: somebody's bug",
-}
-"""What pixels that rounding changed are explained by."""
+CHAIN = ("T0", "T1", "T2", "T3", "T4", "T5", "R0", "R1")
+"""Names of the chain's images, as files are called; T5 only where faces are culled."""
 
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
@@ -89,10 +61,10 @@ class BudgetReport(notebook.Shown):
         return f"aperture {self.aperture.column},{self.aperture.row}"
 
     @property
-    def images(self) -> dict[str, str]:
-        """Names of the chain's images, and what each shows."""
+    def images(self) -> tuple[str, ...]:
+        """Names of the chain's images."""
         culled = self.settings.cull is not Cull.NONE
-        return {name: words for name, words in CHAIN.items() if culled or name != "T5"}
+        return tuple(name for name in CHAIN if culled or name != "T5")
 
     def summary(self) -> dict[str, Any]:
         """Return one JSON object: the numbers of geometry, and those of radiance after them."""
@@ -311,7 +283,6 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
     for name, change in zip((*report.radiance.links, IN_ALL), changes, strict=True):
         pictures[_radiance_file(name)] = images.radiance_map(change)
     changing = [one for one in _radiance_rows(report) if one.max]
-    counts = {**geometry.numbers.explained, "unexplained": geometry.numbers.unexplained}
     values = {
         **{name: getattr(report, name) for name in ("scene", "aperture", "why", "settings")},
         "numbers": geometry.numbers,
@@ -322,10 +293,8 @@ def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ..
         "unchanging": [one for one in _radiance_rows(report) if not one.max],
         "colors": colors,
         "notes": prediction_notes(geometry.numbers),
-        "words": LINK_WORDS,
         "unexplained_color": UNEXPLAINED_COLOR,
-        "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
-        "chain": list(report.images.items()),
+        "chain": report.images,
         "by_triangle": BY_TRIANGLE,
         "by_surface": BY_SURFACE,
         "radiance_pictures": [_radiance_file(one.name) for one in changing],
