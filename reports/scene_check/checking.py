@@ -41,21 +41,7 @@ FARTHEST = 0.75
 """What lies farther beyond the reach, or beside the plate, than this share of the whole reach is not shown
 but named: one mesh in other units must not shrink all others to a dot."""
 
-C_COLOR, C_STAR_COLOR = "#0072b2", "#d55e00"
-OBJECT_COLORS = ("#3a3f47", "#009e73", "#a0428a", "#8a6d00", "#5b6fd6")
-"""Okabe and Ito's palette, darkened where it is light; further objects share the last color."""
-
-DARK = {
-    "#ffffff": "#14171b",
-    "#c9ced4": "#3a414a",
-    "#1b1f24": "#e8eaed",
-    "#5b636d": "#a0a8b2",
-    "#00785a": "#35c79f",
-    C_COLOR: "#6db3ee",
-    C_STAR_COLOR: "#ff9a52",
-    **dict(zip(OBJECT_COLORS, ("#aab2bc", "#2fd0a0", "#dd8fd0", "#d3b542", "#97a6ff"), strict=True)),
-}
-"""Colors on dark paper, by those on white."""
+MAX_DRAWN = 5  #: largest number of objects that are drawn: as many as the template has colors
 
 FINER, TOLERANCE_CELLS = 2, 0.7
 """Cells of the mask of an outline per pixel of the picture, in either direction; and how far an outline may
@@ -168,16 +154,15 @@ def draw_view(scene: Scene, view: View) -> str:
     frusta = []
     middle, *corners = shown_apertures(scene)
     for aperture in (*corners, middle):  # the middle one last
-        for end, color in ((-back, C_COLOR), (toward, C_STAR_COLOR)):
+        for end in (-back, toward):
             low, high = aside_of_frusta(frustum, [aperture], axis, (end, end))
             places = [(0.0, (aperture.x, aperture.y)[axis]), (end, low), (end, high)]
             points = " ".join(f"{frame.x(z)},{frame.y(across)}" for z, across in places)
-            frusta.append({"points": points, "color": color, "middle": aperture == middle})
+            frusta.append({"points": points, "behind": end < 0, "middle": aperture == middle})
     objects = []
-    for number, (part, color) in enumerate(zip(scene.objects, OBJECT_COLORS, strict=False)):
+    for number, part in enumerate(scene.objects[:MAX_DRAWN]):
         shapes, (lowest, highest) = outlines(part, frame, view), box(part)
-        found: dict[str, Any]
-        found = {"name": f"{number} {Path(part.name).name}", "color": color, "ring": None, "away": ""}
+        found: dict[str, Any] = {"name": f"{number} {Path(part.name).name}", "ring": None, "away": ""}
         if not shapes:  # outside the picture
             found["away"] = heights(lowest[2], highest[2], scene.units)
         else:
@@ -199,7 +184,7 @@ def draw_view(scene: Scene, view: View) -> str:
         return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in words)
 
     values = {
-        **{"scene": scene, "frame": frame, "frustum": frustum, "dark": DARK, "axis": axis},
+        **{"scene": scene, "frame": frame, "frustum": frustum, "axis": axis},
         **{"title": title, "subtitle": subtitle, "frusta": frusta, "objects": objects},
         "ticks": [_ticks(frame.box[0], frame.box[2]), _ticks(frame.box[1], frame.box[3])],
         "more": max(0, len(scene.objects) - len(objects)),
