@@ -183,11 +183,9 @@ class ChainStart(Brief):
     @cached_property
     def shifts(self) -> tuple[Floats, ...]:
         """Displacement of each image in pixels, (2, H W); that of the same image is the same array."""
-        found = {
-            id(image): error_maps.film_shifts(image, self.truth.camera)
-            for image in dict.fromkeys(self.images)
-        }
-        return tuple(found[id(image)] for image in self.images)
+        camera, images = self.truth.camera, dict.fromkeys(self.images)
+        found = {image: error_maps.film_shifts(image, camera) for image in images}
+        return tuple(found[image] for image in self.images)
 
     @cached_property
     def steps(self) -> tuple[Floats | None, ...]:
@@ -233,7 +231,6 @@ class Budget(Shown):
 
     start: ChainStart
     drawn: HogelImage
-    changed: Indices  #: (N,) flat numbers of the pixels at which the last image shows other than R0
     charge: NDArray[np.int8]  #: (H, W) the link that each wrong pixel is charged to, else `RIGHT`
     surface_charge: NDArray[np.int8]  #: (H, W) the link from which on each pixel shows a wrong surface
     explanation: Causes  #: of the pixels charged to rasterization and depth
@@ -278,24 +275,16 @@ class Budget(Shown):
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        start, changed = self.start, self.changed
-        # What depth does not change it does not move.
-        off_plate = self.drawn.off_plate.reshape(-1)[changed]
-        step = np.full(changed.size, np.nan)
-        after = error_maps.shifts_at(self.drawn, start.truth.camera, changed[off_plate])
-        step[off_plate] = np.hypot(*(after - start.shifts[-1][:, changed[off_plate]]))
-        known, last = start.known.copy(), np.zeros(start.known.size)
-        known[changed] &= np.isfinite(step)
-        last[changed] = step
+        start = self.start
+        last = np.hypot(*(error_maps.film_shifts(self.drawn, start.truth.camera) - start.shifts[-1]))
+        known = start.known & np.isfinite(last)
         same = np.array_equal(known, start.known)
         sizes = start.sizes if same else [_size(steps, known) for steps in start.steps]
-        # Links that change no image are charged with nothing, and nothing is counted.
-        changing = (*start.changing, start.depth)
         return tuple(
             Cause(
                 name=self.links[link],
-                surface=int(np.count_nonzero(self.surface_charge == link)) if link in changing else 0,
-                triangle=int(np.count_nonzero(self.charge == link)) if link in changing else 0,
+                surface=int(np.count_nonzero(self.surface_charge == link)),
+                triangle=int(np.count_nonzero(self.charge == link)),
                 displacement_rms_px=rms,
                 displacement_p99_px=p99,
                 predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
@@ -349,22 +338,19 @@ def charged(
     predicted: tuple[Prediction, tuple[LinkPrediction, ...]],
 ) -> Budget:
     """Charge each wrong pixel to the last link that changed its triangle, or made its surface wrong."""
-    exact, drawn, depth, changed = start.images[-1], errors.raster, start.depth, errors.changed
-    assert changed is not None and errors.surface is not None, "judged beside R0, with the scene at hand"
+    exact, drawn, depth = start.images[-1], errors.raster, start.depth
+    assert errors.surface is not None, "the reference has the scene at hand"
     wrong = (drawn.triangle != start.truth.triangle) & start.judged
-    before, after = (image.triangle.reshape(-1).take(changed) for image in (exact, drawn))
-    by_depth = changed[(before != after) & wrong.reshape(-1).take(changed)]
-    charge = np.ascontiguousarray(np.where(wrong, start.charge, np.int8(RIGHT)))
-    charge.reshape(-1)[by_depth] = depth
+    by_depth = wrong & (drawn.triangle != exact.triangle)
+    charge = np.where(wrong, np.where(by_depth, np.int8(depth), start.charge), np.int8(RIGHT))
     # What R0 shows rightly goes wrong by depth, whatever the images before show.
     by_surface = np.where(start.exact_wrong, start.surface_charge, np.int8(depth))
     rounding = start.rounding
     rounded = rounding.some(charge.reshape(-1).take(rounding.pixels) == start.depth - 1)
-    swapped = explain(start.reference.scene, exact, drawn, start.device, by_depth)
+    swapped = explain(start.reference.scene, exact, drawn, start.device, np.flatnonzero(by_depth))
     return Budget(
         start=start,
         drawn=drawn,
-        changed=changed,
         charge=charge,
         surface_charge=np.where(errors.surface, by_surface, np.int8(RIGHT)),
         explanation=rounded.joined(swapped),

@@ -137,11 +137,6 @@ def _shifts(places: Places, pixels: Indices, camera: HogelCamera) -> Floats:
     return np.stack((places[0] - (pixels - row * camera.resolution[0]), places[1] - row))
 
 
-def shifts_at(raster: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
-    """Return the displacement (2, N), true minus drawn place, at pixels (N,) with a surface off the plate."""
-    return _shifts(DrawnPoints.of(raster, pixels).places(true_lines(camera)), pixels, camera)
-
-
 def film_shifts(raster: HogelImage, camera: HogelCamera) -> Floats:
     """Return the displacement of all pixels, (2, H W), NaN where no surface off the plate is shown."""
     # Whole arrays: to pick the pixels that show something would take longer than to compute all of them.
@@ -311,8 +306,7 @@ class ErrorMaps(Brief):
 class PixelErrors(Brief):
     """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
-    Masks are those of `ErrorMaps`. `changed` are the flat numbers of the pixels that show anything else than
-    the image beside which this one was judged; None where there was none.
+    Masks are those of `ErrorMaps`.
     """
 
     truth: HogelImage
@@ -323,7 +317,6 @@ class PixelErrors(Brief):
     triangle: Mask
     spread: Spread | None
     height_error: HeightError | None
-    changed: Indices | None = None
 
     @property
     def at_plate(self) -> int:
@@ -384,7 +377,7 @@ def _errors_beside(
     """Return the errors of an image, judged again only where it differs from one that was judged."""
     pixels = differing_pixels(beside.raster, raster)
     if not pixels.size:
-        found = replace(beside, raster=raster, changed=pixels)
+        found = replace(beside, raster=raster)
         vars(found).update(moved=beside.moved, height=beside.height)
         return found
     before, after, judged = truth.at(pixels), raster.at(pixels), beside.judged.reshape(-1)[pixels][None]
@@ -404,7 +397,6 @@ def _errors_beside(
         triangle=_with(beside.triangle, pixels, (before.triangle != after.triangle) & judged),
         spread=Spread.of(moved[raster.off_plate]),
         height_error=_height_error(height[~np.isnan(height)]),
-        changed=pixels,
     )
     # The maps are there already.
     vars(found).update(moved=moved, height=height)
