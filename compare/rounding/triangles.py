@@ -16,7 +16,6 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.triangles import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.device_model import DeviceModel
-from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 
@@ -166,13 +165,11 @@ class PixelTriangles:
         """
         camera, place = np.divmod(slots, max(len(number), 1))
         drawn = camera * len(triangles) + number.take(place)
-        # Neighbors mostly show the same triangle: runs of one number are fewer to sort than pixels.
-        starts = np.flatnonzero(np.diff(drawn, prepend=NOTHING) != 0)
-        distinct, run = np.unique(drawn[starts], return_inverse=True)
+        distinct, which = np.unique(drawn, return_inverse=True)
         drawn_by, chosen = np.divmod(distinct, len(triangles))
         return cls(
             film=FilmTriangles.of(triangles[chosen], cameras, drawn_by),
-            which=np.repeat(run, np.diff(starts, append=len(drawn))),
+            which=which,
             points=film_points(cameras[0].pencil.resolution, pixels).take(place, axis=0),
             slots=slots,
         )
