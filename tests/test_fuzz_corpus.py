@@ -12,17 +12,16 @@ from typing import Any
 
 import pytest
 
-from tests.fuzz.child import Outcome
-from tests.fuzz.findings import findings
+from tests.fuzz.__main__ import entries
+from tests.fuzz.child import Outcome, findings
 from tests.fuzz.mutations import mutated, mutated_arguments
-from tests.fuzz.replay import entries
 
 
 @pytest.fixture(scope="module")
 def replayed() -> dict[str, list[str]]:
     """Return the findings of each input, from another process: this one has threads and must not fork."""
     checkout = Path(__file__).resolve().parents[1]
-    line = [sys.executable, "-m", "tests.fuzz.replay"]
+    line = [sys.executable, "-m", "tests.fuzz", "--replay"]
     done = subprocess.run(line, cwd=checkout, capture_output=True, check=True)
     return dict(json.loads(done.stdout))
 

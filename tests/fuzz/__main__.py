@@ -1,6 +1,6 @@
 """`make fuzz`: many mutated inputs of each kind, and how each of them ended.
 
-Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR]`.
+Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR] [--replay]`.
 """
 
 import argparse
@@ -18,11 +18,11 @@ from pathlib import Path
 from PIL import Image
 
 from tests.fuzz import mutations
-from tests.fuzz.child import outcome_of
-from tests.fuzz.findings import findings
+from tests.fuzz.child import findings, outcome_of
 from tests.fuzz.inputs import KINDS, Seed, with_payload
 from xfrustum.reference.llvm import THREADS_VARIABLE
 
+CORPUS = Path(__file__).parent / "corpus"
 BATCH = 50  # number of inputs in one task of a worker
 PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "lxml.etree", "networkx", "skimage.measure"),
@@ -64,6 +64,30 @@ def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[
     return counts, lines
 
 
+def entries() -> list[Path]:
+    """Return the corpus; a name is that of the seed, a finding, and a hash, with dots between."""
+    return sorted(path for path in CORPUS.iterdir() if path.name.count(".") == 2)
+
+
+def found_of(seed: Seed, payload: bytes) -> list[str]:
+    """Return the findings of one input."""
+    command, files = seed.command, dict(seed.files)
+    if seed.mutated:
+        files = with_payload(seed, payload)
+    else:
+        command = tuple(json.loads(payload.decode("utf-8", "surrogatepass")))
+    return list(findings(outcome_of(command, files), seed.outputs, named=bool(seed.mutated)))
+
+
+def replayed() -> dict[str, list[str]]:
+    """Return the findings of every input of the corpus."""
+    wanted = {path.name.split(".")[0] for path in entries()}
+    kinds = [kind for kind in KINDS if any(name.startswith(kind.rstrip("s")) for name in wanted)]
+    seeds = {seed.name: seed for kind in kinds for seed in KINDS[kind]()}
+    import_everything()
+    return {p.name: found_of(seeds[p.name.split(".")[0]], p.read_bytes()) for p in entries()}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Fuzz, print the table, and return 1 where anything was found."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
@@ -72,7 +96,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="number of the first input")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep", type=Path, help="folder for the inputs that found something")
+    parser.add_argument("--replay", action="store_true", help="print, as JSON, what the corpus finds again")
     chosen = parser.parse_args(arguments)
+    if chosen.replay:
+        print(json.dumps(replayed()))
+        return 0
     if chosen.keep is not None:
         chosen.keep.mkdir(parents=True, exist_ok=True)
     seeds = {kind: KINDS[kind]() for kind in chosen.kind or KINDS}

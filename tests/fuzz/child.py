@@ -5,12 +5,13 @@ taken in hand, what libraries say is kept away, and the exit status is that of t
 """
 
 import os
+import re
 import resource
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,14 @@ time, and many run side by side."""
 WRITTEN_BYTES = 1 << 26  # bytes of the largest file that an input may make a command write
 FORKED, CRASHED = 99, 98
 """Exit statuses that no command has: the child could not run its command, or the command raised."""
+
+
+STATUSES = frozenset({0, 1, 2})  # exit statuses that a command may end with when nobody sends it a signal
+MEMORY_BYTES = 2 << 30  # memory that no small input may take
+PREFIX = b"xfrustum: "  # beginning of every line that a command writes to standard error
+
+
+BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")  # A progress bar, which is no message
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,3 +117,33 @@ def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bo
             os.killpg(process, signal.SIGKILL)
         time.sleep(pause)
         pause = min(2 * pause, 0.05)
+
+
+def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Iterator[str]:
+    """Yield what is wrong with an outcome, one word each.
+
+    `outputs` are what the command may leave if it ends with 0 or 1; under these names where the command line
+    is the seed's own (`named`).
+    """
+    if outcome.hung:
+        yield "hang"
+    elif outcome.status < 0:
+        yield f"signal-{-outcome.status}"
+    elif outcome.status not in STATUSES:
+        yield f"status-{outcome.status}"
+    if b"Traceback" in outcome.errors:
+        yield "traceback"
+    lines = [
+        line for line in re.split(rb"[\r\n]+", outcome.errors) if line.strip() and not BAR.fullmatch(line)
+    ]
+    if any(not line.startswith(PREFIX) for line in lines) and b"Traceback" not in outcome.errors:
+        yield "foreign-words"
+    if outcome.status == 2 and sum(line.startswith(PREFIX + b"error") for line in lines) != 1:
+        yield "not-one-line"
+    if any(byte < 32 for line in lines for byte in line):
+        yield "control-characters"
+    if outcome.peak_bytes > MEMORY_BYTES:
+        yield "memory"
+    left = outcome.left - (outputs if outcome.status in (0, 1) else frozenset())
+    if any(name.startswith(".") for name in left) or (left and named):
+        yield "leftovers"
