@@ -197,8 +197,4 @@ def test_cost_prints_one_object_and_writes_a_page(
     # The answer stands before the first figure.
     words = printed["answers"][0]["sentence"].split(":")[0].split(".")[0]
     assert words in page[: page.index('id="plot"')]
-    # The front is shown, and all ways are folded.
-    ways, front = len(printed["rows"]), sum(row["pareto"] for row in printed["rows"])
-    shown, _, folded = page[page.index("The Pareto front") :].partition(f"<summary>All {ways} ways</summary>")
-    assert shown.count("<tr><td>") == front and folded.partition("</details>")[0].count("<tr><td>") == ways
     assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]

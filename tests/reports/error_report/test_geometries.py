@@ -112,17 +112,9 @@ def test_the_pivot_link_displaces_as_predicted_where_pictures_hardly_change(file
     assert link["displacement_rms_px"] == pytest.approx(expected, rel=SHEAR_TOLERANCE)
 
 
-def test_the_page_compares_the_pivots(files: ReportFiles) -> None:
-    html, data = files.html.read_text(), page_data(files.html)
-    assert data["geometries"] == ["pivot aperture", "pivot camera"]
-    assert "Cameras compared" in html and "a shear about the cameras" in html.replace("&#39;", "'")
-    (of_corner,) = data["curves"]
-    for curves in of_corner:
-        names = [line["name"] for line in curves["geometry_displacement"]["data"]]
-        assert names == data["geometries"]
-        assert [line["name"] for line in curves["geometry_shear"]["data"]] == ["measured", "closed form"]
-    assert [row["geometry"] for row in data["rows"]] == [0, 0, 0, 1, 1, 1]
-    content = files.content
+def test_the_pivots_are_compared(files: ReportFiles) -> None:
+    html, data, content = files.html.read_text(), page_data(files.html), files.content
+    assert data["geometries"] == ["pivot aperture", "pivot camera"] and "Cameras compared" in html
     assert [best["pivot"] for best in content["best_per_geometry"]] == ["aperture", "camera"]
     assert content["best"]["pivot"] == "aperture" and "pivot aperture" in files.sentence
     charged = {pivot: rows(files, pivot)[0]["causes"][1] for pivot in ("aperture", "camera")}
@@ -139,12 +131,7 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
         for row in made.content["rows"]
     ]
     assert asked == list(product(("angle", 15.0), ("plate", "none"), ([15.0, 40.0], []), (1.0, 0.1)))
-    html = made.html.read_text()
-    # Eight kinds of cameras are compared in a table, and the causes of seven of them are folded away.
-    causes = html[html.index("What makes surfaces wrong") : html.index("<h2>Pictures</h2>")]
-    shown, _, folded = causes.partition("<summary>The other cameras</summary>")
-    assert (shown.count("<h3>"), folded.count("<h3>")) == (1, 7) and folded.count("</details>") == 1
-    assert "a gap of near on each side" in html and "fit 15, no offset, cuts at 15 and 40" in html
+    assert "fit 15, no offset, cuts at 15 and 40" in made.html.read_text()
 
 
 def test_default_nears_that_reach_over_the_first_cut_are_left_out_without_an_offset() -> None:

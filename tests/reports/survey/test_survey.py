@@ -132,8 +132,6 @@ def test_displacement_by_depth_adds_up_and_the_page_has_maps_and_the_worst_hogel
     said = json.loads((whole / "survey.json").read_text())
     assert said["sentence"][1:] in page
     assert 'id="map-0"' in page and 'id="distribution"' in page and 'id="depth"' in page
-    assert page.count("<details>") == 6
-    assert page.count("data:image/") >= 4 * 6
 
 
 def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
