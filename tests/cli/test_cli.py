@@ -307,6 +307,16 @@ BAD = [
     ("survey boxes.toml --near 99 --out x", "near 99.0 must be smaller than the reach"),
     ("survey boxes.toml --images nothing/{i}x{j}.png --out x", "none of its files exists"),
     ("survey boxes.toml --near 1 --part 3/2 --out x", "parts run from 1/2"),
+    ("survey boxes.toml --near 1 --part 0/2 --out x", "parts run from 1/2"),
+    (
+        "survey boxes.toml --near 1 --all --part 1/2 --workers 2 --out x",
+        "leave out --scheduler and --workers",
+    ),
+    (
+        "survey boxes.toml --near 1 --scheduler tcp://h:1 --devices 0 --out x",
+        "--devices are for processes of",
+    ),
+    ("survey boxes.toml --near 1 --workers 0 --out x", "--workers"),
     ("bench truth crossing --resolution 512,-1", "--resolution"),
     ("bench truth crossing --resolution 0", "positive whole numbers"),
     ("bench truth crossing --resolution many", "--resolution"),

@@ -267,22 +267,6 @@ def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch
     assert engine is not None and engine.process_count(1000) == 1
 
 
-@pytest.mark.parametrize(
-    ("kind", "wish"),
-    [
-        (Part, {"number": 0, "count": 3}),
-        (Part, {"number": 4, "count": 3}),
-        (Engine, {"workers": 0}),
-        (Engine, {"scheduler": "tcp://host:1", "workers": 2}),
-        (Engine, {"scheduler": "tcp://host:1", "devices": (0,)}),
-        (Engine, {"part": Part(number=1, count=2), "workers": 2}),
-    ],
-)
-def test_strange_wishes_are_refused(kind: Any, wish: dict[str, Any]) -> None:
-    with pytest.raises(InputError):
-        kind(**wish)
-
-
 # Parts of rows: whole as they were written, or made again.
 
 ROWS = pa.table({"column": [1, 2, 3], "value": [0.5, None, 1.5], "word": ["a", None, "c"]})
