@@ -18,7 +18,7 @@ from tests.support.long_tail import thinned
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.blocks import Engine
+from xfrustum.reports.blocks import Engine, Part
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, layout_of, source_of, write_plate
 from xfrustum.reports.plate.store import open_store
@@ -259,6 +259,15 @@ def test_several_processes_draw_damaged_hogels_again(plate: Path, clean: Path) -
         small(), SETTINGS, plate, content=EVERYTHING, block=(1, 1), check=True, engine=Engine(workers=2)
     )
     assert files.damaged == 1 and tree(plate) == tree(clean)
+
+
+def test_parts_of_a_job_array_make_the_plate_between_them(tmp_path: Path, clean: Path) -> None:
+    for number in (2, 1):
+        engine = Engine(part=Part(number=number, count=2))
+        out = tmp_path / "x.zarr"
+        files = write_plate(small(), SETTINGS, out, content=EVERYTHING, block=(1, 1), engine=engine)
+        assert 0 < files.drawn < 35
+    assert tree(out) == tree(clean)
 
 
 def test_what_is_in_the_way_ends_in_one_line(plate: Path) -> None:

@@ -45,7 +45,7 @@ from xfrustum.reports.studies.splitting import (
 from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import FARTHEST, cars
-from xfrustum.scenes.plate.double_frustum import Offset
+from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 D16 = (DepthFormat.D16, DepthMapping.STANDARD)
@@ -162,6 +162,15 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(buffer: DepthBuffer,
     # The first cut may lie a little above the nearest surface; then the first slab is drawn too.
     drawn = drawing_order(scene, scene.plate.middle, replace(planned.settings, camera=Camera.C))
     assert len(drawn) >= max(1, len(found))
+
+
+def test_the_shear_about_the_cameras_moves_the_picture_further_by_what_the_closed_form_says() -> None:
+    found = list(measure([cell(Family.RECENTERED, 10.0, 1e-4, pivot=pivot) for pivot in Pivot]))
+    moved = {row.pivot: row.displacement_p99 for row in found if row.displacement_p99 is not None}
+    for row in found:
+        assert row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.02)
+    # The farthest corner of the film is at u = v = 1, and k = t: twice as much there, nothing is beyond it.
+    assert 1.2 < moved[Pivot.CAMERA] / moved[Pivot.APERTURE] <= 2.0
 
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-4])
