@@ -65,9 +65,8 @@ CENTER_FILTER_PX = 0.01
 """Width of the pixel filter where one sample is taken: the smallest that Cycles has. The camera takes every
 sample to the center of its pixel; so none lies so near to the next pixel that it could be taken there."""
 
-INTERRUPTED, TOLD_EVERY_S = 130, 10.0
-"""Exit status after Ctrl-C, as of programs that a shell sees end by it; and time between two lines on how
-many hogels are done and how long the others take."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as of programs that a shell sees end by it."""
 
 SHADER = """
 shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
@@ -302,20 +301,6 @@ def hide_known_complaints() -> None:
     sys.excepthook, sys.unraisablehook = show, show_unraisable
 
 
-def progress(hogels: int, say: Callable[[str], None]) -> Callable[[int], None]:
-    """Return a function of the number of hogels that are done, which says at times how long the rest is."""
-    start = told = time.monotonic()
-
-    def step(done: int) -> None:
-        nonlocal told
-        now = time.monotonic()
-        if done < hogels and now - told >= TOLD_EVERY_S:
-            told = now
-            say(f"{done} of {hogels} hogels done, about {(now - start) / done * (hogels - done):.0f} s left")
-
-    return step
-
-
 # ---------------------------------------------------------------- Blender
 
 
@@ -498,7 +483,7 @@ def render_hogels(
         arguments.out.mkdir(parents=True, exist_ok=True)
         put(arguments.out / "plate.json", (HERE / "plate.json").read_bytes())
     hide_known_complaints()
-    pressed, done = interruptions(), progress(len(wanted), say)
+    pressed, start = interruptions(), time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         for number, index in enumerate(wanted):
             began = time.monotonic()
@@ -508,10 +493,9 @@ def render_hogels(
             shifted[:2, 3] = aperture_center(plate, *index)
             stands = matrix @ shifted
             stands[:3, :3] /= scale
-            turned = arguments.layout == "burnett"
-            shader = shader_of(plate, index, scale, centered=encoding != "picture", turned=turned)
+            how = {"centered": encoding != "picture", "turned": arguments.layout == "burnett"}
             source, compiled = Path(scratch, f"{number}.osl"), Path(scratch, f"{number}.oso")
-            source.write_text(shader, encoding="ascii")
+            source.write_text(shader_of(plate, index, scale, **how), encoding="ascii")
             if not cycles.osl_compile(str(source), str(compiled)):
                 raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
             eye = bpy.context.scene.camera
@@ -525,8 +509,9 @@ def render_hogels(
                 content = encoded(exr_planes(content), plate, np.linalg.inv(matrix), encoding)
             paths[index].parent.mkdir(parents=True, exist_ok=True)
             put(paths[index], content)
-            say(f"hogel {index[0]},{index[1]}: {time.monotonic() - began:.3f} s  {paths[index]}")
-            done(number + 1)
+            now, more = time.monotonic(), len(wanted) - number - 1
+            left = f", about {(now - start) / (number + 1) * more:.0f} s for {more} more" if more else ""
+            say(f"hogel {index[0]},{index[1]}: {now - began:.3f} s{left}  {paths[index]}")
 
 
 def files_of(
