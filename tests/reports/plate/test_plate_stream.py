@@ -373,13 +373,13 @@ def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     write_plate(scene, SETTINGS, out, [scene.plate.aperture(6, 4)], EVERYTHING, block=(7, 5))
     with source_of(scene, SETTINGS, EVERYTHING) as source:
         layout = layout_of(scene, EVERYTHING, (7, 5))
-        stores = [open_store(out, layout, source.description, free=False) for _ in range(8)]
+        stores = [open_store(out, layout, source.description, free=False) for _ in range(4)]
         (block,) = stores[0].layout.blocks(scene.plate.apertures())
         drawn = list(source.hogels(scene.plate.apertures()))
     writing = []
-    with ThreadPoolExecutor(8) as pool:
+    with ThreadPoolExecutor(4) as pool:
         for number, store in enumerate(stores):
-            writing.append(pool.submit(store.write, block, {one.aperture: one for one in drawn[number:34:8]}))
+            writing.append(pool.submit(store.write, block, {one.aperture: one for one in drawn[number:34:4]}))
     for one in writing:
         one.result()
     assert stores[0].missing(block, check=True) == ((), 0)

@@ -163,13 +163,6 @@ def test_what_no_file_can_be_written_into_is_refused_in_one_line(
         pytest.fail("was begun")
 
 
-def test_the_command_line_refuses_a_name_that_is_no_utf8(folder: Path) -> None:
-    # Libraries in C++ end the process at such names, so that no command takes one.
-    place = os.fsdecode(os.fsencode(folder) + b"/\xff.exr")
-    assert main(["raster", "scene.toml", "--near", "0.001", "--out", place]) == 2
-    assert made_by_us(folder) == []
-
-
 @pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "new_file(Path('x'))"])
 def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(what: str, tmp_path: Path) -> None:
     processes = [left_behind(tmp_path, what) for _ in range(2)]
