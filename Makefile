@@ -9,7 +9,7 @@ READY := .venv/.ready
 
 # One of each: what a module may be, the geometry of lines and plates, a truth, a raster image, a comparison, a
 # verdict, and the command line's answers. CONTRIBUTING.md, "Test", says what this leaves out.
-QUICK := tests/test_architecture.py tests/scenes/model/test_arguments.py \
+QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_arguments.py \
 	tests/scenes/files/test_scene_file.py tests/reference/test_lines.py \
 	'tests/reference/test_reference.py::test_every_line_shows_what_brute_force_shows[asymmetric-resolution4-aperture4]' \
 	tests/raster/test_raster.py tests/compare/metrics/test_compare.py \

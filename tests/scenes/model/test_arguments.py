@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import xfrustum
-from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot, Requirement
-from xfrustum.reports.plate.plate import blocks_of_apertures
-from xfrustum.scenes import (
-    Aperture,
-    Camera,
-    Frustum,
-    InputError,
-    Plate,
-    Scene,
-    SceneObject,
-    Screen,
-    open_scene,
-)
+from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, InputError, Pivot, Requirement
+from xfrustum.scenes import Aperture, Camera, Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.disk.input_files import largest_plate
 from xfrustum.scenes.model.plate_content import PlateContent
 
 NONSENSE: tuple[Any, ...] = (
@@ -161,81 +148,3 @@ def test_functions_refuse_what_they_cannot_mean_too() -> None:
         with pytest.raises(InputError):
             call()
             pytest.fail(f"call {number} took it")
-
-
-# The plate's apertures, by the formula of CONVENTIONS.md, "Frames".
-
-WIDE = Plate(size=(8.0, 6.0), hogels=(4, 2))
-
-
-def test_row_zero_is_at_the_top_and_the_middle_of_an_even_plate_beside_the_origin() -> None:
-    first, last = WIDE.aperture(0, 0), WIDE.aperture(3, 1)
-    assert (first.x, first.y, last.x, last.y) == (-3.0, 1.5, 3.0, -1.5)
-    odd = Plate(size=(8.0, 6.0), hogels=(5, 3)).middle
-    assert (odd.index, odd.x, odd.y) == ((2, 1), 0.0, 0.0)
-    assert (WIDE.middle.index, WIDE.middle.x, WIDE.middle.y) == ((2, 1), 1.0, -1.5)
-
-
-@pytest.mark.parametrize("index", [(-1, 0), (0, -1), (4, 0), (0, 2)])
-def test_an_aperture_outside_the_plate_is_an_error_that_says_where_it_ends(index: tuple[int, int]) -> None:
-    with pytest.raises(InputError, match="columns run from 0 to 3, rows from 0 to 1"):
-        WIDE.aperture(*index)
-
-
-def test_a_report_adds_two_corners_when_the_frustum_is_recentered() -> None:
-    centered, recentered = open_scene("car"), open_scene("car-recentered")
-    assert [a.index for a in centered.default_apertures()] == [(40, 30)]
-    assert [a.index for a in recentered.default_apertures()] == [(40, 30), (0, 0), (80, 60)]
-
-
-BLOCKED = Plate(size=(8.0, 6.0), hogels=(5, 4))
-
-
-@st.composite
-def spans(draw: st.DrawFn, count: int) -> tuple[int, int] | None:
-    if draw(st.booleans()):
-        return None
-    first = draw(st.integers(0, count - 1))
-    return first, draw(st.integers(first, count - 1))
-
-
-@given(st.lists(st.tuples(spans(5), spans(4)), min_size=1, max_size=4))
-def test_every_aperture_of_any_block_comes_once(
-    blocks: list[tuple[tuple[int, int] | None, tuple[int, int] | None]],
-) -> None:
-    found = blocks_of_apertures(BLOCKED, blocks)
-    listed = list(found)
-    assert len(listed) == len(found) == len(set(listed))
-    (columns, rows) = BLOCKED.hogels
-    inside = {
-        (i, j)
-        for across, down in blocks
-        for i in range(columns)
-        for j in range(rows)
-        if (across is None or across[0] <= i <= across[1]) and (down is None or down[0] <= j <= down[1])
-    }
-    assert {aperture.index for aperture in listed} == inside
-    assert [found[number] for number in range(len(found))] == listed
-    assert all(aperture in found for aperture in listed)
-
-
-def test_a_plate_of_ten_thousand_million_hogels_is_gone_through_without_a_list() -> None:
-    plate = Plate(size=(8.0, 6.0), hogels=(100_000, 100_000))
-    apertures = plate.apertures()
-    assert len(apertures) == 10**10
-    assert [aperture.index for aperture in islice(apertures, 2)] == [(0, 0), (1, 0)]
-    assert apertures[-1].index == (99_999, 99_999)
-    with pytest.raises(IndexError):
-        apertures[10**10]
-
-
-def test_a_scene_file_with_more_hogels_than_anybody_makes_names_the_option(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(
-        "[plate]\nsize = [1.0, 1.0]\nhogels = [100000, 100000]\n"
-        "[frustum]\nresolution = [4, 4]\nfov_deg = [60.0, 60.0]\nreach = [2.0, 2.0]\n"
-    )
-    with pytest.raises(InputError, match="--max-hogels"):
-        open_scene(str(path))
-    with largest_plate(10**10):
-        assert open_scene(str(path)).plate.hogels == (100_000, 100_000)
