@@ -229,7 +229,7 @@ class Drawing:
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)
         for number, camera in enumerate(passes):
-            target.clear_depth(camera.test.clear)
+            target.clear_depth(camera.clear)
             self._picture(target, number, camera, mapping, effects if color else None)
         if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
@@ -253,7 +253,7 @@ class Drawing:
         if mesh is None:
             return
         self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.depth_func = camera.test.function
+        self._context.depth_func = camera.depth_function
         GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
         self._look(target, number, camera, shaders)
         if shading is not None:

@@ -37,19 +37,14 @@ INTERNAL_FORMAT: dict[DepthFormat, int] = {
 """OpenGL's name of each format of the depth buffer."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClipEnds:
-    """Clip depth over w at a camera's near and far plane."""
-
-    near: float
-    far: float
+Ends = tuple[float, float]  #: clip depth over w at a camera's near and far plane
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping:
     """A depth mapping in the terms of OpenGL."""
 
-    ends: ClipEnds  #: Clip depth over w at both planes
+    ends: Ends
     clip_control: int = GL.GL_ZERO_TO_ONE  #: The range of clip depth that OpenGL keeps
     #: Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth
     fragment_depth: str = ""
@@ -58,9 +53,9 @@ class Mapping:
     stored_far: float = 1.0
 
 
-_HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
+_HYPERBOLIC = 0.0, 1.0
 
-_REVERSED = ClipEnds(near=1.0, far=0.0)
+_REVERSED = 1.0, 0.0
 """Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it only has to
 clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far plane, or
 keep some behind it."""
@@ -68,27 +63,12 @@ keep some behind it."""
 
 MAPPINGS = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
-    DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
+    DepthMapping.GL: Mapping(ends=(-1.0, 1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
     DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
     DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
     DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
 }
 """OpenGL's terms of each depth mapping."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DepthTest:
-    """The value that the depth buffer is cleared to, and the comparison that a fragment must pass."""
-
-    clear: float
-    function: str
-
-
-def depth_test(mapping: Mapping, *, nearest: bool) -> DepthTest:
-    """Return the depth test of C, where the nearest surface wins, or of C*, where the farthest does."""
-    clear = mapping.stored_far if nearest else mapping.stored_near
-    smaller_wins = nearest == (mapping.stored_near < mapping.stored_far)
-    return DepthTest(clear=clear, function="<" if smaller_wins else ">")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +134,7 @@ def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool
 
 
 def clip_from_scene(
-    frustum: Frustum, aperture: Aperture, camera: SlabCamera, pivot: Pivot, ends: ClipEnds
+    frustum: Frustum, aperture: Aperture, camera: SlabCamera, pivot: Pivot, ends: Ends
 ) -> Floats:
     """Return the matrix of one camera."""
     window = FilmWindow.of(frustum, aperture)
@@ -190,15 +170,15 @@ def eye_from_sheared(camera: SlabCamera) -> Floats:
     return matrix
 
 
-def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Floats:
+def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: Ends) -> Floats:
     """Return the perspective projection of a camera that looks to -z; w is the distance from it."""
     near, far = camera.near, camera.far
-    slope = (ends.far * far - ends.near * near) / (far - near)
+    slope = (ends[1] * far - ends[0] * near) / (far - near)
     matrix = np.zeros((4, 4))
     matrix[0, 0] = 1 / (window.half_width * camera.scale)
     matrix[1, 1] = 1 / (window.half_height * camera.scale)
     matrix[2, 2] = -slope
-    matrix[2, 3] = near * (ends.near - slope)
+    matrix[2, 3] = near * (ends[0] - slope)
     matrix[3, 2] = -1.0
     return matrix
 
@@ -210,7 +190,8 @@ class Pass:
     clip_from_scene: Floats  #: The camera's matrix, in double precision
     planes: tuple[float, float]  #: Distances of its near and far plane
     heights: tuple[float, float]  #: Lowest and highest z between these planes
-    test: DepthTest  #: The depth test, which decides between two surfaces
+    clear: float  #: The value that the depth buffer is cleared to
+    depth_function: str  #: The comparison that a fragment must pass
     front_face: str  #: The window winding of faces that are turned to the camera
     #: The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
     #: toward it; None where all are drawn
@@ -272,11 +253,13 @@ def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: S
     mapping = MAPPINGS[settings.mapping]
     # Faces that are turned away from the viewer are left out; C* faces him.
     away = "back" if camera.orthoscopic else "front"
+    smaller_wins = camera.orthoscopic == (mapping.stored_near < mapping.stored_far)
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
         heights=kept_heights(camera),
-        test=depth_test(mapping, nearest=camera.orthoscopic),
+        clear=mapping.stored_far if camera.orthoscopic else mapping.stored_near,
+        depth_function="<" if smaller_wins else ">",
         front_face="ccw" if camera.orthoscopic else "cw",
         culled_face=None if settings.cull is Cull.NONE else away,
         orthoscopic=camera.orthoscopic,

@@ -75,8 +75,8 @@ def cameras_of(scene: Scene, settings: DoubleFrustum, apertures: Sequence[Apertu
                 # Depths over w between which the pass clips.
                 "clip_range": (-1.0, 1.0) if settings.mapping is DepthMapping.GL else (0.0, 1.0),
                 "written_by_fragment": bool(mapping.fragment_depth),  # no interpolation gives such a depth
-                "test": drawn.test.function,
-                "clear": drawn.test.clear,
+                "test": drawn.depth_function,
+                "clear": drawn.clear,
             },
             # Window winding of faces that are turned to the camera, and of those left out, as in OpenGL.
             "front_face": drawn.front_face,

@@ -184,8 +184,8 @@ class PlainLoop(ContextOwner):
         self._normals.bind_to_storage_buffer(NORMALS)
         for number, camera in enumerate(self._cameras):
             drawn = pass_of(self.scene, aperture, self.settings, camera)
-            self._target.clear_depth(drawn.test.clear)
-            self._context.depth_func = drawn.test.function
+            self._target.clear_depth(drawn.clear)
+            self._context.depth_func = drawn.depth_function
             set_facing(self._context, drawn)
             set_camera(self._program, number, drawn, self._target.size)
             self._shading.bind(self._program)

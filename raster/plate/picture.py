@@ -220,8 +220,8 @@ class PlatePicture:
 
     def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
         """Draw one camera's picture, as any one of the hogels has it, over those of the cameras before it."""
-        slot.target.clear_depth(camera.test.clear)
-        self._context.depth_func = camera.test.function
+        slot.target.clear_depth(camera.clear)
+        self._context.depth_func = camera.depth_function
         self._shading.bind(self.drawings[PICTURE].program)
         self._draw(PICTURE, slot, number, camera, draws)
 

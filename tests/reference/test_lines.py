@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, lines_by_definition, view
-from xfrustum.raster.cameras.cameras import ClipEnds, clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
@@ -119,7 +119,7 @@ def test_both_answers_put_a_point_into_the_same_pixel(
     """The exact lines of C and C* against the matrices for OpenGL: two derivations of one geometry."""
     pencils = [camera.pencil for camera in model_cameras(frustum, aperture, settings)]
     c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
-    ends = ClipEnds(near=0.0, far=1.0)
+    ends = 0.0, 1.0
     matrices = [
         clip_from_scene(frustum, aperture, camera, settings.pivot, ends) for camera in (*reversed(c), *c_star)
     ]

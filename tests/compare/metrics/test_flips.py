@@ -118,8 +118,13 @@ def test_a_c_star_that_is_not_flipped_and_a_c_that_is_are_wrong(answers: Answers
 
 def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
     """C* looks back: the surface nearest to it is the one farthest from the viewer."""
-    own = cameras.depth_test
-    monkeypatch.setattr(cameras, "depth_test", lambda mapping, nearest: own(mapping, nearest=True))
+    own = cameras.pass_of
+    c = own(answers.scene, answers.aperture, SETTINGS, cameras.cameras_in_order(answers.scene, SETTINGS)[0])
+
+    def as_c(*asked: Any) -> cameras.Pass:
+        return replace(own(*asked), clear=c.clear, depth_function=c.depth_function)
+
+    monkeypatch.setattr(cameras, "pass_of", as_c)
     with Rasterizer(answers.scene) as raster:
         assert answers.surface(raster.render(answers.aperture, SETTINGS)) > SEEN
 

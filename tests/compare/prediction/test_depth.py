@@ -558,8 +558,8 @@ def test_his_table_comes_out(mapping: DepthMapping, far: float) -> None:
 @pytest.mark.parametrize("mapping", [DepthMapping.STANDARD, DepthMapping.REVERSED, DepthMapping.GL])
 def test_the_distant_far_plane_is_an_infinite_one(mapping: DepthMapping) -> None:
     """The limits of the projection's third row: slope e_f, and n (e_n - e_f)."""
-    ends = MAPPINGS[mapping].ends
-    limit = [-ends.far, NEAR * (ends.near - ends.far)]
+    at_near, at_far = MAPPINGS[mapping].ends
+    limit = [-at_far, NEAR * (at_near - at_far)]
     np.testing.assert_allclose(projection(mapping, INFINITE)[2:, 2], limit, atol=1e-30)
 
 
