@@ -16,7 +16,6 @@ from xfrustum.compare.metrics.error_maps import CONFIDENCE
 from xfrustum.compare.metrics.radiance import PIXELS_PER_DEGREE
 from xfrustum.compare.prediction.predict import CROSSES
 from xfrustum.compare.scout import FILM_PIXELS
-from xfrustum.reference.alone import CERTIFIED
 from xfrustum.reports.common.figure_style import COLORS, INK, Figure, log_axis, look, styled, titled
 from xfrustum.reports.common.templates_environment import address, html_page
 from xfrustum.reports.error_report import best, images
@@ -25,7 +24,7 @@ from xfrustum.reports.error_report.images import CAUSE_COLORS
 from xfrustum.reports.inspection import CERTAINTY_LABELS
 from xfrustum.reports.scene_check.checking import scene_fit
 from xfrustum.reports.scout import map_figures
-from xfrustum.scenes import Aperture, Cull, DoubleFrustum, Offset
+from xfrustum.scenes import Aperture, DoubleFrustum, Offset
 from xfrustum.scenes.notebook import digits, percent
 
 Number = Callable[[Measurement], float | None]
@@ -267,48 +266,33 @@ Shears = Mapping[tuple[Aperture, float], ShearNumbers]
 
 def render_page(sweep: Sweep, sentence: str, command: str) -> str:
     """Return the report as one HTML document that needs nothing else, given recommendation and command."""
-    scene, reach, names = sweep.scene, sweep.scene.frustum.longest_reach, geometry_names(sweep.geometries)
+    scene, names = sweep.scene, geometry_names(sweep.geometries)
     # The shear of each aperture and near, ascending; depth buffers, fits and cuts share it.
     found = {(row.aperture, row.settings.near): row.shear for row in reversed(sweep.rows) if row.shear}
     order = sorted(found, key=lambda key: (sweep.apertures.index(key[0]), key[1]))
     shears = {key: found[key] for key in order}
-    shown = ("best", "apertures", "auto", "rows", "truths", "decided_by", "versions", "devices", "reduction")
     values = {
-        **{name: getattr(sweep, name) for name in shown},
-        "scene": scene,
+        "sweep": sweep,
+        "choosing": best,
         "fit": scene_fit(scene),
-        "culled": sweep.options.cull is not Cull.NONE,
-        "reach": reach,
         "sentence": sentence,
-        "coverage": sweep.coverage_sentence,
-        "can_be_judged": best.can_be_judged(sweep.rows),
         "command": command,
-        "near_range": best.near_range,
-        "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
         "confidence": CONFIDENCE,
-        "per_depth": best.best_per_depth(sweep.rows),
         "scouted_lines": FILM_PIXELS**2,
         "settings_count": len({row.settings for row in sweep.rows}),
         "certainty": {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)},
         "certainty_labels": {kind.name.lower(): words for kind, words in CERTAINTY_LABELS.items()},
-        "certified": sweep.decided_by == CERTIFIED,
         "alone": [pair for pair in zip(sweep.apertures, sweep.truths, strict=True) if pair[1].marks],
         "sparse_fraction": SPARSE_FRACTION,
         "images": images,
-        "height_range": images.height_range(scene, reach),
-        "shading": sweep.light,
+        "height_range": images.height_range(scene, scene.frustum.longest_reach),
         "pixels_per_degree": PIXELS_PER_DEGREE,
-        "equally_good": best.equally_good_sentence(sweep.rows),
-        "cost": sweep.cost_sentence,
-        "per_geometry": best.best_per_geometry(sweep.rows),
         "name_of": lambda settings: names[geometry_of(settings)],
         "shear_sentences": _shear_sentences(sweep, shears),
         "shears": shears,
         "without_offset": any(one.offset is Offset.NONE for one in sweep.geometries),
         "dominant": _dominant(sweep),
         "unexplained": sum(row.unexplained or 0 for row in sweep.rows),
-        "charged": sweep.options.causes,
-        "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, shears),
     }
     return html_page("report.html.j2", values, {"pixels": best.pixels, "address": address})
