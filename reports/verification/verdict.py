@@ -587,24 +587,26 @@ def number(value: float | None, unit: str | None) -> str:
     return f"{value:,.0f}" if float(value).is_integer() and abs(value) < 2**53 else plain(f"{value:.6g}")
 
 
-def render_page(found: Verification) -> str:
-    """Return one HTML document that needs nothing else, online or offline."""
-    as_found, corrected = found.as_found, found.corrected
-    values = {
+FILTERS: Filters = {"percent": percent, "figures": figures_words, "number": number}
+
+
+def _told(found: Verification) -> dict[str, Any]:
+    """Return what page and text tell of a verification."""
+    return {
         "found": found,
-        "summary": found.summary(),
         "sentence": sentence(found),
         "explained": explained(found),
         "unexplained": unexplained(found),
-        "guesses": found.diagnosis.guesses,
         "where": where_words(found.where or {}),
-        "as_found": as_found and figures_words(as_found),
-        "corrected": corrected and figures_words(corrected),
-        "map": plate_map(found),
-        "versions": {**versions(), **machine()},
+        "figures": {"as found": found.as_found, "corrected": found.corrected},
     }
-    filters: Filters = {"percent": percent, "figures": figures_words, "number": number}
-    return html_page("verify.html.j2", values, filters)
+
+
+def render_page(found: Verification) -> str:
+    """Return one HTML document that needs nothing else, online or offline."""
+    made_by = {**versions(), **machine()}
+    values = {**_told(found), "summary": found.summary(), "map": plate_map(found), "versions": made_by}
+    return html_page("verify.html.j2", values, FILTERS)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -660,18 +662,9 @@ def sentence(found: Verification) -> str:
 
 def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
-    values = {
-        "found": found,
-        "sentence": sentence(found),
-        "explained": explained(found),
-        "unexplained": unexplained(found),
-        "where": where_words(found.where or {}),
-        "figures": {"as found": found.as_found, "corrected": found.corrected},
-        "problems": [hogel for hogel in found.hogels if hogel.problem],
-        "listed": MAX_LISTED,
-    }
-    filters: Filters = {"figures": figures_words, "number": number}
-    return plain_text("verify.txt.j2", values, filters).removesuffix("\n")
+    problems = [hogel for hogel in found.hogels if hogel.problem]
+    values = {**_told(found), "problems": problems, "listed": MAX_LISTED}
+    return plain_text("verify.txt.j2", values, FILTERS).removesuffix("\n")
 
 
 def unexplained(found: Verification) -> str:
