@@ -91,10 +91,6 @@ def test_errors_of_a_cost_are_those_of_the_worst_aperture(
 def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: str) -> None:
     auto = auto_apertures(open_scene(scene))
     figures = map_figures(auto)
-    for figure in figures:
-        (heat,) = (trace for trace in figure["data"] if trace.get("type") == "heatmap")
-        assert np.array(heat["z"]).shape == HOGELS[::-1]
-        assert heat["colorbar"]["thickness"] == 12 and figure["layout"]["title"]["text"]
     heights = np.array(figures[0]["data"][0]["customdata"])
     for look in auto.scout.looks:
         column, row = look.aperture.index

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import pytest
 
 from tests.support.rows import GPU_S, NO_PREDICTION, TIMES, comparison_numbers, measured_row
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.metrics.radiance import NoiseNumbers, RadianceNumbers, RadianceSpread
 from xfrustum.reports.common.outputs import json_ready
-from xfrustum.reports.common.records import columns_of, named_columns, table_of
+from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.error_report.best import TableRow
 from xfrustum.scenes import DoubleFrustum
 
@@ -98,15 +97,6 @@ def test_json_has_the_fields_and_none_for_what_is_no_number() -> None:
         "times": {"a": 1.0},
         "label": None,
     }
-
-
-def test_a_type_that_no_column_holds_is_a_bug() -> None:
-    @dataclass(frozen=True)
-    class Odd:
-        value: complex
-
-    with pytest.raises(TypeError, match="complex"):
-        columns_of(Odd, [Odd(value=1j)])
 
 
 def test_a_report_has_the_same_columns_whatever_was_measured(tmp_path: Path) -> None:

@@ -25,7 +25,6 @@ from xfrustum.reports.cost import (
     answers,
     pareto,
     rank,
-    trade_off_figure,
 )
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -146,16 +145,6 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
     assert beyond <= 1 - CONFIDENCE or len(values) < 6
     assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
-
-
-def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> None:
-    """A lower median is no advantage where the repetitions do not tell times apart: less error is."""
-    times = {seconds: Timing.of([0.5 * seconds, seconds, 3 * seconds]) for seconds in (1.0, 1.2)}
-    quicker = replace(option(1.0, 0.3), family="D16", time_s=times[1.0])
-    better = replace(option(1.2, 0.01), family="D24", time_s=times[1.2])
-    *drawn, front = trade_off_figure([quicker, better], 0.5)["data"]
-    filled = [trace["name"] for trace in drawn if not trace["marker"]["symbol"][0].endswith("-open")]
-    assert filled == ["D24"] and (front["x"], front["y"]) == ([1200.0], [0.01])
 
 
 @pytest.mark.parametrize("near_per_reach", [1e-1, 1e-3, 1e-7])

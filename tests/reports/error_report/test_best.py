@@ -20,7 +20,6 @@ from xfrustum.reports.error_report.best import (
     equally_good,
     sentence,
 )
-from xfrustum.reports.error_report.page import cause_figure
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset
 from xfrustum.scenes.arrays import Mask
 
@@ -277,13 +276,3 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
     ]
     stays = caused(1.0, Offset.NONE, near_offset=500)
     assert cause_sentences([stays], "mm") == ["D24 standard: at n = 1 mm the gap at the plate dominates."]
-
-
-def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
-    rows = [caused(1.0, near_offset=30, pivot=60, depth=10), caused(0.1, near_offset=1), caused(0.01)]
-    figure = cause_figure(list(enumerate(rows)), 10.0)
-    stacked = {area["name"]: dict(zip(area["x"], area["y"], strict=True)) for area in figure["data"]}
-    assert stacked["near offset"] == {0.01: 100.0, 0.1: 30.0}
-    assert stacked["pivot"] == {0.01: 0.0, 0.1: 60.0}
-    assert sum(area[0.1] for area in stacked.values()) == pytest.approx(100.0)
-    assert cause_figure([(0, caused(1.0))], 10.0) is None

@@ -162,12 +162,6 @@ def test_hogels_with_too_many_pixels_are_listed_without_values(inspected: Inspec
     assert found.values() == {} and found.words == hogel.words
 
 
-def test_every_page_of_results_links_to_its_inspection(inspected: Inspected) -> None:
-    for folder in inspected.pages.values():
-        assert 'href="inspect.html"' in (folder / "index.html").read_text()
-        assert 'href="index.html"' in (folder / PAGE).read_text()
-
-
 def test_a_cell_of_a_large_plate_shows_the_worst_of_its_hogels() -> None:
     plate = Plate(size=(100.0, 50.0), hogels=(10 * MAX_MAP_CELLS, 60))
     cells = PlateMap.of(plate, "share", [(0, 0, 0.1), (9, 0, 0.3), (10, 0, 0.2), (1199, 59, 0.0)]).cells

@@ -1,7 +1,6 @@
 """Blocks of hogels: shards that Zarr reads, whole or absent, drawn by any process, labelled for xarray."""
 
 import json
-import math
 import re
 import shutil
 from dataclasses import replace
@@ -27,12 +26,9 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import (
-    BLOCK_BYTES,
-    MAX_BLOCK_SIDE,
     Layout,
     StoredPlate,
     camera_of,
-    default_side,
 )
 from xfrustum.scenes import InputError, Plate
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -231,17 +227,6 @@ def test_every_hogel_lies_in_one_block_at_a_place_of_its_own(
             assert (block.columns[column], block.rows[row]) == aperture.index
     listed = list(layout.blocks(list(asked)))
     assert {b.number: set(b.apertures) for b in listed} == {b.number: set(b.apertures) for b in blocks}
-
-
-def test_the_default_block_holds_at_most_what_it_says() -> None:
-    for resolution in ((8, 8), (128, 128), (512, 512), (4096, 4096)):
-        frustum = replace(small().frustum, resolution=resolution)
-        plate = Plate(size=(1.0, 1.0), hogels=(81, 61))
-        columns, rows = default_side(plate, frustum, ALL)
-        layout = Layout(plate=plate, frustum=frustum, units="", content=ALL, side=(columns, rows))
-        stored = sum(math.prod(one.shape) * one.dtype.itemsize for one in layout.arrays) * columns * rows
-        assert columns == rows <= MAX_BLOCK_SIDE
-        assert stored <= BLOCK_BYTES or columns == 1
 
 
 # Plates that are judged: the measures of `compare` beside the pixels, as arrays and as a table.

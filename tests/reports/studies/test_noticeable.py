@@ -16,13 +16,11 @@ from xfrustum.compare.eye.noticeable import (
     replay_noise_arcsec,
     surface_content,
 )
-from xfrustum.compare.sampling import share_at_most
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.reports.studies import noticeable
 from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns
 from xfrustum.reports.studies.sweep import read_rows
 from xfrustum.scenes import open_scene
-from xfrustum.tolerances import MAX_DEPTH_WRONG
 
 DATA = CHECKOUT / "docs" / "noticeable.parquet"
 
@@ -75,13 +73,6 @@ def test_below_the_rule_no_row_without_shear_is_noticed(rows: tuple[Row, ...]) -
     assert len(plain) > 500
     assert not any(row.offset_seen for row in plain)
     assert all((row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC for row in plain)
-
-
-def test_films_have_as_many_pixels_as_one_wrong_among_them_needs() -> None:
-    assert share_at_most(1, PIXELS) <= MAX_DEPTH_WRONG < share_at_most(1, PIXELS - 1)
-    for size in ((80.0, 60.0), (30.0, 90.0), (400.0, 10.0)):
-        columns = film_columns(size, PIXELS)
-        assert 2 * columns * max(1, round(columns * size[1] / size[0])) >= PIXELS
 
 
 def test_no_replay_is_off_by_more_than_its_noise(rows: tuple[Row, ...]) -> None:

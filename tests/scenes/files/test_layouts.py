@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 from xfrustum.scenes import InputError
@@ -256,14 +254,3 @@ def test_a_missing_view_is_named(tmp_path: Path) -> None:
     assert found.missing == 1
     with pytest.raises(InputError, match=r"no file such as 2_3\.png"):
         found.hogel(0, 0)
-
-
-@given(st.integers(1, 3), st.integers(1, 3), st.integers(1, 4), st.integers(1, 4))
-def test_every_file_holds_pixels_that_no_other_file_holds(i: int, j: int, w: int, h: int) -> None:
-    shape = PlateShape(hogels=(i, j), resolution=(w, h))
-    for name in ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci"):
-        numbered = np.zeros(shape.array, dtype=np.int64)
-        layout = layout_for(name, None)
-        for index in layout.indices(shape):
-            layout.view(numbered, index, ())[...] += 1
-        assert (numbered == 1).all(), name
