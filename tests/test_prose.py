@@ -39,7 +39,7 @@ def example(scene):
 
 def fragments(source: str) -> Iterator[str]:
     """Yield the docstrings of a module, and of names in it, that begin so, and descriptions in them."""
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(source)) if FRAGMENT.search(source) else ():
         # A string that stands alone as a statement documents the name assigned above.
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             text = cleandoc(str(node.value.value))
