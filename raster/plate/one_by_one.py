@@ -87,9 +87,9 @@ def plate_hogel(image: HogelImage, content: PlateContent) -> PlateHogel:
 class OneByOne(ContextOwner):
     """The stream of `PlateRenderer` with the sampling of `Rasterizer`, and its InputErrors."""
 
-    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent | None = None) -> None:
+    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
         settings.check_against(scene.frustum)
-        self.scene, self.settings, self.content = scene, settings, content or PlateContent()
+        self.scene, self.settings, self.content = scene, settings, content
         self._rasterizer = Rasterizer(scene, self.content.effects)
         self.device = self._rasterizer.device
         try:

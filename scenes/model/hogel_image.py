@@ -154,9 +154,7 @@ class HogelImage(SurfaceImage):
     color: Singles | None = None  #: linear RGB
     variance: Singles | None = None  #: of the color where it is a mean over light paths; None without noise
     certainty: Bytes | None = None  #: uint8 `Certainty`; None in images that are not certified
-    companions: Indices | None = (
-        None  # (N, 3) row, column, triangle of all surfaces that share a tie; likewise
-    )
+    companions: Indices | None = None  #: (N, 3) row, column, triangle of surfaces that share a tie; likewise
     second_opinion: Callable[[], Mask] | None = None  #: asks a float32 tracer for `overruled`; likewise
     rendering: Rendering | None = None  #: of the color; None where it is unknown or there is no color
 

@@ -49,9 +49,7 @@ class PlateContent:
     color: ColorType = ColorType.FLOAT16  #: type of linear RGB
     ids: bool = False  #: whether the stream has triangle numbers; asking for the channel is the same
     channels: tuple[Channel, ...] = ()  #: in the order of `Channel`; by default color, and `ids`
-    effects: frozenset[Effect] | None = (
-        None  # None for those that the scene calls for, with the same pictures
-    )
+    effects: frozenset[Effect] | None = None  #: None for those that the scene calls for: the same pictures
 
     def __post_init__(self) -> None:
         ids = switch(self.ids, "ids")
