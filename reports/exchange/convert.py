@@ -12,6 +12,7 @@ import numpy as np
 import zarr
 
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, progress_bar, refused
+from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.plate.store import COMPRESSOR, DAMAGE, FINISHED, METADATA, open_group, told
 from xfrustum.scenes import InputError, Scene
 from xfrustum.scenes.arguments import choice
@@ -19,10 +20,14 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.files import layouts, plate_files
+from xfrustum.scenes.files.foreign_images import Encoding, Reading
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
 LAYOUT_ATTRIBUTE = "xfrustum:converted"  # of converted groups, says from what; drawn ones have another
+
+
+NUMBERED = Reading(encoding=Encoding.TRIANGLE_ID)  #: how pictures hold numbers of triangles; see `packed`
 
 
 class PlateArray(StrEnum):
@@ -128,7 +133,9 @@ def write_group(
     ).with_config({"write_empty_chunks": True})
     for row in range(shape[0]):
         for column, hogel in enumerate(plate.row(row)):
-            stored[row, column] = hogel if array is PlateArray.COLOR else unpacked(hogel)
+            stored[row, column] = (
+                hogel if array is PlateArray.COLOR else NUMBERED.numbers(NUMBERED.packed(hogel))
+            )
             done()
 
 
@@ -138,12 +145,6 @@ def packed(triangle: Numbers) -> Bytes:
     if number.max(initial=0) >= 1 << 24:
         raise InputError("numbers of triangles above 16,777,214 do not fit into pictures of 8 bits")
     return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
-
-
-def unpacked(pixels: layouts.Pixels) -> Numbers:
-    """Return the numbers that pixels (.., 3) stand for: the inverse of `packed`."""
-    red, green, blue = (pixels[..., channel].astype(np.int32) for channel in range(3))
-    return (red << 16 | green << 8 | blue) - np.int32(1)
 
 
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"
@@ -305,13 +306,7 @@ def _into_files(
             plate_files.write_files(plate, target, staging.folder, bar.update)
         if layout.name == "hci":
             # The part of a parameters.cfg that the pictures decide.
-            (columns, rows), (width, height) = shape.hogels, shape.resolution
-            parameters = (
-                "[intrinsics]\n"
-                f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
-                f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
-            )
-            (staging.folder / plate_files.PARAMETERS_FILE).write_text(parameters, encoding="ascii")
+            staging.write(plate_files.PARAMETERS_FILE, plain_text("parameters.cfg.j2", vars(shape)))
         written = staging.commit()
     notes = (*done.notes, *target.notes(shape))
     return replace(done, out=written[0] if single else out, files=files, losses=losses, notes=notes)
