@@ -366,6 +366,7 @@ def make_viewer_plan(
     """
     eye_pixel = scouted.scene.plate.size[0] / FILM_COLUMNS
     seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong, eye_pixel)
+    seen = replace(seen, device=requirement.device)
     made = planned(scouted, seen, choices, sample, progress)
     record = planned_record(scouted.scene, made, seen, progress=progress)
     return ViewerPlan(plan=replayed_plan(made, record), requirement=seen, record=record)

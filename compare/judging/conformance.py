@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.judging.judged import CENTERED_PRECISION, foreign_cameras
+from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
@@ -30,6 +30,7 @@ from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
 from xfrustum.scenes.conformance.suite import Case
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -136,19 +137,19 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
 
 
 def cameras_of(
-    case: Case, scene: Scene, aperture: Aperture, precision: Precision = CENTERED_PRECISION
+    case: Case, scene: Scene, aperture: Aperture, device: DeviceModel = ANY_DEVICE
 ) -> tuple[RoundingCamera, ...]:
-    """Return the cameras of a case, which round as a device does that nobody has measured."""
-    exact = replace(precision, depth=case.depth, mapping=case.mapping)
+    """Return the cameras of a case, which round as a device does."""
+    exact = Precision(device=device, depth=case.depth, mapping=case.mapping)
     cameras = foreign_cameras(scene, question(case), aperture)
     return tuple(replace(camera, precision=exact) for camera in cameras)
 
 
 def judged(
-    case: Case, scene: Scene, truth: HogelImage, image: HogelImage, precision: Precision = CENTERED_PRECISION
+    case: Case, scene: Scene, truth: HogelImage, image: HogelImage, device: DeviceModel = ANY_DEVICE
 ) -> tuple[Pixels, Mask]:
     """Compare an image with the truth; return numbers, and the pixels (H, W) that nothing explains."""
-    cameras = cameras_of(case, scene, truth.camera.aperture, precision)
+    cameras = cameras_of(case, scene, truth.camera.aperture, device)
     if case.asked == "triangle-id":
         shown = (truth.triangle != NOTHING) | (image.triangle != NOTHING)
         differs = truth.triangle != image.triangle

@@ -42,16 +42,18 @@ from xfrustum.compare.rounding.triangles import Precision, RoundingCamera
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.files.foreign_images import Transfer, stored_rgb
-from xfrustum.scenes.model.device_model import safe_model
+from xfrustum.scenes.model.device_model import DeviceModel, safe_model
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 from xfrustum.scenes.plate.plate import Aperture
 
-# A renderer with a near offset has the usual depth buffer. Where cameras stand in the aperture itself, depth
-# must hold any ratio of near to far, which no buffer of fixed point does.
-OFFSET_PRECISION = Precision(device=safe_model(), depth=DepthFormat.D24, mapping=DepthMapping.STANDARD)
-CENTERED_PRECISION = Precision(device=safe_model(), depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+# A foreign device is unknown unless its owner has measured it. A renderer with a near offset has the usual
+# depth buffer. Where cameras stand in the aperture itself, depth must hold any ratio of near to far, which no
+# buffer of fixed point does.
+ANY_DEVICE = safe_model()
+OFFSET_DEPTH = DepthFormat.D24, DepthMapping.STANDARD
+CENTERED_DEPTH = DepthFormat.D32F, DepthMapping.REVERSED
 
 NEAR_PLANE_PER_REACH = 1e-6
 """Near plane of a camera that stands in the aperture, as a part of the reach: such a camera has none, but
@@ -243,17 +245,20 @@ def _moved_outlines(
     return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.OUTLINES
 
 
-def foreign_cameras(scene: Scene, model: DrawnModel, aperture: Aperture) -> tuple[RoundingCamera, ...]:
+def foreign_cameras(
+    scene: Scene, model: DrawnModel, aperture: Aperture, device: DeviceModel = ANY_DEVICE
+) -> tuple[RoundingCamera, ...]:
     """Return C and C* of a renderer, which may have drawn anything, and may clip at their films' borders."""
     # One depth buffer serves both cameras: where one of them stands in the aperture, it holds any ratio.
-    offset, cameras = all(model.camera(side).near for side in (1, -1)), []
+    depth, mapping = OFFSET_DEPTH if all(model.camera(side).near for side in (1, -1)) else CENTERED_DEPTH
+    precision, cameras = Precision(device=device, depth=depth, mapping=mapping), []
     for side in (1, -1):
         pencil = model.pencil(scene, aperture, side)
         if not model.camera(side).near:
             end = max(abs(s) for s in pencil.s_range)
             begin = NEAR_PLANE_PER_REACH * scene.frustum.longest_reach / model.scene_scale
             pencil = replace(pencil, s_range=(begin, end) if side > 0 else (-end, -begin))
-        precision, shift = OFFSET_PRECISION if offset else CENTERED_PRECISION, model.camera(side).shift
+        shift = model.camera(side).shift
         cameras.append(RoundingCamera(pencil=pencil, precision=precision, film_shift=shift))
     return tuple(cameras)
 
@@ -272,6 +277,7 @@ class Judging:
 
     compared: Compared = Compared.COLOR
     color_tolerance: float = pictures.COLOR_TOLERANCE
+    device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
     # The curve through which pictures are read, if not the stated one. A level of what they store is a larger
     # difference than the tolerance where the curve is steep: half of it is lost by each rounding.
     transfer: Transfer | None = None
@@ -396,7 +402,7 @@ def judge(
             spread, measured_by = Spread.of(length[known]), MeasuredBy.POINTS
     else:
         spread, measured_by = _moved_outlines(answer, upright, by, seen.differs)
-    causes = seen.causes(scene, question) if explained else None
+    causes = seen.causes(scene, question, judging.device) if explained else None
     differing = int(seen.differs.sum())
     numbers = HogelNumbers(
         shown=count,
@@ -429,8 +435,9 @@ def wrong_pixels(
     # Which surface a pixel shows is asked, not how far its point has moved.
     reference = changed(reference, question.changes)
     nowhere = np.full((*image.triangle.shape, 3), np.nan)
-    seen = _Compared.of(reference, question, image, nowhere, judging or Judging())
-    causes = seen.causes(reference.scene, question) if explained else None
+    judging = judging or Judging()
+    seen = _Compared.of(reference, question, image, nowhere, judging)
+    causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
 
@@ -491,12 +498,12 @@ class _Compared:
             answer=answer, upright=turned, by=by, covered=covered, shown=shown, differs=differs & shown
         )
 
-    def causes(self, scene: Scene, question: DrawnModel) -> Causes | None:
+    def causes(self, scene: Scene, question: DrawnModel, device: DeviceModel) -> Causes | None:
         """Return the causes of the wrong pixels; None where images name no triangles."""
         # Nor through a lens: rounding is known of edges that are straight on the film.
         if self.by != "triangle" or question.film != EVEN:
             return None
-        cameras = foreign_cameras(scene, question, self.answer.camera.aperture)
+        cameras = foreign_cameras(scene, question, self.answer.camera.aperture, device)
         return find_causes(scene.triangles, cameras, self.answer, self.upright, np.flatnonzero(self.differs))
 
 

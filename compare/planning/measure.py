@@ -85,18 +85,23 @@ def measured(
     done: Done = lambda hogels: None,
     *,
     smallest: bool = True,
-) -> tuple[list[HogelResult], Quality]:
-    """Draw apertures and sheets; return each result and the worst (separation: NaN unless `smallest`)."""
+) -> tuple[list[HogelResult], Quality, str]:
+    """Draw apertures and sheets; return each result, the worst, and the model of the device.
+
+    The smallest ordered separation is NaN unless `smallest`.
+    """
     separation = requirement.separation_in(views.scene.frustum)
     truths = {view.aperture: view.truth for view in views.views}
-    with Judge(views.scene, reference=views.reference) as judge:
+    with Judge(views.scene, reference=views.reference, model=requirement.device) as judge:
+        device = judge.model.name
         results = list(hogel_results(judge, truths, settings, truths))
     wrong = []
     for view in views.views:
         wrong.append(misordered(views.scene, view, settings, separation))
         done(1)
     smallest_found = _smallest_separation(views, settings) if smallest else math.nan
-    return results, Quality(**worst_errors(results), misordered=max(wrong), separation=smallest_found)
+    worst = Quality(**worst_errors(results), misordered=max(wrong), separation=smallest_found)
+    return results, worst, device
 
 
 def _smallest_separation(views: Views, settings: DoubleFrustum) -> float:

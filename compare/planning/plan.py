@@ -124,6 +124,7 @@ class Plan(Shown):
     reason: str
     plate: PlateResult | None = None
     auto: AutoApertures | None = None
+    device_model: str | None = None  #: name of the model of the device that measured it
 
     @property
     def settings(self) -> DoubleFrustum | None:
@@ -216,14 +217,14 @@ def plan(
     aperture: when it is traced, and when it is measured. Raises InputError where there is no usable OpenGL.
     """
     requirement = requirement or Requirement()
-    views = Views.traced(Reference(scene), apertures, done)
+    views = Views.traced(Reference(scene), apertures, done, requirement.device)
     made = predicted_plan(views, requirement, choices or depth_buffers())
     if made.settings is None:
         return made
-    _, result = measured(views, made.settings, requirement, done)
+    _, result, device = measured(views, made.settings, requirement, done)
     within = requirement.met_by(result)
     reason = made.reason if within else f"{made.reason} {_disproved(result, requirement)}"
-    return replace(made, measured=result, within=within, reason=reason)
+    return replace(made, measured=result, within=within, reason=reason, device_model=device)
 
 
 def predicted_plan(views: Views, requirement: Requirement, choices: Sequence[DepthBuffer]) -> Plan:
@@ -314,7 +315,7 @@ class PlatePlanner:
         self, made: Plan, views: Views, sample: Sequence[HogelResult], aside: frozenset[Index] = frozenset()
     ) -> Plan:
         assert made.settings is not None
-        chosen, sheets = measured(views, made.settings, self.requirement, self.done)
+        chosen, sheets, device = measured(views, made.settings, self.requirement, self.done)
         drawn_hopeless = _indices(view for view in self._missed(sample) if self._is_hopeless(view))
         beyond, chosen_beyond = (
             sum(one.beyond(self.requirement.tolerance_px) for one in some) for some in (sample, chosen)
@@ -339,7 +340,7 @@ class PlatePlanner:
         if not holds:
             reason = f"{reason} {_disproved(quality, self.requirement)}"
         within = holds and plate.covers_the_plate
-        return replace(made, measured=quality, within=within, reason=reason, plate=plate)
+        return replace(made, measured=quality, within=within, reason=reason, plate=plate, device_model=device)
 
     @cached_property
     def _seeing(self) -> tuple[Look, ...]:
@@ -373,7 +374,7 @@ class PlatePlanner:
         farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
         wanted = [*(one for one in scouted.apertures if one == middle), *worst, *farthest]
         drawable = [one for one in dict.fromkeys(wanted) if one.index not in self._hopeless]
-        return Views.traced(self.reference, drawable, self.done)
+        return Views.traced(self.reference, drawable, self.done, self.requirement.device)
 
     def _settled(self, views: Views) -> tuple[Views, Plan]:
         """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""

@@ -27,6 +27,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
@@ -82,6 +83,7 @@ class Requirement:
     #: distance of ordered sheets, scene units; None: `SEPARATION_PER_REACH` of the reach
     separation: float | None = None
     max_wrong: float = MAX_DEPTH_WRONG  #: largest share of judged pixels that are wrong by depth
+    device: DeviceModel | None = None  #: that draws; None for what is known of the one at hand
 
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
@@ -187,17 +189,22 @@ class Views:
 
     reference: Reference
     views: tuple[View, ...]
+    device: DeviceModel | None = None  #: that draws; None for one that stores the nearest step
 
     @classmethod
     def traced(
-        cls, reference: Reference, apertures: Sequence[Aperture], done: Done = lambda hogels: None
+        cls,
+        reference: Reference,
+        apertures: Sequence[Aperture],
+        done: Done = lambda hogels: None,
+        device: DeviceModel | None = None,
     ) -> Views:
         """Trace apertures; `done` is called with 1 after each."""
         views = []
         for one in apertures:
             views.append(View(aperture=one, truth=reference.trace(one), gaps=reference.gaps(one)))
             done(1)
-        return cls(reference=reference, views=tuple(views))
+        return cls(reference=reference, views=tuple(views), device=device)
 
     @property
     def scene(self) -> Scene:
@@ -246,9 +253,8 @@ class Views:
         if not len(seen):
             return 0.0
         w = np.clip(seen + slab.step, slab.near, slab.far)
-        return float(
-            depth.smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping).max()
-        )
+        asked = slab.near, slab.far, settings.depth, settings.mapping, self.device
+        return float(depth.smallest_separation(w, *asked).max())
 
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return what closed forms predict of settings, with sheets as far apart as is asked for."""

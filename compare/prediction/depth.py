@@ -22,6 +22,7 @@ from scipy.special import ndtr
 
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Frustum
@@ -46,13 +47,19 @@ beyond rounding is the same for two depths so near to each other, and cancels.""
 
 
 def smallest_separation(
-    w: Floats, near_plane: float, far_plane: float, depth: DepthFormat, mapping: DepthMapping
+    w: Floats,
+    near_plane: float,
+    far_plane: float,
+    depth: DepthFormat,
+    mapping: DepthMapping,
+    device: DeviceModel | None = None,
 ) -> Floats:
     """Return the smallest separation of two surfaces, in w and scene units, that a depth buffer still orders.
 
     `w` (...) are distances of the surfaces from the camera along its axis, between the planes. At the
     separation `MAX_MISORDERED_FRACTION` of the pixels still show the wrong surface, where equal depths count
-    as wrong. It is the same for C (nearest wins) and C* (farthest wins).
+    as wrong. It is the same for C (nearest wins) and C* (farthest wins). Devices store the nearest step
+    (None), or one of those that their model has: then so many steps are one.
 
     Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic mappings, w
     ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at the stored value,
@@ -60,7 +67,8 @@ def smallest_separation(
     """
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
-    step = STEP[depth] or float32_spacing(stored)
+    steps = 1.0 if device is None else device.stored_steps(depth)
+    step = steps * STEP[depth] or float32_spacing(stored)
     chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
     rounding = chance * np.sqrt(2 * depth_variance(w, (stored, slope), near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)

@@ -24,8 +24,7 @@ from PIL import Image
 from pydantic import TypeAdapter
 
 from xfrustum.compare.judging.conformance import Pixels, judged
-from xfrustum.compare.judging.judged import CENTERED_PRECISION
-from xfrustum.compare.rounding.triangles import Precision
+from xfrustum.compare.judging.judged import ANY_DEVICE
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import HERE, Engine, Job, Session, open_workers
 from xfrustum.reports.common.outputs import json_ready
@@ -39,6 +38,7 @@ from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.files.exr import write_planes
 from xfrustum.scenes.files.foreign_images import Encoding, Reading, read_foreign
+from xfrustum.scenes.model.device_model import DeviceModel
 
 PARTS = "conformance.parquet"
 """Folder of the parts in that of the statement."""
@@ -209,7 +209,7 @@ class Trial:
 
     contestant: Contestant
     truths: Truths = traced
-    precision: Precision = CENTERED_PRECISION
+    device: DeviceModel = ANY_DEVICE  #: by whose roundings wrong pixels are explained
     pictures: bool = True  #: whether to keep the pictures of what fails
 
     def verdict(self, case: Case) -> Verdict:
@@ -228,7 +228,7 @@ class Trial:
             pixels, unexplained = Pixels(), dict[tuple[int, int], int]()
             for truth in self.truths(case, scene):
                 index = truth.camera.aperture.index
-                one, left = judged(case, scene, truth, images[index], self.precision)
+                one, left = judged(case, scene, truth, images[index], self.device)
                 pixels, unexplained[index] = pixels + one, int(left.sum())
             found |= {"hogels": len(images), "pixels": pixels}
             if pixels.within(case):
@@ -357,7 +357,7 @@ def run(
             "cases": [case.name for case in cases],
             "renderer": json_ready(contestant),
             "state of the renderer": contestant.state,
-            "device": repr(trial.precision),
+            "device": trial.device.as_json(),
         }
         job.parts.open(json_ready(described))
         every = range(len(cases))

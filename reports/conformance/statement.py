@@ -30,6 +30,7 @@ class Statement:
 
     renderer: str
     device: str
+    device_model: str  #: name of the model by which rounding is explained
     verdicts: tuple[Verdict, ...]
 
     @cached_property
@@ -82,6 +83,7 @@ class Statement:
             "xfrustum": metadata.version("xfrustum"),
             "renderer": self.renderer,
             "device": self.device,
+            "device_model": self.device_model,
             "levels": self.levels,
             "cases": cases,
         }

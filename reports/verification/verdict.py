@@ -478,6 +478,7 @@ class Verification(Shown):
                 "color": judging.color_tolerance,
             },
             "compared": str(judging.compared),
+            "device_model": judging.device.name,
             "judged": self.judged,
             "checks": json_ready(self.checks),
             "diagnosis": json_ready(self.diagnosis.faults),

@@ -57,6 +57,7 @@ from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.files import layouts
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.files.plate_files import FileSet, find_files
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -89,6 +90,7 @@ class VerifyOptions:
     max_color: float | None = None  #: difference of linear radiance that is wrong; None: `COLOR_TOLERANCE`
     compare: Compared | str = Compared.COLOR
     """What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines."""
+    device: DeviceModel | None = None  #: model of the machine that drew; None: any
     channels: bool = False  #: whether to keep all channels of the worst hogels
     progress: bool = False  #: whether to draw a bar on standard error
 
@@ -98,6 +100,8 @@ class VerifyOptions:
         judging = Judging(compared=choice(Compared, self.compare, "compare"))
         if self.max_color is not None:
             judging = replace(judging, color_tolerance=real(self.max_color))
+        if self.device is not None:
+            judging = replace(judging, device=self.device)
         return Limits(wrong=self.max_wrong, displacement_px=self.max_displacement_px, judging=judging)
 
     def renderer(self, source: str | sources.Renderer | None) -> sources.ForeignRenderer:

@@ -52,6 +52,11 @@ class DeviceModel:
         """Return how a float32 depth is rounded to the steps of a format."""
         return {DepthFormat.D16: self.d16, DepthFormat.D24: self.d24, DepthFormat.D32F: (0.0, 0.0)}[depth]
 
+    def stored_steps(self, depth: DepthFormat) -> float:
+        """Return within how many steps of a format two equal depths may be stored; 0 for D32F."""
+        low, high = self.stored(depth)
+        return high - low
+
     def as_json(self) -> dict[str, Any]:
         """Return the model as `device.json` has it under `model`."""
         return asdict(self)

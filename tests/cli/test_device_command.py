@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from tests.support.views import SHARED
+from tests.support.views import SHARED, view
 from xfrustum.cli.main import main
 from xfrustum.raster.device import context
-from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.model.device_model import H100, DeviceModel
 
 
 def test_the_device_at_hand_is_measured_and_its_model_is_written(
@@ -57,6 +58,22 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
         parts = sum(answer[name] for name in ("edge", "order", "lost", "unexplained"))
         assert answer["wrong"] == parts
         assert (answer["unexplained"] > 0) == (name == "shifted")
+
+
+def test_plan_verify_and_conformance_say_by_which_device_they_explain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "device.json"
+    path.write_text(json.dumps({"model": H100.as_json()}))
+    (tmp_path / "none").mkdir()
+    Image.new("RGB", view("asymmetric").frustum.resolution).save(tmp_path / "40x30.png")
+    for words, status in (
+        ("plan asymmetric --aperture 40,30 --depth d24 --mapping standard", 0),
+        (f"verify asymmetric {tmp_path}/{{i}}x{{j}}.png --apertures 40,30", 1),
+        (f"conformance judge {tmp_path / 'none'} --case L0-behind", 0),
+    ):
+        assert main([*words.split(), "--device", str(path), "--json", "--quiet"]) == status
+        assert json.loads(capsys.readouterr().out)["device_model"] == "NVIDIA H100"
 
 
 def test_a_file_that_is_no_model_is_refused_in_one_line(

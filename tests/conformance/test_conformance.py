@@ -160,7 +160,8 @@ def test_an_archive_gives_the_same_statement_and_nothing_is_traced(
     monkeypatch.setattr("xfrustum.compare.renderer_model.pictures.first_surfaces", None)
     packed = run(SOME, Trial(contestant=RIGHT, truths=Archive(path=path)))
     statements = [
-        json.dumps(Statement(renderer="r", device="d", verdicts=one).summary()) for one in (fresh, packed)
+        json.dumps(Statement(renderer="r", device="d", device_model="m", verdicts=one).summary())
+        for one in (fresh, packed)
     ]
     assert statements[0] == statements[1]
 
@@ -295,7 +296,7 @@ def test_unknown_cases_and_modules_are_refused(tmp_path: Path) -> None:
 
 def test_a_page_names_what_fails(tmp_path: Path) -> None:
     found = tried(next(one for one in WRONG if one.name == "mirrored"), FEW)
-    statement = Statement(renderer="<mirror>", device="none", verdicts=found.verdicts)
+    statement = Statement(renderer="<mirror>", device="none", device_model="any", verdicts=found.verdicts)
     write_statement(statement, tmp_path)
     page = (tmp_path / "index.html").read_text()
     assert "&lt;mirror&gt;" in page

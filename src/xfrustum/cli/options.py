@@ -378,7 +378,9 @@ def _device_model(text: str) -> DeviceModel:
 
 
 device_option = option(
-    Read("FILE", _device_model, ""), "device.json of the machine that drew.  [default: as known]", "--device"
+    Read("FILE", _device_model, ""),
+    "device.json of the machine that draws.  [default: as known]",
+    "--device",
 )
 tracer_option = option(one_of(TRACERS), "Ray tracer.", default="embree")
 decided_by_option = choice(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup
-from xfrustum.compare.judging.judged import OFFSET_PRECISION, foreign_cameras
+from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes
@@ -15,6 +15,7 @@ from xfrustum.compare.rounding.edges import distance_to_segments
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
 from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.model.device_model import LLVMPIPE, DeviceModel
 
 SIZE, NEAR = 128, 1.0
 SHIFT = (0.375, -0.25)
@@ -26,6 +27,7 @@ PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
 
 Pictures = tuple[Scene, DrawnModel, HogelImage, HogelImage]
 
+SNAP_PX = math.sqrt(2) * ANY_DEVICE.half_step  # Largest distance by which a corner snaps
 CLEAR_PX = 0.5  # Distance from every edge at which rounding explains nothing, px: several subpixels
 
 
@@ -46,10 +48,15 @@ def cut() -> tuple[Floats, Floats]:
 
 
 def causes(
-    scene: Scene, model: DrawnModel, exact: HogelImage, lost: HogelImage, wrong: Mask
+    scene: Scene,
+    model: DrawnModel,
+    exact: HogelImage,
+    lost: HogelImage,
+    wrong: Mask,
+    device: DeviceModel = ANY_DEVICE,
 ) -> dict[str, int]:
     """Return how many wrong pixels have which cause."""
-    cameras = foreign_cameras(scene, model, CENTER)
+    cameras = foreign_cameras(scene, model, CENTER, device)
     return find_causes(scene.triangles, cameras, exact, lost, np.flatnonzero(wrong)).counts()
 
 
@@ -87,8 +94,8 @@ def test_a_hole_inside_a_triangle_is_not_explained(pictures: Pictures) -> None:
 def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, diagonal = distances(exact)
-    split = (side > CLEAR_PX) & (diagonal < 0.9 * OFFSET_PRECISION.snap_px)
-    beside = (side > CLEAR_PX) & (diagonal > 1.1 * OFFSET_PRECISION.snap_px)
+    split = (side > CLEAR_PX) & (diagonal < 0.9 * SNAP_PX)
+    beside = (side > CLEAR_PX) & (diagonal > 1.1 * SNAP_PX)
     assert split.sum() > 5
     found = causes(scene, model, exact, lost, split | beside)
     assert found == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": beside.sum()}
@@ -97,9 +104,13 @@ def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(pictures: Pictu
 def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
     scene, model, exact, lost = pictures
     side, _ = distances(exact)
-    along = exact.covered & (side < 0.9 * OFFSET_PRECISION.snap_px)
+    along = exact.covered & (side < 0.9 * SNAP_PX)
     assert along.sum() > 5
     assert causes(scene, model, exact, lost, along)["edge"] == along.sum()
+    # A device with a finer grid has no excuse but next to the side.
+    near = along & (side < math.sqrt(2) * LLVMPIPE.half_step)
+    assert near.sum() < along.sum() / 2
+    assert causes(scene, model, exact, lost, along, LLVMPIPE)["edge"] == near.sum()
 
 
 def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:

@@ -44,6 +44,7 @@ from xfrustum.scenes import (
     SceneObject,
 )
 from xfrustum.scenes.arrays import Floats, Singles
+from xfrustum.scenes.model.device_model import safe_model
 from xfrustum.scenes.plate.double_frustum import Offset
 
 PIXELS, REACH, FOV = 64, 1000.0, math.radians(60)
@@ -220,6 +221,13 @@ def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
     assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
     assert chance(height, 5.0, settings) < 1e-9
     assert chance(height, math.inf, settings) < 1e-9
+
+
+def test_a_device_that_stores_either_step_orders_what_is_two_steps_apart() -> None:
+    w, asked = np.array([20.0]), (10.0, 60.0, DepthFormat.D16, DepthMapping.LINEAR)
+    nearest = float(smallest_separation(w, *asked)[0])
+    assert nearest == pytest.approx(50 / 2**16, rel=0.01)  # a step; float32 rounds 2^8 times finer
+    assert float(smallest_separation(w, *asked, safe_model())[0]) == pytest.approx(2 * nearest, rel=0.01)
 
 
 @pytest.mark.parametrize(("depth", "mapping"), EVERY)

@@ -223,7 +223,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 LINE = ["verify", "scene.toml", "hogels/{i}x{j}.png", "--encoding", "triangle-id", "--quiet"]
-KEPT = [*LINE, "--baseline", "kept", "--device", "toy"]
+KEPT = [*LINE, "--baseline", "kept", "--baseline-device", "toy"]
 
 
 def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(

@@ -103,7 +103,7 @@ def show(asked: _Show) -> None:
 class _Judged(_Chosen):
     truths = option(FOLDER, "Archive of `export`: truths are unpacked and not traced.", "--truth")
     renderer = option(TEXT, "Name of the renderer in the statement.  [default: how it is given]")
-    device = option(TEXT, "Device that it ran on, in the statement.  [default: not stated]")
+    device = option(TEXT, "Device that it ran on: its device.json, or a name.  [default: not stated]")
     engine = options.engine_options("this process", draws=False)
     out = option(FOLDER, "Folder for index.html, junit.xml, statement.json, badge.json.")
 
@@ -112,13 +112,19 @@ class _Judged(_Chosen):
         cases = self.cases
         if not cases:
             raise click.UsageError("no case has these names in these levels")
+        from xfrustum.compare.judging.judged import ANY_DEVICE
         from xfrustum.reports.blocks import HERE
         from xfrustum.reports.conformance import run, statement
         from xfrustum.reports.conformance.cases import open_archive, traced
+        from xfrustum.scenes.model.device_model import DeviceModel
 
         options.check_out(self.out, statement.FILES)
         truths = traced if self.truths is None else open_archive(self.truths.absolute())
-        trial = run.Trial(contestant=contestant, truths=truths)
+        named, model = self.device or "not stated", ANY_DEVICE
+        if named.endswith(".json"):
+            model = DeviceModel.read(Path(named))
+            named = model.name
+        trial = run.Trial(contestant=contestant, truths=truths, device=model)
         verdicts = run.run(
             cases, trial, self.out, self.engine or HERE, told=options.note, progress=self.progress
         )
@@ -127,7 +133,8 @@ class _Judged(_Chosen):
             return 0
         found = statement.Statement(
             renderer=self.renderer or contestant.name,
-            device=self.device or "not stated",
+            device=named,
+            device_model=model.name,
             verdicts=verdicts,
         )
         if self.out is not None:

@@ -60,6 +60,7 @@ class _Plan(_Planned):
         tolerance_px=options.tolerance_option,
         separation=option(options.POSITIVE, "Least distance of ordered sheets.  [default: reach/1000]"),
         max_wrong=option(options.BELOW_1, "Largest share of pixels wrong by depth.", default=MAX_DEPTH_WRONG),
+        device=options.device_option,
     )
     eyes = group(
         _eyes,

@@ -109,6 +109,7 @@ class _Verify(options.Measured):
         max_color=option(click.FLOAT, "Difference that makes a color wrong.  [default: 0.009, of 8 bits]"),
         timeout_s=option(options.POSITIVE, "Seconds that one run may take.", "--timeout", default=60.0),
     )
+    model = options.device_option
     engine = options.engine_options("this process", draws=False)
     out = option(options.FOLDER, "Folder for index.html, inspect.html, verification.json.")
     junit = option(options.FOLDER, "JUnit XML file for continuous integration.")
@@ -125,14 +126,20 @@ class _Verify(options.Measured):
         renderer=option(
             options.TEXT, "Name of the renderer in --baseline.  [default: SOURCE or the command]"
         ),
-        device=option(options.TEXT, "Name of its device in --baseline.  [default: this machine's processor]"),
+        device=option(
+            options.TEXT,
+            "Name of its device in --baseline.  [default: this machine's processor]",
+            "--baseline-device",
+        ),
     )
 
     def found(self, scene: Scene) -> Verification | None:
         """Judge here or where the options say; None where other parts are not finished yet."""
         from xfrustum.reports.verification.verification import VerifyOptions, verify, verify_on
 
-        judged = VerifyOptions(channels=self.out is not None, progress=self.progress, **self.judged)
+        judged = VerifyOptions(
+            channels=self.out is not None, progress=self.progress, device=self.model, **self.judged
+        )
         if self.engine is None:
             return verify(scene, self.source, judged)
         if judged.layout is not None:
