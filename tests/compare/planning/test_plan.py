@@ -455,7 +455,7 @@ def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFix
     asked = ["plan", small_scene, "--json", "--quiet"]
     assert main([*asked, "--depth", "d16", "--mapping", "gl", "--sample", "2"]) == 0
     made = json.loads(capsys.readouterr().out)
-    names = "near slabs depth mapping predicted measured within reason plate apertures"
+    names = "near slabs depth mapping predicted measured within reason plate device_model apertures"
     assert list(made) == names.split()
     assert made["plate"]["hogels"] == 5 * 4 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
     assert list(made["predicted"]) == list(made["measured"]) == KEYS
