@@ -336,7 +336,7 @@ BAD = [
     ("verify boxes.toml {i}-{j}.png --max-wrong 2pixels", "share"),
     ("verify boxes.toml {i}-{j}.png --apertures 5,0", "outside the plate"),
     ("verify boxes.toml {i}-{j}.png --approve", "--approve is about --baseline DIR"),
-    ("verify boxes.toml {i}-{j}.png --device x", "--device is about --baseline DIR"),
+    ("verify boxes.toml {i}-{j}.png --baseline-device x", "--baseline-device is about --baseline DIR"),
     ("verify boxes.toml {i}-{j}.png --baseline kept --repeated", "give --approve too"),
     ("verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3", "'wrong' is not one of"),
     ("verify boxes.toml {i}-{j}.png --baseline boxes.toml", "--baseline boxes.toml"),
