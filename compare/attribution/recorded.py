@@ -90,6 +90,8 @@ def read_frames(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
         raise InputError(f"{path}: {error.strerror or error}; give a recording of frames, a .npz") from error
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path} is no recording of frames: {error}") from error
+    if not frames:
+        raise InputError(f"{path} has no frames")
     if any(frame.triangle.ndim != 2 or frame.triangle.dtype.kind != "i" for frame in frames):
         raise InputError(f"{path} is no recording of frames: they are (H, W) triangle numbers")
     return device, frames
@@ -115,6 +117,10 @@ def replay(
             references[opened] = Reference(replace(scene, frustum=frustum))
         reference = references[opened]
         aperture, settings = frame.asked(reference.scene)
+        if (most := int(frame.triangle.max(initial=NOTHING))) >= (known := len(reference.scene.faces)):
+            raise InputError(
+                f"{frame.name} shows triangle {most}, and the scene has {known}: record that scene anew"
+            )
         # What exact cameras show does not depend on the depth buffer.
         key = (*opened, settings.near, aperture.index)
         if key not in traced:

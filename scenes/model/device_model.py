@@ -5,17 +5,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
-Range = tuple[float, float]
+Range = tuple[FiniteFloat, FiniteFloat]
 """Lowest and highest difference of what is stored and what is exact, in steps of a format."""
+
+Digits = Annotated[int, Field(ge=0, le=24)]
+"""Number of binary digits of a grid; float32, which places are computed in, has 24."""
 
 NEAREST: Range = (-0.5, 0.5)
 """Storing the nearest step."""
@@ -30,13 +34,18 @@ class DeviceModel:
 
     name: str  #: for people, and in what commands print as `device_model`
     #: Binary digits of a pixel to which vertices are snapped (GL_SUBPIXEL_BITS)
-    subpixel_bits: int
+    subpixel_bits: Digits
     #: Whether depth, 1 / w and varyings are interpolated from snapped vertices, so that they move with edges
     snaps_depth: bool
     #: d16, d24: how a depth in float32 is rounded to the steps of a format. D32F keeps it as it is.
     d16: Range = NEAREST
     d24: Range = NEAREST
-    filter_bits: int | None = None  #: of the weights of a bilinear filter; None for float32
+    filter_bits: Digits | None = None  #: of the weights of a bilinear filter; None for float32
+
+    def __post_init__(self) -> None:
+        for low, high in (self.d16, self.d24):
+            if low > high:
+                raise ValueError(f"a lowest difference of {low} is larger than the highest, {high}")
 
     @property
     def half_step(self) -> float:
@@ -65,24 +74,21 @@ class DeviceModel:
     def read(cls, path: Path) -> DeviceModel:
         """Read the model of a `device.json`; InputError where it is not one."""
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))["model"]
-            model = cls(**{one.name: found[one.name] for one in fields(cls)})
-            model = cls(**{**vars(model), "d16": _range(model.d16), "d24": _range(model.d24)})
-            whole = type(model.subpixel_bits) is int and type(model.snaps_depth) is bool
-            if not whole or type(model.filter_bits) not in (int, type(None)):
-                raise ValueError("a value has another type than those that are written")
+            return _Written.model_validate_json(path.read_bytes(), strict=True).model
         except OSError as error:
             raise InputError(f"{path}: {error.strerror or error}; xfrustum device --out makes one") from error
-        except (ValueError, TypeError, KeyError, UnicodeDecodeError) as error:
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            wrong = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}".removeprefix(": ")
             raise InputError(
-                f"{path} is no device.json ({error}); xfrustum device --out DIR writes one where it is drawn"
+                f"{path} is no device.json ({wrong}); xfrustum device --out DIR writes one where it is drawn"
             ) from error
-        return model
 
 
-def _range(values: Any) -> Range:
-    low, high = values
-    return float(low), float(high)
+class _Written(BaseModel):
+    """The part of `device.json` that is read."""
+
+    model: DeviceModel
 
 
 LLVMPIPE = DeviceModel(name="llvmpipe", subpixel_bits=8, snaps_depth=False)

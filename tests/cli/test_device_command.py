@@ -1,7 +1,9 @@
 """`xfrustum device`: what it prints, writes and refuses; cards that EGL does not draw on."""
 
 import json
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,15 +78,40 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
         assert json.loads(capsys.readouterr().out)["device_model"] == "NVIDIA H100"
 
 
+NO_MODELS: tuple[dict[str, Any], ...] = (
+    {"subpixel_bits": -3},  # corners would move by pixels, which explains anything
+    {"subpixel_bits": True},
+    {"filter_bits": 25},
+    {"d16": [math.nan, 0.5]},
+    {"d16": [0.5, -0.5]},
+    {"d24": [-0.5, 0.0, 0.5]},
+)
+
+
+@pytest.mark.parametrize("wrong", NO_MODELS, ids=str)
 def test_a_file_that_is_no_model_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    wrong: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "device.json"
-    path.write_text('{"renderer": "x"}')
-    assert main(["budget", "car", "--near", "0.1", "--device", str(path)]) == 2
-    told = capsys.readouterr().err.strip()
-    assert "no device.json" in told
-    assert "\n" not in told
+    path.write_text(json.dumps({"model": H100.as_json()}))
+    assert DeviceModel.read(path) == H100
+    for content in ({"renderer": "x"}, {"model": H100.as_json() | wrong}):
+        path.write_text(json.dumps(content))
+        assert main(["budget", "car", "--near", "0.1", "--device", str(path)]) == 2
+        told = capsys.readouterr().err.strip()
+        assert "no device.json" in told
+        assert "\n" not in told
+
+
+def test_a_recording_that_fits_no_scene_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    device = json.dumps({"renderer": "llvmpipe", "subpixel_bits": 8})
+    strange: dict[str, Any] = {"car|0.01|d24|standard|40,30": np.full((4, 4), 10**6, np.int32)}
+    for frames, words in (({}, "no frames"), (strange, "triangle 1000000")):
+        np.savez(tmp_path / "frames.npz", device=device, **frames)
+        assert main(["device", "--replay", str(tmp_path / "frames.npz"), "--quiet"]) == 2
+        assert words in capsys.readouterr().err
 
 
 @pytest.fixture
