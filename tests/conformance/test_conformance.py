@@ -24,6 +24,7 @@ from xfrustum.reports.conformance.cases import Archive, export, open_archive, tr
 from xfrustum.reports.conformance.run import Contestant, Trial, run, write_hogel
 from xfrustum.reports.conformance.statement import FILES, Statement, write_statement
 from xfrustum.scenes.conformance.suite import LEVELS, Case, cases, chosen
+from xfrustum.scenes.model.device_model import LLVMPIPE
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 RIGHT = Contestant(python="tests.conformance.renderers:draw")
@@ -102,6 +103,20 @@ def test_one_wrong_pixel_fails_and_one_beside_an_edge_does_not() -> None:
     assert pixels.unexplained == left.sum() == 1
     assert not pixels.within(case)
     assert judged(case, scene, truth, truth)[0].wrong == 0
+
+
+def test_a_trial_explains_by_the_device_that_it_is_given(tmp_path: Path) -> None:
+    case, scene, truth = truth_of("L0-behind")
+    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels, or not.
+    moved = np.roll(truth.triangle, 1, axis=1)
+    for aperture in case.apertures(scene):
+        write_hogel(case, tmp_path, aperture.index, moved + 1)
+    (tmp_path / case.name).symlink_to(tmp_path)
+    trial = Trial(contestant=Contestant(images=str(tmp_path)), device=LLVMPIPE, pictures=False)
+    fine = trial.verdict(case).pixels
+    coarse = replace(trial, device=replace(LLVMPIPE, subpixel_bits=0)).verdict(case).pixels
+    assert coarse.wrong == fine.wrong > 0
+    assert coarse.edge > 2 * fine.edge
 
 
 def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.views import at, soup
-from xfrustum.compare.judging.judged import ANY_DEVICE, foreign_cameras
+from tests.support.views import at, soup, view
+from xfrustum.compare.judging.judged import ANY_DEVICE, Judging, foreign_cameras, judge, wrong_pixels
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.compare.rounding.causes import find_causes
@@ -111,6 +111,24 @@ def test_a_hole_along_a_side_lies_on_an_edge(pictures: Pictures) -> None:
     near = along & (side < math.sqrt(2) * LLVMPIPE.half_step)
     assert near.sum() < along.sum() / 2
     assert causes(scene, model, exact, lost, along, LLVMPIPE)["edge"] == near.sum()
+
+
+def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
+    reference = Reference(view("asymmetric", (96, 72)))
+    truth = reference.trace(reference.scene.plate.middle)
+    # Next to outlines each pixel shows its neighbor: within half a step of a grid of whole pixels, or not.
+    moved = replace(truth, triangle=np.roll(truth.triangle, 1, axis=1))
+    edges, left = [], []
+    for device in (replace(LLVMPIPE, subpixel_bits=0), LLVMPIPE):
+        asked = reference, DrawnModel(), moved
+        judging = Judging(device=device)
+        points = np.full((*truth.triangle.shape, 3), np.nan)
+        found = judge(*asked, points, judging, explained=True).numbers.causes
+        assert found is not None
+        edges += [found["edge"]]
+        left += [wrong_pixels(*asked, judging, explained=True)[1].sum()]
+    assert edges[0] > 2 * edges[1]
+    assert left[0] < left[1]
 
 
 def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:

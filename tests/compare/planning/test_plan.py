@@ -24,7 +24,7 @@ from xfrustum.cli.main import main
 from xfrustum.compare.beyond import PERCENTILE
 from xfrustum.compare.metrics.error_maps import displacement
 from xfrustum.compare.planning.measure import measured, misordered
-from xfrustum.compare.planning.plan import depth_buffers, plan
+from xfrustum.compare.planning.plan import PlatePlanner, depth_buffers, plan
 from xfrustum.compare.planning.search import (
     SEPARATION_MARGIN,
     Search,
@@ -35,6 +35,7 @@ from xfrustum.compare.planning.search import (
 )
 from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.scout import scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.planning import spread_apertures
@@ -50,6 +51,7 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.geometry.shapes import refine
 from xfrustum.scenes.library import builtin
+from xfrustum.scenes.model.device_model import safe_model
 
 SMALL = (96, 72)  #: pixels, where a scene's own resolution does not matter
 
@@ -441,6 +443,26 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first, then the larger margin.
     assert sixteen.slabs == () and sixteen.mapping is DepthMapping.LOGARITHMIC
     assert "the most robust" in sixteen.reason
+
+
+def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
+    scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
+    found = {
+        device: plan(scene, [scene.plate.middle], Requirement(device=device), buffer)
+        for device in (None, safe_model())
+    }
+    for device, made in found.items():
+        assert made.settings is not None and made.predicted is not None
+        steps = 1 if device is None else 2
+        nearest = traced(scene).separation(made.settings)
+        assert made.predicted.separation == pytest.approx(steps * nearest, rel=0.01)
+    whole = PlatePlanner(
+        reference=Reference(scene),
+        scouted=scout(scene),
+        requirement=Requirement(device=safe_model()),
+        choices=buffer,
+    )
+    assert whole.first_views().device == safe_model()
 
 
 @pytest.fixture(scope="module")
