@@ -136,7 +136,7 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
     def measured(row: Measurement) -> float | None:
         return getattr(row.comparison.displacement_px, statistic, None) or None
 
-    lines = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px")
+    lines, notes = _lines(_by_depth(rows), reach, measured, _HOVER + "%{y:.3g} px"), []
     forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted}
     if forms:
         nears = sorted(near for near, spread in forms.items() if spread is not None)
@@ -150,9 +150,14 @@ def _displacement_figure(rows: Rows, reach: float, statistic: str, title: str) -
         lines.append({"x": nears, "y": heights, "text": text, "hovertemplate": hover, **_CLOSED_FORM})
         crossing = [near for near, found in reasons.items() if CROSSES in found]
         if crossing:
-            name = f"from {digits(min(crossing))} on {CROSSES}"
-            lines.append({"x": [None], "y": [None], "mode": "lines", "opacity": 0, "name": name})
-    return _log_figure(lines, title)
+            # The curves rise to the right and leave this corner free; in the legend it would take their room.
+            corner = {"xref": "paper", "yref": "paper", "x": 0.02, "y": 0.98, "showarrow": False}
+            notes.append(
+                {"text": f"from {digits(min(crossing))} on {CROSSES}", "font": {"size": 11}, **corner}
+            )
+    figure = _log_figure(lines, title)
+    figure["layout"]["annotations"] = notes
+    return figure
 
 
 def _reason(reason: str | None) -> str:
