@@ -83,7 +83,7 @@ def table(report: DeviceReport) -> str:
         (f"within the bounds of {found['model']['name']}", within, pixels),
         ("these bounds, relative to those of any device", smaller, ""),
     ]
-    return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows)}"
+    return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows, str.ljust)}"
 
 
 def _steps(steps: tuple[float, float]) -> str:
@@ -105,7 +105,7 @@ def list_table(found: dict[str, Any]) -> str:
     """Return the devices of EGL as aligned lines."""
     rows = [("EGL device", "renderer", "OpenGL")]
     rows += [(str(one["index"]), one["renderer"] or "none", one["version"]) for one in found["devices"]]
-    return "\n".join(filter(None, (aligned(rows), found["overlooked"])))
+    return "\n".join(filter(None, (aligned(rows, str.ljust), found["overlooked"])))
 
 
 def replayed(frames: Path, model: DeviceModel | None = None, *, progress: bool = False) -> Replayed:

@@ -76,7 +76,9 @@ class DeviceModel:
         try:
             return _Written.model_validate_json(path.read_bytes(), strict=True).model
         except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}; xfrustum device --out makes one") from error
+            raise InputError(
+                f"{path}: {error.strerror or error}; xfrustum device --out DIR writes DIR/device.json"
+            ) from error
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             wrong = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}".removeprefix(": ")
