@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from xfrustum.raster.device.context import (
     OLDEST_VERSION,
     describe,
     egl_devices,
-    is_software,
     open_context,
     overlooked_card,
 )
@@ -25,33 +23,18 @@ DATA = "device.json"
 FILES = (DATA,)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DeviceReport:
-    """What was measured of the device at hand."""
-
-    measured: Measured
-    note: str | None  #: about a card that the machine has, and EGL did not give
-
-    def as_json(self) -> dict[str, Any]:
-        """Return `device.json`."""
-        return self.measured.as_json()
-
-
-def measure_device() -> DeviceReport:
+def measure_device() -> Measured:
     """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3."""
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
         measured = Measured(draw_fingerprint(context, names))
     context.release()
-    software = is_software(names["renderer"])
-    card = overlooked_card() if software else None
-    note = f"{names['renderer']} draws in software: {card}" if card else None
-    return DeviceReport(measured=measured, note=note)
+    return measured
 
 
-def table(report: DeviceReport) -> str:
+def table(measured: Measured) -> str:
     """Return what was measured as aligned lines, with how often each was tried."""
-    found = report.as_json()
+    found = measured.as_json()
     tried = found["tried"]
     pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
     snapped = "snapped" if found["snaps_depth"] else "unsnapped"
@@ -91,9 +74,9 @@ def _steps(steps: tuple[float, float]) -> str:
     return f"{low:+.3g} to {high:+.3g}"
 
 
-def write_device(report: DeviceReport, out: Path) -> tuple[Path, ...]:
+def write_device(measured: Measured, out: Path) -> tuple[Path, ...]:
     """Write device.json to a folder; InputError where it cannot be written."""
-    return write_files(out, {DATA: report.as_json()})
+    return write_files(out, {DATA: measured.as_json()})
 
 
 def listed() -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import ctypes
 import os
 import time
+import warnings
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -32,14 +33,17 @@ _HELP = (
 
 
 def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
-    """Return a new context of at least some version of OpenGL, without a window; InputError without one."""
+    """Return a new context of at least some version of OpenGL, without a window; InputError without one.
+
+    Warns with SoftwareWarning where it draws on the processor although the machine has a card.
+    """
     if not isinstance(platform.PLATFORM, EGLPlatform):
         raise InputError(
             "PyOpenGL was imported for another platform before xfrustum.raster: import xfrustum.raster "
             "first, or set the environment variable PYOPENGL_PLATFORM=egl"
         )
     try:
-        return _context(version)
+        context = _context(version)
     except Exception as error:
         # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
         reason = " ".join(str(error).split())
@@ -47,6 +51,14 @@ def open_context(version: int = REQUIRED_VERSION) -> moderngl.Context:
         has = f"this machine has {', '.join(found) or 'no OpenGL at all'}"
         helps = overlooked_card() or _HELP
         raise InputError(f"no OpenGL {version / 100:.1f} through EGL ({reason}); {has}: {helps}") from error
+    renderer = context.info["GL_RENDERER"]
+    if is_software(renderer) and (told := overlooked_card()):
+        warnings.warn(f"{renderer} draws in software: {told}", SoftwareWarning, stacklevel=2)
+    return context
+
+
+class SoftwareWarning(UserWarning):
+    """OpenGL draws on the processor although the machine has a card."""
 
 
 def _context(version: int, index: int = 0) -> moderngl.Context:

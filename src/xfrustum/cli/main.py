@@ -54,6 +54,9 @@ def run() -> int:
         logging.disable()
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
+            # Of Python's warnings only this one is for users; its class would load OpenGL.
+            warnings.filterwarnings("once", message=".* draws in software")
+            warnings.showwarning = lambda message, *_: say(f"warning: {message}")
     status = main()
     for stream in streams:
         try:

@@ -184,8 +184,6 @@ def device(asked: _Device) -> int:
         asked.tell(lambda: found, lambda: measuring.list_table(found))
         return 0
     measured = measuring.measure_device()
-    if measured.note is not None:
-        options.note(measured.note)
     if asked.out is not None:
         measuring.write_device(measured, asked.out)
     asked.tell(measured.as_json, lambda: measuring.table(measured))
