@@ -138,7 +138,7 @@ def _check_geometry(path: Path, meshes: Sequence[trimesh.Trimesh]) -> None:
 # Before trimesh reads a file: its declared size, and the files it refers to
 
 
-class _Resolver(FilePathResolver):
+class _Resolver(FilePathResolver):  # type: ignore[misc]
     """The files that a mesh refers to: trimesh's own rules, regular files only, pictures of bounded size.
 
     trimesh goes on without a file that cannot be read; why files were refused that exist, `refused` keeps.
