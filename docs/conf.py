@@ -27,8 +27,8 @@ version = release = str(xfrustum.__version__)
 root_doc = "docs/index"
 include_patterns = ["docs/**", "CHANGELOG.md", "CONTRIBUTING.md", "CONVENTIONS.md"]
 exclude_patterns = [
-    ".*", "build", "compare", "dist", "raster", "reference", "report", "reports", "scenes", "scripts", "src",
-    "tests",
+    ".*", "build", "compare", "dist", "raster", "reference", "report", "reports", "research", "scenes",
+    "scripts", "src", "tests",
     "docs/_*", "docs/examples",
 ]  # fmt: skip
 extensions = [

@@ -19,7 +19,6 @@ plate/            Plates drawn into stores, by any number of processes
 recommend         What depth buffer, pixels and eyes each allow for a plate, in one answer
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scout             What people see of the scout of a plate: chosen apertures with their reasons, and a map
-studies/          Two studies of many scenes: when to split, and what viewers notice
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trace             The truth of one aperture to a file, in the memory of a band
 verification/     The verification of foreign renderers: sources, verdict, baselines

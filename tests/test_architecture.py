@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]
-FOLDERS = ("scenes", "reference", "raster", "compare", "reports")
+FOLDERS = ("scenes", "reference", "raster", "compare", "reports", "research")
 SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
 TESTS = sorted((CHECKOUT / "tests").rglob("*.py"))
 COMMAND_LINE = re.compile(r"src/xfrustum/(cli/.*|__main__)\.py|reports/exchange/blender/render\.py")

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
-FOLDERS = ("src/xfrustum", "scenes", "reference", "raster", "compare", "reports", "scripts", "tests")
+ROOMS = ("scenes", "reference", "raster", "compare", "reports", "research")
+FOLDERS = ("src/xfrustum", *ROOMS, "scripts", "tests")
 
 FRAGMENT = re.compile(r"(Of|Whose|Who|(By|In|To) which)\b")
 """Openings of a fragment: its subject stands somewhere else, or nowhere."""

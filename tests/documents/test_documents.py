@@ -67,7 +67,7 @@ def test_links_of_a_page_lead_to_files(page: Path) -> None:
 
 def test_files_that_documents_name_exist() -> None:
     """The history aside: what a decision or a release said of the code of its time stays."""
-    folders = "scenes|reference|raster|compare|reports|src|scripts|docs"
+    folders = "scenes|reference|raster|compare|reports|research|src|scripts|docs"
     named = re.compile(rf"(?<![\w/.-])(?:{folders})/[\w./-]*\w")
     missing = [
         f"{page.relative_to(CHECKOUT)}: {path}"

@@ -9,7 +9,7 @@ from xfrustum.cli.main import run
 
 def small(out: Path) -> None:
     """Measure two pictures, one of each side, with two nears and one depth buffer."""
-    from xfrustum.reports.studies.splitting import QUICK, make_study
+    from xfrustum.research.splitting import QUICK, make_study
 
     nears, (first, *_) = QUICK
     make_study(

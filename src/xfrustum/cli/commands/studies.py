@@ -36,7 +36,7 @@ def splitting(asked: _Study) -> None:
 
     Every picture is kept as soon as it is measured: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.studies import splitting as own
+    from xfrustum.research import splitting as own
 
     asked.made(own)
 
@@ -48,7 +48,7 @@ def noticeable(asked: _Study) -> None:
     Closed forms answer for all settings, and replays to two eyes for some of them. Every seat that was
     replayed is kept: a run that was stopped goes on from there.
     """
-    from xfrustum.reports.studies import noticeable as own
+    from xfrustum.research import noticeable as own
 
     asked.made(own)
 

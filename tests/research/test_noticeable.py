@@ -17,9 +17,9 @@ from xfrustum.compare.eye.noticeable import (
     surface_content,
 )
 from xfrustum.reports.planning import ReplayWorkbench
-from xfrustum.reports.studies import noticeable
-from xfrustum.reports.studies.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns
-from xfrustum.reports.studies.sweep import read_rows
+from xfrustum.research import noticeable
+from xfrustum.research.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns
+from xfrustum.research.sweep import read_rows
 from xfrustum.scenes import open_scene
 
 DATA = CHECKOUT / "docs" / "noticeable.parquet"

@@ -23,7 +23,7 @@ from xfrustum.reports.blocks import HERE, Engine, open_workers
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar
 from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.planning import ReplayWorkbench
-from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Pivot, Scene, open_scene
 from xfrustum.scenes.notebook import digits
 from xfrustum.tolerances import TOLERANCE_PX

@@ -14,8 +14,9 @@ from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.cameras import drawing_order
-from xfrustum.reports.studies import splitting
-from xfrustum.reports.studies.splitting import (
+from xfrustum.research import splitting
+from xfrustum.research.depth_family import FARTHEST, cars
+from xfrustum.research.splitting import (
     AS_IN_THE_PAPER,
     ASKED_SEPARATION,
     FULL,
@@ -42,9 +43,8 @@ from xfrustum.reports.studies.splitting import (
     suitability,
     unbroken,
 )
-from xfrustum.reports.studies.sweep import StudyFiles, Sweep, read_rows
+from xfrustum.research.sweep import StudyFiles, Sweep, read_rows
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
-from xfrustum.scenes.library.depth_family import FARTHEST, cars
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 

@@ -31,10 +31,10 @@ from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reports.blocks import HERE, Engine, Part, Workers, open_workers
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.reports.common.templates_environment import plain_text, svg_picture
-from xfrustum.reports.studies.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
+from xfrustum.research import depth_family
+from xfrustum.research.depth_family import FARTHEST, REACH
+from xfrustum.research.sweep import Origin, StudyFiles, Sweep, check_folder, write_study
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Fit, Offset, Pivot
-from xfrustum.scenes.library import depth_family
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]

@@ -26,8 +26,8 @@ from xfrustum.reports.blocks import Job, Part, Workers
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import Staging, check_writable_folder, write_files
 from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.research.depth_family import CAR_RATIO, cars
 from xfrustum.scenes import Camera, InputError
-from xfrustum.scenes.library.depth_family import CAR_RATIO, cars
 
 Row = TypeVar("Row")
 BLOCKS, IMAGES = "blocks", "images"  # folders of what is measured, and of figures
