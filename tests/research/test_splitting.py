@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -288,7 +289,12 @@ def test_the_published_data_are_the_full_map_and_a_quick_one_is_part_of_it(
         nears, grids = study
         return [part_of(one, Cell) for grid in grids for block in grid.blocks(nears) for one in block]
 
-    assert {part_of(row, Cell) for row in single(published)} == set(cells(FULL)) >= set(cells(QUICK))
+    def rounded(some: Iterable[Cell]) -> set[Cell]:
+        """The last digit of a power of ten is another one on other processors."""
+        return {replace(one, near=float(f"{one.near:.12g}")) for one in some}
+
+    made = rounded(part_of(row, Cell) for row in single(published))
+    assert made == rounded(cells(FULL)) >= rounded(cells(QUICK))
 
 
 def test_the_published_page_has_the_tables_that_follow_from_its_data(published: tuple[Row, ...]) -> None:
