@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.diagnosis.faults import FLAT, HYPOTHESES, NEAREST, NOT_OVERLAID, Hypothesis
-from xfrustum.compare.renderer_model.drawn_model import EVEN, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, Layers, as_image, colored, drawn
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
@@ -47,7 +47,7 @@ def find_composition(
         and (FLAT not in way or reference.scene.surface.vertex_normals is not None)
     ]
     # One half at least is there.
-    ways = [way for way in ways if not (way.back_missing and way.front is Front.MISSING)]
+    ways = [way for way in ways if not (way.back is Back.MISSING and way.front is Front.MISSING)]
     wrong, differing = np.zeros(len(ways)), np.zeros(len(ways))
     for shown, made in (compared(reference, ways, image) for image in images):
         wrong += [_differing(picture, shown) for picture in made]

@@ -18,6 +18,7 @@ from xfrustum.compare.renderer_model.drawn_model import (
     FAULT_NAMES,
     FLIPPED,
     KINDS,
+    Back,
     Culled,
     DrawnModel,
     Film,
@@ -142,7 +143,13 @@ BACK_MISSING = Hypothesis(
     "back-missing",
     "missing",
     "the half behind the plate is missing: only C* is drawn",
-    {"back_missing": True},
+    {"back": Back.MISSING},
+)
+BACK_FARTHEST = Hypothesis(
+    "back-farthest",
+    "farthest wins",
+    "behind the plate the surface farthest from it wins; C must keep the nearest",
+    {"back": Back.FARTHEST},
 )
 
 SHADINGS = (LIGHTS, FLAT, INVERTED)
@@ -151,6 +158,8 @@ SHADINGS = (LIGHTS, FLAT, INVERTED)
 HYPOTHESES = (
     *(FRONT_MISSING, BACK_MISSING, NEAREST, NOT_OVERLAID),
     *map(_culled, (Culled.COUNTERCLOCKWISE, Culled.CLOCKWISE)),
+    # Of a convex body faces away from the viewer are the farthest ones; who culls is more common.
+    BACK_FARTHEST,
     *map(_flipped, FLIPPED),
     *SHADINGS,
 )

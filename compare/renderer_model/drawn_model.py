@@ -142,6 +142,14 @@ class Front(StrEnum):
     MISSING = "missing"
 
 
+class Back(StrEnum):
+    """What became of the half behind the plate, which C draws: the nearest surface must win."""
+
+    NEAREST = "nearest"
+    FARTHEST = "farthest"
+    MISSING = "missing"
+
+
 class Culled(StrEnum):
     """Which faces are left out: those whose corners run around in this sense as the viewer sees them."""
 
@@ -295,7 +303,7 @@ class DrawnModel:
     front: Front = Front.FARTHEST
     overlaid: bool = True
     culled: Culled = Culled.NONE
-    back_missing: bool = False
+    back: Back = Back.NEAREST
     # The camera to which alone shift, fov and near apply; None where they apply to both.
     one_camera: OneCamera | None = None
     # Whether the lights of the viewer's half are conjugated.
@@ -315,9 +323,9 @@ class DrawnModel:
 
     @property
     def plain(self) -> bool:
-        """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
-        whole = not self.back_missing and self.culled is Culled.NONE
-        return whole and self.front is Front.FARTHEST and self.overlaid and self.depth is None
+        """Whether all faces are drawn, the first surface of each half wins, and the viewer's half wins."""
+        first = self.back is Back.NEAREST and self.front is Front.FARTHEST
+        return first and self.culled is Culled.NONE and self.overlaid and self.depth is None
 
     @property
     def one_pencil(self) -> bool:

@@ -11,6 +11,7 @@ from scipy.ndimage import map_coordinates
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation
 from xfrustum.compare.renderer_model.drawn_model import (
     EVEN,
+    Back,
     Culled,
     DepthBuffer,
     DrawnModel,
@@ -51,7 +52,7 @@ TRIANGLE_TOLERANCE_PER_REACH = 1e-9
 MAX_SURFACES, STEP_PER_REACH = 64, 1e-6
 
 Layers = dict[tuple[Pencil, bool, Culled, Film, DepthBuffer | None], Layer]
-"""Layers of cameras, by lines, whether the nearest surface won, faces left out, film and depth buffer."""
+"""Layers of cameras, by lines, whether the last surface along them won, faces left out, film and depth."""
 
 
 def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
@@ -63,28 +64,28 @@ def drawn(reference: Reference, model: DrawnModel, aperture: Aperture, known: La
     """Return what the cameras of a guess show; `known` holds layers of this aperture for other guesses."""
     known, scene = {} if known is None else known, reference.scene
 
-    def shown(side: int, *, nearest: bool = False) -> Layer:
+    def shown(side: int, *, last: bool = False) -> Layer:
         pencil = model.pencil(scene, aperture, side)
-        key = (pencil, nearest, model.culled, model.film, model.depth)
+        key = (pencil, last, model.culled, model.film, model.depth)
         if key not in known and model.film == EVEN and model.depth is None:
-            known[key] = layer(scene, pencil, nearest=nearest, culled=model.culled)
+            known[key] = layer(scene, pencil, last=last, culled=model.culled)
         elif key not in known:
             # A ray tracer draws; no faces are culled.
             most = 1 if model.depth is None else MAX_SURFACES
-            surfaces = Surfaces.of(reference, pencil, model.film, nearest=nearest, most=most)
+            surfaces = Surfaces.of(reference, pencil, model.film, last=last, most=most)
             known[key] = surfaces.layer(model.depth)
         return known[key]
 
     if model.plain and model.one_pencil:
         return shown(0)
-    layers = [] if model.back_missing else [shown(1)]
+    layers = [] if model.back is Back.MISSING else [shown(1, last=model.back is Back.FARTHEST)]
     if model.front is not Front.MISSING:
-        layers.append(shown(-1, nearest=model.front is Front.NEAREST))
+        layers.append(shown(-1, last=model.front is Front.NEAREST))
     return overlaid(layers if model.overlaid else layers[::-1])
 
 
-def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
-    """Return what is first along a camera's lines; with `nearest`, what is last along those of C*."""
+def layer(scene: Scene, pencil: Pencil, *, last: bool = False, culled: Culled = Culled.NONE) -> Layer:
+    """Return what is first along a camera's lines, or what is last."""
     triangles, film = scene.triangles, unflipped(pencil)
     kept = np.arange(len(triangles))
     if culled is not Culled.NONE:
@@ -92,7 +93,7 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
         left_out = 1 if culled is Culled.COUNTERCLOCKWISE else -1
         kept = np.flatnonzero(facing(triangles, film) != left_out)
         triangles = triangles[kept]
-    if nearest:
+    if last:
         # Seen through a point mirror in its center, what was last along a line is first.
         (low, high), mirrored = film.s_range, 2 * np.asarray(film.center) - triangles
         decided = first_surfaces(mirrored, replace(film, s_range=(-high, -low)))
@@ -126,13 +127,13 @@ class Surfaces:
         pencil: Pencil,
         film: Film,
         *,
-        nearest: bool = False,
+        last: bool = False,
         most: int = MAX_SURFACES,
     ) -> Surfaces:
-        """Find so many surfaces at most, one behind the other; with `nearest`, from the end of the lines."""
+        """Find so many surfaces at most, one behind the other; with `last`, from the end of the lines."""
         directions, center, (low, high) = film.directions(pencil), np.asarray(pencil.center), pencil.s_range
         rays, corners = directions.reshape(-1, 3), reference.scene.triangles
-        start, sign = (high, -1.0) if nearest else (low, 1.0)
+        start, sign = (high, -1.0) if last else (low, 1.0)
         step = STEP_PER_REACH * reference.scene.frustum.longest_reach
         active, begin = np.arange(len(rays)), np.full(len(rays), start)
         found: list[tuple[Numbers, Floats]] = []

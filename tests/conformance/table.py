@@ -64,7 +64,7 @@ WRONG = [
         no-front: front-missing
         no-back: back-missing
         back-over-front: not-overlaid
-        farthest: unexplained
+        farthest: back-farthest
         half-angle: fov
         culled: nothing-shown culling
         corners: aperture-offset scene-offset

@@ -328,7 +328,7 @@ add("nearest", "the nearest surface wins in C*", Mistakes(winner="nearest in C*"
 add("no-front", "the viewer's half is missing", Mistakes(winner="no front"), alike("front-missing"))
 add("no-back", "the half behind the plate is missing", Mistakes(winner="no back"), alike("back-missing"))
 add("back-over-front", "C is drawn over C*", Mistakes(winner="back over front"), alike("not-overlaid"))
-add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"))
+add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"), "back-farthest")
 add("culled", "faces seen counterclockwise are culled", Mistakes(cull=1))
 add("culled-back", "faces seen clockwise are culled", Mistakes(cull=-1))
 

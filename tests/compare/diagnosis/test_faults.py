@@ -13,7 +13,7 @@ from tests.support.long_tail import kept
 from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
 from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
 from xfrustum.compare.renderer_model.conventions import Orientation
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera, Recentering
+from xfrustum.compare.renderer_model.drawn_model import Back, DrawnModel, OneCamera, Recentering
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
@@ -309,7 +309,8 @@ UNTURNED = OneCamera(-1, flip_x=True, flip_y=True)
         ("asymmetric-recentered", DrawnModel(near=1.0, one_camera=C), {"back-near-offset": 1.0}),
         ("asymmetric", DrawnModel(one_camera=UNTURNED), {"front-unturned": None}),
         ("asymmetric", DrawnModel(one_camera=replace(C, flip_x=True)), {"back-mirrored": None}),
-        ("asymmetric", DrawnModel(back_missing=True), {"back-missing": None}),
+        ("asymmetric", DrawnModel(back=Back.MISSING), {"back-missing": None}),
+        ("asymmetric", DrawnModel(back=Back.FARTHEST), {"back-farthest": None}),
         # The offset of 2 is stated, and one camera keeps it.
         pytest.param(
             "asymmetric",
