@@ -343,7 +343,7 @@ class _Loop(Generic[Result]):
             return _timed(partial(self._reference.trace, aperture, colored=colored))
 
         def predicting(truth: Future[Timed[HogelImage]]) -> Predictor:
-            return Predictor(truth.result()[0], self._reference, self._device.subpixel_bits)
+            return Predictor(truth.result()[0], self._reference, self._device)
 
         def predict(
             predictor: Future[Predictor], settings: list[DoubleFrustum]

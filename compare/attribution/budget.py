@@ -327,7 +327,7 @@ class Budget(Shown):
 def make_budget(reference: Reference, chain: Chain) -> Budget:
     """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
     start = ChainStart(reference=reference, images=chain.images[:-1], device=chain.device)
-    predictor = Predictor(start.truth, reference, chain.device.subpixel_bits)
+    predictor = Predictor(start.truth, reference, chain.device)
     errors = error_maps.pixel_errors(start.truth, chain.images[-1], reference, start.exact)
     return charged(start, errors, predictor.predict_each([chain.settings])[0])
 

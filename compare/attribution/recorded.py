@@ -126,7 +126,7 @@ def replay(
         if key not in traced:
             traced[key] = reference.trace_model(aperture, settings, shaded=False)
         expected = traced[key]
-        shown = _shown(reference.scene, expected, frame, model)
+        shown = recorded_image(reference.scene, expected, frame, model)
         found = explain(reference.scene, expected, shown, model).counts()
         counts.update(found)
         if found["unexplained"]:
@@ -145,16 +145,19 @@ BESIDE_PX = 0.05
 edges by 2^-9 of a pixel and float32 by less than a tenth of that, but for triangles cut beside the camera."""
 
 
-def _shown(scene: Scene, expected: HogelImage, frame: RecordedFrame, model: DeviceModel) -> HogelImage:
-    """Return a frame as an image, with the heights (H, W) of what it shows, NaN where that is nothing.
+def recorded_image(
+    scene: Scene, expected: HogelImage, frame: RecordedFrame, model: DeviceModel
+) -> HogelImage:
+    """Return a frame as an image with the surface points (H, W, 3) that it shows, NaN where nothing is.
 
     A recording does not say which camera drew a pixel. It was C*, which is drawn last, where the triangle
     covers the pixel as C* sees it; else the camera by which the pixel lies least outside of the triangle.
     """
     camera = replace(expected.camera, settings=frame.asked(scene)[1])
     position = np.full((*frame.triangle.shape, 3), np.nan)
-    image = replace(expected, camera=camera, triangle=frame.triangle, position=position)
-    rows, columns = np.nonzero(frame.triangle != NOTHING)
+    found, (rows, columns) = np.full(frame.triangle.shape, NOTHING), np.nonzero(frame.triangle != NOTHING)
+    found[rows, columns] = scene.object_of_triangle[frame.triangle[rows, columns]]
+    image = replace(expected, camera=camera, triangle=frame.triangle, object=found, position=position)
     cameras = drawing_cameras(scene, image, model)
     slots = np.arange(len(cameras) * len(rows))
     number = frame.triangle[rows, columns].astype(np.int64)
@@ -170,10 +173,11 @@ def _shown(scene: Scene, expected: HogelImage, frame: RecordedFrame, model: Devi
         least = np.minimum(np.minimum(inside.min(axis=0), 0.0), -beyond * np.abs(1 / w - inverse))
     least = np.where(np.isfinite(least) & (inverse > 0), least, -np.inf).reshape(len(cameras), -1)
     forward = (drawn.each(side) * w).reshape(least.shape)
-    best, height = np.full(len(rows), -np.inf), np.full(len(rows), np.nan)
+    best, point = np.full(len(rows), -np.inf), np.full((len(rows), 3), np.nan)
     for place, one in reversed(list(enumerate(cameras))):
-        taken = (least[place] > best + BESIDE_PX) | np.isnan(height)
-        height[taken] = (one.pencil.center[2] - forward[place])[taken]
+        taken = (least[place] > best + BESIDE_PX) | np.isnan(point[:, 2])
+        line = np.stack((one.pencil.dx[columns], one.pencil.dy[rows], -np.ones(len(rows))), axis=-1)
+        point[taken] = (one.pencil.center + forward[place][:, None] * line)[taken]
         best[taken] = least[place][taken]
-    position[rows, columns, 2] = height
+    position[rows, columns] = point
     return image

@@ -237,7 +237,7 @@ class Views:
 
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
-        asked = self.scene.frustum, [settings]
+        asked = self.scene.frustum, [settings], self.device or depth.ANY
         shares = (depth.depth_wrong_shares(view.stacks, *asked, unlucky=True)[0] for view in self.views)
         return max(shares, default=0.0)
 

@@ -22,7 +22,7 @@ from scipy.special import ndtr
 
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats, Indices
-from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.model.device_model import DeviceModel, safe_model
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Frustum
@@ -118,10 +118,50 @@ def depth_variance(
     return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2) / 12)
 
 
+CORNERS_SQUARED = 0.5
+"""Mean of m_1^2 + m_2^2 + m_3^2 over a triangle, with m the weights of its corners: the part of the
+variance of a corner's depth that a pixel's has."""
+
+
+def pair_variance(
+    w: Floats, depth: tuple[Floats, Floats], n: float, f: float, mapping: DepthMapping, device: DeviceModel
+) -> Floats:
+    """Return the variance of the depth of each of two surfaces that a buffer may order either way.
+
+    `depth_variance` holds for any two surfaces, and this for those of a scene, on the average:
+
+    * What both have alike cancels: with n small, clip w = |z| + n is off by one amount for all z of an
+      octave.
+    * Corners are rounded by themselves, and a pixel's depth is a mean of three, `CORNERS_SQUARED`: the
+      product in clip depth, a sum where it has a constant, the reciprocal of w, and the product with that.
+    * The plane's steps are rounded on some devices alone.
+    * Storing is the step of D32F, and of D24 from a half on; below, and for D16, it is finer than that.
+    """
+    stored, slope = depth
+    own, relative = float32_spacing(stored) ** 2, (float32_spacing(w) / w) ** 2
+    reciprocal = (float32_spacing(1 / w) * w) ** 2
+    match mapping:
+        case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
+            return depth_variance(w, depth, n, f, mapping)
+        case DepthMapping.STANDARD:
+            corner = (f / (f - n)) ** 2 * (relative + reciprocal) + own
+        case DepthMapping.GL:
+            divided = float32_spacing(2 * stored - 1) ** 2
+            corner = ((f / (f - n)) ** 2 * (2 * relative + reciprocal) + divided) / 4 + own
+        case DepthMapping.REVERSED:
+            corner = (f * n / ((f - n) * w)) ** 2 * (2 * relative + reciprocal) + own
+        case _:
+            assert_never(mapping)
+    steps = PLANE_ROUNDINGS * own if device.rounds_planes else 0.0
+    return np.asarray(((slope * float32_spacing(w)) ** 2 + CORNERS_SQUARED * corner + steps) / 12)
+
+
 def float32_spacing(values: Floats) -> Floats:
     """Return the distance of neighboring float32 numbers at some values."""
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)
 
+
+ANY = safe_model()  #: the device of shares that are asked for without one
 
 MAX_ORDER_FACTOR = 2.0
 """Largest ratio of the share that the worst draw order gets wrong to the share expected when the order is
@@ -207,7 +247,12 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
 
 
 def depth_wrong_shares(
-    stacks: Stacks, frustum: Frustum, settings: Sequence[DoubleFrustum], *, unlucky: bool = False
+    stacks: Stacks,
+    frustum: Frustum,
+    settings: Sequence[DoubleFrustum],
+    device: DeviceModel = ANY,
+    *,
+    unlucky: bool = False,
 ) -> list[float]:
     """Return the expected shares of judged pixels that depth buffers alone show wrongly, from 0 to 1.
 
@@ -238,17 +283,22 @@ def depth_wrong_shares(
         own = [slab for slab in slabs(frustum, settings[0]) if slab.camera is camera]
         distance, gap = stacks.distance[camera], stacks.gap[camera]
         earlier = None if stacks.earlier is None or unlucky else stacks.earlier[camera]
-        wrong = chances(own, distance, (gap, earlier), settings, order)
+        wrong = chances(own, distance, (gap, earlier), settings, order, device)
         # The chance under linear depth, which few pixels need, is subtracted.
         at = np.flatnonzero(wrong.any(axis=0))
         some = gap[at], None if earlier is None else earlier[at]
-        anyway = chances(own, distance[at], some, [control], order)
+        anyway = chances(own, distance[at], some, [control], order, device)
         expected += np.maximum(wrong.take(at, axis=1) - anyway, 0.0).sum(axis=1)
     return [float(one) / max(stacks.judged, 1) for one in expected]
 
 
 def chances(
-    own: Sequence[Slab], distance: Floats, gaps: Gaps, settings: Sequence[DoubleFrustum], order: float = 1.0
+    own: Sequence[Slab],
+    distance: Floats,
+    gaps: Gaps,
+    settings: Sequence[DoubleFrustum],
+    order: float = 1.0,
+    device: DeviceModel = ANY,
 ) -> Floats:
     """Return the chance of each surface to be shown wrongly by the slabs of its camera, (settings, N).
 
@@ -260,14 +310,19 @@ def chances(
     for slab in own:
         inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
         some = gap[inside], None if earlier is None else earlier[inside]
-        chance = _chance(slab, distance[inside], some, settings, order)
+        chance = _chance(slab, distance[inside], some, settings, order, device)
         for row, found in zip(least, chance, strict=True):
             row[inside] = np.minimum(row[inside], found)
     return np.where(np.isfinite(least), least, 0.0)
 
 
 def _chance(
-    slab: Slab, distance: Floats, gaps: Gaps, settings: Sequence[DoubleFrustum], order: float
+    slab: Slab,
+    distance: Floats,
+    gaps: Gaps,
+    settings: Sequence[DoubleFrustum],
+    order: float,
+    device: DeviceModel,
 ) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly, (settings, N)."""
     gap, earlier = gaps
@@ -289,7 +344,7 @@ def _chance(
     found = np.zeros((len(settings), w.size))
     for wrong, buffer in zip(found, settings, strict=True):
         depth, mapping = buffer.depth, buffer.mapping
-        known, alike = _table(slab, depth, mapping), _ALIKE.get(mapping, mapping)
+        known, alike = _table(slab, depth, mapping, device), _ALIKE.get(mapping, mapping)
         at, row = known.in_doubt(w, lost := apart(-1, alike))
         wrong[at] = ndtr((known.step[row] / 2 - lost[at]) / (known.error[row] * np.sqrt(0.5)))
         misordered = np.zeros_like(w)
@@ -389,14 +444,14 @@ class _Table:
 
 
 @lru_cache(maxsize=16)
-def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
+def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping, device: DeviceModel) -> _Table:
     used = np.clip(np.array([slab.low, slab.high]) + slab.step, slab.near, slab.far)
     first, last = _bins(used).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
     # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
     stored = stored_depth(w, slab.near, slab.far, mapping)
-    error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, mapping))
+    error = np.sqrt(2 * pair_variance(w, stored, slab.near, slab.far, mapping, device))
     step = np.maximum(STEP[depth] or float32_spacing(stored[0]), MIN_STEP_PER_ERROR * error)
     return _Table(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
 

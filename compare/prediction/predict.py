@@ -21,6 +21,7 @@ from xfrustum.compare.prediction.displacement import TruePoints, displacement_le
 from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.device_model import DeviceModel
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import (
@@ -108,10 +109,10 @@ LinkedPrediction = tuple[Prediction, tuple[LinkPrediction, ...]]
 class Predictor:
     """All closed forms for the true image of one aperture."""
 
-    def __init__(self, truth: HogelImage, reference: Reference, subpixel_bits: int) -> None:
+    def __init__(self, truth: HogelImage, reference: Reference, device: DeviceModel) -> None:
         frustum, aperture = reference.scene.frustum, truth.camera.aperture
         self._truth, self._frustum = truth, frustum
-        self._subpixel_bits = subpixel_bits
+        self._device = device
         self._all_points = TruePoints.of(truth)
         self._points = self._all_points.shown()
         self._stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
@@ -136,7 +137,7 @@ class Predictor:
         The settings differ in their depth buffers alone: they share most.
         """
         (prediction, links), found = self._predicted(with_exact_depth(settings[0])), []
-        shares = depth_wrong_shares(self._stacks, self._frustum, settings)
+        shares = depth_wrong_shares(self._stacks, self._frustum, settings, self._device)
         for one, share in zip(settings, shares, strict=True):
             depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
             whole = replace(prediction, depth=share, separation=self._separations(one))
@@ -148,7 +149,7 @@ class Predictor:
         judged, chain = max(self._stacks.judged, 1), traced_settings(settings, self._frustum)
         swept = self._silhouettes.charged_pixels(chain)
         outside = outside_shares(self._all_points, self._frustum, chain)
-        snapped = self._silhouettes.snapped_pixels(settings, self._subpixel_bits)
+        snapped = self._silhouettes.snapped_pixels(settings, self._device.subpixel_bits)
         moved = self._moved_by(chain)
         wrong = [pixels + share * self._stacks.judged for pixels, share in zip(swept, outside, strict=True)]
         turned = 0

@@ -29,6 +29,13 @@ FILTER_ROUNDINGS = 4
 """Roundings of 2^-24 in the weight of a texel of two: one each in the place between 0 and 1, in its product
 with their number, in the half that is taken off, and in the mean."""
 
+PLANE_NOISE = 1.5
+"""Roundings beside a plane from which on its steps are rounded: storing is one, each step one more at most.
+Measured were 1.01 (H100) and 2.00 (llvmpipe)."""
+
+LEAST_OF_PLANE = 20
+"""Pixels of a triangle from which on a plane through their depths, three unknowns, leaves enough of them."""
+
 SNAP_DOUBT = 2.0**-12
 """Distance in pixels from an edge within which coverage does not count. Float32 places a corner that is up to
 40 pixels from the middle within 2^-18; the rest is for ties."""
@@ -63,6 +70,7 @@ class Measured:
             name=self.fingerprint.device["renderer"],
             subpixel_bits=self.subpixel_bits,
             snaps_depth=self.snaps_depth,
+            rounds_planes=self.plane_noise > PLANE_NOISE,
             filter_bits=self.filter_bits,
             **fixed,
         )
@@ -90,6 +98,22 @@ class Measured:
         """Whether stored depths are nearer to planes through snapped corners than to the others."""
         off = [np.abs(self._off_planes(snapped=snapped)) for snapped in (False, True)]
         return bool(np.median(off[1]) < np.median(off[0]))
+
+    @cached_property
+    def plane_noise(self) -> float:
+        """Roundings of 2^-24 in depths beside the plane nearest to those of a triangle; median of triangles.
+
+        Corners and gradient have their errors, but they make a plane. A rounding's variance is a twelfth.
+        """
+        which, points, stored = self._stored(DepthFormat.D32F, self._uncut)
+        off, found = self._off_planes(snapped=self.snaps_depth), []
+        for number in np.unique(which):
+            # From a half on the spacing of float32 is 2^-24.
+            here = (which == number) & (stored >= 0.5)
+            if (count := int(here.sum())) >= LEAST_OF_PLANE:
+                rest = np.linalg.lstsq(points[here], off[here], rcond=None)[1]
+                found.append(12 * float(rest.sum()) / (count - 3))
+        return float(np.median(found)) if found else np.inf
 
     @cached_property
     def filter_bits(self) -> int | None:
@@ -213,6 +237,12 @@ class Measured:
             resolution=(SIZE, SIZE),
         )
 
+    @cached_property
+    def _uncut(self) -> Mask:
+        """(T, 64, 64) pixels of triangles that neither plane cuts, and that snapping leaves an area."""
+        solid = np.isfinite(self._snapped.gradient).all(axis=1)
+        return np.asarray(self.fingerprint.drawn & (self._planes.uncut & solid)[:, None, None])
+
     def _stored(self, depth: DepthFormat, where: Mask) -> tuple[Indices, Floats, Floats]:
         """Return triangle, film point and stored depth, 0 to 1, of pixels."""
         which, row, column = np.nonzero(where)
@@ -221,17 +251,17 @@ class Measured:
         stored = self.fingerprint.stored[depth][where].astype(np.float64) / LARGEST.get(depth, 1)
         return which, np.stack((u, v, np.ones(len(u))), axis=-1), stored
 
+    @cached_property
+    def _snapped(self) -> Planes:
+        """The planes through snapped corners."""
+        w, per_film = self._planes.vertices[..., 2:], SIZE / 2 * 2.0**self.subpixel_bits
+        places = np.round(self._planes.vertices[..., :2] / w * per_film) / per_film
+        return replace(self._planes, vertices=np.concatenate((places * w, w), axis=-1))
+
     def _off_planes(self, *, snapped: bool, depth: DepthFormat = DepthFormat.D32F) -> Floats:
-        """Return stored minus exact depths of uncut triangles in steps, 2^-24 for D32F."""
-        planes = self._planes
-        if snapped:
-            w, per_film = planes.vertices[..., 2:], SIZE / 2 * 2.0**self.subpixel_bits
-            places = np.round(planes.vertices[..., :2] / w * per_film) / per_film
-            planes = replace(planes, vertices=np.concatenate((places * w, w), axis=-1))
-        # Triangles that snapping leaves without an area are not drawn.
-        solid = np.isfinite(planes.gradient).all(axis=1)
-        drawn = self.fingerprint.drawn & (planes.uncut & solid)[:, None, None]
-        which, points, stored = self._stored(depth, drawn)
+        """Return stored minus exact depths of `_uncut` in steps, 2^-24 for D32F."""
+        which, points, stored = self._stored(depth, self._uncut)
+        planes = self._snapped if snapped else self._planes
         return np.asarray((stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING))
 
     def _stored_range(self, depth: DepthFormat) -> Range:

@@ -40,6 +40,8 @@ class DeviceModel:
     #: d16, d24: how a depth in float32 is rounded to the steps of a format. D32F keeps it as it is.
     d16: Range = NEAREST
     d24: Range = NEAREST
+    #: Whether a depth is rounded after each of the two steps of its plane, along x and y, not only at the end
+    rounds_planes: bool = True
     filter_bits: Digits | None = None  #: of the weights of a bilinear filter; None for float32
 
     def __post_init__(self) -> None:
@@ -102,6 +104,7 @@ H100 = DeviceModel(
     snaps_depth=True,
     # A depth is cut off to sixteenths of a step, and half goes down: the next step begins at 9 / 16.
     d16=(-0.5 - SIXTEENTH, 0.5),
+    rounds_planes=False,
     filter_bits=8,
 )
 """NVIDIA H100, driver 580.159.04, as measured in November 2026."""

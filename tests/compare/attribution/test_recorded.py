@@ -11,7 +11,10 @@ import pytest
 from tests.support.light import dressed_scene, moved_by_snapping, radiance_by_definition
 from tests.support.views import SHARED, reversed_d32f, view
 from xfrustum.compare.attribution.budget import explain
-from xfrustum.compare.attribution.recorded import RecordedFrame, read_frames, replay
+from xfrustum.compare.attribution.recorded import RecordedFrame, read_frames, recorded_image, replay
+from xfrustum.compare.metrics.error_maps import judged_pixels, surface_errors
+from xfrustum.compare.prediction.depth import Stacks, depth_wrong_shares
+from xfrustum.compare.prediction.predict import MIN_PIXELS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DoubleFrustum, InputError
@@ -102,6 +105,44 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path) -> None:
     np.savez(path, device='{"renderer": "x", "subpixel_bits": "8"}', car=np.zeros((2, 2), np.int32))
     with pytest.raises(InputError, match="names no frame"):
         replay(read_frames(path))
+
+
+def shares(recording: Recording, scene_name: str) -> list[tuple[str, int, float]]:
+    """Return names of frames, and how many pixels of each depth alone made wrong: recorded, predicted."""
+    scene, found = view(scene_name, (192, 144)), []
+    reference, aperture = Reference(scene), scene.plate.middle
+    truth = reference.trace(aperture)
+    judged = judged_pixels(truth)
+    stacks = Stacks.of(truth, reference.gaps(aperture), reference.gaps(aperture, truth))
+    for frame in recording[1]:
+        place, settings = frame.asked(scene)
+        if frame.scene != scene_name or place != aperture:
+            continue
+        exact = reference.trace_model(aperture, settings, shaded=False)
+        images = exact, recorded_image(scene, exact, frame, H100)
+        without, wrong = (surface_errors(truth, one, reference).wrong for one in images)
+        (share,) = depth_wrong_shares(stacks, scene.frustum, [settings], H100)
+        found.append((frame.name, int((wrong & ~without & judged).sum()), share * stacks.judged))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [
+        ("asymmetric-recentered", "asymmetric-recentered|1e-06|d"),
+        *(
+            pytest.param(name, f"{name}|1e-0", marks=pytest.mark.slow)
+            for name in ("car", "asymmetric", "asymmetric-recentered", "car-recentered", "crossing")
+        ),
+    ],
+)
+def test_the_card_shows_the_predicted_share_wrongly(h100: Recording, name: str, frames: str) -> None:
+    """Within a factor of two, but for few pixels, large-triangles and parallel sheets (`Reasons`)."""
+    some_frames = shares(some(h100, frames), name)
+    counted = [(name, wrong, predicted) for name, wrong, predicted in some_frames if predicted >= MIN_PIXELS]
+    assert len(counted) >= 3
+    assert [one for one in counted if not one[1] / 2 <= one[2] <= one[1] * 2] == []
+    assert all(wrong <= 2 * MIN_PIXELS for _, wrong, predicted in some_frames if predicted < MIN_PIXELS)
 
 
 COSINE_ROUNDINGS = 70

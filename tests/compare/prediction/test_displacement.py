@@ -40,6 +40,7 @@ from xfrustum.scenes import (
     Scene,
 )
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.device_model import LLVMPIPE
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 SCENES = ("asymmetric", "asymmetric-recentered", "car-recentered", "crossing")
@@ -152,7 +153,7 @@ def test_links_do_not_depend_on_what_was_predicted_before(options: dict[str, Any
     aperture, settings = scene.plate.aperture(0, 0), DoubleFrustum(near=2.0, **options)
     reference = Reference(scene)
     truth = reference.trace(aperture)
-    alone, after = (Predictor(truth, reference, 8) for _ in range(2))
+    alone, after = (Predictor(truth, reference, LLVMPIPE) for _ in range(2))
     after.predict_each([settings])[0]
     links = alone.predict_each([settings])[0][1]
     assert after.predict_each([settings])[0][1] == links

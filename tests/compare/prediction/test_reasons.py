@@ -16,6 +16,7 @@ from xfrustum.compare.run import Judge
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report.best import DEFAULT_DEPTHS
 from xfrustum.scenes import DoubleFrustum, Pivot
+from xfrustum.scenes.model.device_model import LLVMPIPE
 
 MAX_RATIO = 3.0
 NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
@@ -70,7 +71,7 @@ def test_a_surface_crosses_where_it_meets_the_near_windows() -> None:
     np.testing.assert_allclose(np.abs(ends), [[0, 1]], atol=1e-12)
     reference = Reference(scene)
     for aperture, distance in ((at(0, 0), 6.0), (at(1, 0), 5.0)):
-        predictor = Predictor(reference.trace(aperture), reference, 8)
+        predictor = Predictor(reference.trace(aperture), reference, LLVMPIPE)
         half = reference.camera(aperture).half_extent[0]
         for near, crosses in ((0.99 * distance / half, False), (1.01 * distance / half, True)):
             found, links = predictor.predict_each([DoubleFrustum(near=near)])[0]
