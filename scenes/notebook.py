@@ -177,36 +177,8 @@ def dataset(
 
 # Objects that a notebook shows
 
-#: Line of tables and about pictures, in CSS; seen on light and on dark pages.
+#: Line about pictures, in CSS; seen on light and on dark pages.
 LINE = "1px solid rgba(128, 128, 128, 0.4)"
-#: Largest number of rows of a table; of a longer one the first are shown, and the rest is counted.
-MAX_TABLE_ROWS = 24
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """A table of words, without a head for rows of a name and a value."""
-
-    rows: Sequence[Sequence[str]]
-    head: Sequence[str] = ()
-    numbers: bool = False  #: whether all columns but the first hold numbers
-
-    def html(self) -> str:
-        """Return the table as HTML."""
-
-        def line(tag: str, texts: Sequence[str]) -> str:
-            cells = (
-                f'<{tag} style="text-align: {"right" if self.numbers and place > 0 else "left"}; '
-                f'padding: 2px 14px 2px 0; border-bottom: {LINE}">{escape(text)}</{tag}>'
-                for place, text in enumerate(texts)
-            )
-            return f"<tr>{''.join(cells)}</tr>"
-
-        rows = [line("th", self.head)] if self.head else []
-        rows += [line("td", row) for row in self.rows[:MAX_TABLE_ROWS]]
-        if len(self.rows) > MAX_TABLE_ROWS:
-            rows.append(f"<tr><td>and {len(self.rows) - MAX_TABLE_ROWS:,} more</td></tr>")
-        return f'<table style="border-collapse: collapse; margin: 8px 0">{"".join(rows)}</table>'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +208,7 @@ class Figure:
 class Shown:
     """An object that says in a line what it is (`_said`).
 
-    Notebooks show its facts (`table`, `_tables`) and pictures (`_figures`).
+    Notebooks show its facts (`_facts`) and pictures (`_figures`).
     """
 
     def _said(self) -> str:
@@ -244,12 +216,12 @@ class Shown:
         raise NotImplementedError
 
     def table(self) -> str:
-        """Return the facts as aligned lines, as a command prints them; empty where `_tables` has them."""
+        """Return the facts as aligned lines, as a command prints them; empty where no command does."""
         return ""
 
-    def _tables(self) -> Sequence[Table]:
-        """Return the facts that a notebook shows below that line."""
-        return ()
+    def _facts(self) -> str:
+        """Return the facts that a notebook shows below that line, as text."""
+        return self.table()
 
     def _figures(self) -> Sequence[Figure]:
         """Return the pictures that a notebook shows."""
@@ -262,9 +234,8 @@ class Shown:
         name, said = escape(type(self).__name__), escape(self._said())
         figures = "".join(one.html() for one in self._figures())
         row = f'<div style="display: flex; flex-wrap: wrap; gap: 12px">{figures}</div>' if figures else ""
-        tables = [one.html() for one in self._tables()]
-        tables += [f"<pre>{escape(text)}</pre>"] if (text := self.table()) else []
-        return f"<div><p><b>{name}</b>: {said}</p>{row}{''.join(tables)}</div>"
+        facts = f'<pre style="white-space: pre-wrap">{escape(text)}</pre>' if (text := self._facts()) else ""
+        return f"<div><p><b>{name}</b>: {said}</p>{row}{facts}</div>"
 
     def _repr_png_(self) -> bytes | None:
         found = next(iter(self._figures()), None)

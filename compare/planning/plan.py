@@ -38,7 +38,7 @@ from xfrustum.compare.sampling import (
 from xfrustum.compare.scout import AutoApertures, Look, Scout
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.notebook import Shown, Table, digits, percent
+from xfrustum.scenes.notebook import Shown, aligned, digits, percent
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -166,21 +166,21 @@ class Plan(Shown):
             f"{percent(self.measured.surface_fraction)} wrong surface; {keeps}"
         )
 
-    def _tables(self) -> Sequence[Table]:
-        found = [Table(rows=[("reason", self.reason)])]
+    def _facts(self) -> str:
+        lines = []
         if self.predicted is not None and self.measured is not None:
-            rows = [
-                (words, write(getattr(self.predicted, name)), write(getattr(self.measured, name)))
-                for name, words, write in _QUALITIES
-            ]
-            head = ("at the worst aperture", "predicted", "measured")
-            found.insert(0, Table(head=head, rows=rows, numbers=True))
+            rows = [("at the worst aperture", "predicted", "measured")]
+            for name, words, write in _QUALITIES:
+                rows.append(
+                    (words, write(getattr(self.predicted, name)), write(getattr(self.measured, name)))
+                )
+            lines = [aligned(rows)]
+        lines.append(f"reason: {self.reason}")
         if (one := self.plate) is not None:
-            looked = f"{one.hogels:,}, of which {one.scouted:,} were looked through"
-            looked += f" and {one.measured:,} measured"
+            looked = f"{one.scouted:,} were looked through and {one.measured:,} measured"
             bound = f"{percent(one.share_beyond_at_most)}, with a confidence of {percent(one.confidence)}"
-            found.append(Table(rows=[("hogels", looked), ("share of the plate beyond, at most", bound)]))
-        return found
+            lines += [f"hogels: {one.hogels:,}, of which {looked}", f"beyond: at most {bound}"]
+        return "\n".join(lines)
 
 
 _QUALITIES = (

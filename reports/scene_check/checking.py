@@ -29,7 +29,7 @@ from xfrustum.reports.common.templates_environment import Filters, plain_text, s
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.notebook import Figure, Shown, Table, counted
+from xfrustum.scenes.notebook import Figure, Shown, counted
 
 LEFT, TOP, WIDTH, HEIGHT = 58.0, 62.0, 500.0, 400.0
 """Place and size of the part of the picture that shows space, pixels."""
@@ -237,8 +237,8 @@ class SceneCheck(Shown):
         told = counted(len(self.warnings), "warning")
         return f"{self.scene.name!r}, {counted(len(self.objects), 'object')}, {seen}; {told}"
 
-    def _tables(self) -> Sequence[Table]:
-        return [Table(rows=[("warning", line) for line in self.warnings])] if self.warnings else []
+    def _facts(self) -> str:
+        return "\n".join([*(f"warning: {line}" for line in self.warnings), self.table()])
 
     def _figures(self) -> Sequence[Figure]:
         return [Figure(caption=view.value, content=self.view(view).encode()) for view in View]

@@ -22,7 +22,6 @@ from xfrustum.scenes.notebook import (
     Figure,
     Labelled,
     Shown,
-    Table,
     as_shown,
     by_height,
     dataset,
@@ -203,14 +202,14 @@ class HogelImage(SurfaceImage):
         has = ["surfaces", *(name for name in optional if getattr(self, name) is not None)]
         return f"{whose}; {self._pixels()}; has {', '.join(has)}"
 
-    def _tables(self) -> Sequence[Table]:
-        camera, rows = self.camera, [("renderer", self.camera.renderer)]
-        if camera.settings is not None:
-            rows.append(("settings", str(camera.settings)))
+    def _facts(self) -> str:
+        lines = [f"renderer: {self.camera.renderer}"]
+        if self.camera.settings is not None:
+            lines.append(f"settings: {self.camera.settings}")
         if self.certainty is not None:
             counts = {one.name.lower(): np.count_nonzero(self.certainty == one) for one in Certainty}
-            rows.append(("certainty", ", ".join(f"{n:,} {name}" for name, n in counts.items() if n)))
-        return (Table(rows=rows),)
+            lines.append("certainty: " + ", ".join(f"{n:,} {name}" for name, n in counts.items() if n))
+        return "\n".join(lines)
 
     def _labels(self, units: str) -> Labels:
         camera = self.camera

@@ -20,7 +20,7 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.notebook import Brief, Shown, Table, counted, digits, sides
+from xfrustum.scenes.notebook import Brief, Shown, aligned, counted, digits, sides
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Plate
 
 #: Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
@@ -35,6 +35,7 @@ STEEPEST = 1e12  #: largest slope of a line: beyond it float64 no longer tells n
 #: Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a triangle,
 #: in scenes of many millions.
 TRIANGLES_AT_ONCE = 1 << 19
+MAX_LISTED_OBJECTS = 24  #: largest number of objects that a notebook lists; the others are counted
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -334,16 +335,18 @@ class Scene(Shown):
             f"{counted(len(self.objects), 'object')}, {counted(triangles, 'triangle')}"
         )
 
-    def _tables(self) -> Sequence[Table]:
-        rows = []
-        for part in self.objects:
+    def _facts(self) -> str:
+        head = ("object", "triangles", f"size, {self.units}", f"heights, {self.units}", "material")
+        rows = [head]
+        for part in self.objects[:MAX_LISTED_OBJECTS]:
             low, size, high = part._extent()
             name, count = PurePath(part.name).name, f"{len(part.faces):,}"
             rows.append((name, count, size, f"{low} to {high}", part.material or "default"))
-        head = ("object", "triangles", f"size, {self.units}", f"heights, {self.units}", "material")
-        objects = [Table(head=head, rows=rows)] if rows else []
-        facts = [("source", self.source or "made in memory"), *(("warning", one) for one in self.warnings)]
-        return (*objects, Table(rows=facts))
+        lines = [aligned(rows)] if self.objects else []
+        if (more := len(self.objects) - MAX_LISTED_OBJECTS) > 0:
+            lines.append(f"and {counted(more, 'more object')}")
+        lines.append(f"source: {self.source or 'made in memory'}")
+        return "\n".join([*lines, *(f"warning: {one}" for one in self.warnings)])
 
 
 def look_hash(scene: Scene) -> str:

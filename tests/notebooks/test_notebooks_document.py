@@ -72,4 +72,4 @@ def test_a_notebook_shows_pictures_and_tables(tmp_path: Path) -> None:
     results = [output.data for output in outputs if output.output_type == "execute_result"]
     assert [sorted(one) for one in results] == [["image/png", "text/html", "text/plain"]] * 2
     assert results[0]["text/plain"].startswith("Scene: 'asymmetric-recentered'")
-    assert "<table" in results[1]["text/html"]
+    assert "<pre" in results[1]["text/html"]
