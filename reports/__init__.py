@@ -1,6 +1,5 @@
 """The verdict: sweeps over settings, tables, figures and the page that a person opens.
 
-benchmarks        Benchmarks, as ratios within one run
 blocks            Work in blocks: in this process, by others of this machine, by a Dask cluster, or in parts
 budget            The error of one image link by link, as numbers, text, a page and pictures
 common/           What all reports share: outputs, progress, times, pages, numbers in words

@@ -1,21 +1,19 @@
-"""A car of about 42,000 triangles: as it is, in a studio, and in as many triangles as table 1 needs.
+"""A car of about 42,000 triangles: as it is, and in a studio.
 
 In its own frame x is to the side, y up and z forward, in millimeters; the wheels stand on y = 0, and it is
 100 long, 42 wide and 32 high. Drawn for this project.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.scenes import InputError, Scene, SceneObject
+from xfrustum.scenes import SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry import shapes
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.model.scene import read_only
 
 Knots = Sequence[tuple[float, float]]
 _WHEEL_RADIUS = 7.2
@@ -270,63 +268,3 @@ def _smooth_step(angle: Floats, edge: float, *, width: float) -> Floats:
     """Return 0 before an edge and 1 after it, a cubic between; degrees."""
     share = np.clip((angle - edge) / width + 0.5, 0, 1)
     return np.asarray(share**2 * (3 - 2 * share))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TessellatedCar:
-    """The built-in car in other triangles, and which of them reflect: the first, from the body on."""
-
-    scene: Scene
-    reflective: Mask  #: (F,)
-
-
-def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
-    """Return the car in a number of triangles, or one fewer, a share of them reflective: the paper's table 1.
-
-    Triangles are split in four while that leaves too few, then the largest in three at their centroids.
-    Raises InputError below the built-in car's number, or at a share outside 0 to 1.
-    """
-    scene = builtin.build("car")
-    if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
-        raise InputError(
-            f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 may "
-            f"reflect; not {polygons:,} and {reflective_share}"
-        )
-    while 4 * len(scene.faces) <= polygons:
-        scene = shapes.refine(scene, 1)
-    while (splits := (polygons - len(scene.faces)) // 2) > 0:
-        a, b, c = np.moveaxis(scene.triangles, 1, 0)
-        size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        split = np.zeros(len(size), dtype=np.bool_)
-        split[np.argsort(-size, kind="stable")[:splits]] = True
-        ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
-        objects = []
-        for part, chosen in zip(scene.objects, np.split(split, ends), strict=True):
-            # The parts of a face stay neighbors in the order of drawing.
-            (a, b, c), numbers = part.faces[chosen].T, np.flatnonzero(chosen)
-            middle, faces = len(part.vertices) + np.arange(len(numbers)), part.faces.copy()
-            faces[chosen, 2] = middle
-            others = np.stack([b, c, middle, c, a, middle], axis=1).reshape(-1, 3)
-            faces = np.insert(faces, np.repeat(numbers + 1, 2), others, axis=0)
-            centroids = part.vertices[part.faces[chosen]].mean(axis=1)
-            vertices = np.concatenate([part.vertices, centroids])
-            objects.append(replace(part, vertices=vertices, faces=faces))
-        scene = replace(scene, objects=tuple(objects))
-    reflective = np.arange(len(scene.faces)) < round(reflective_share * len(scene.faces))
-    return TessellatedCar(scene=scene, reflective=read_only(reflective))
-
-
-def mirrored(car: TessellatedCar) -> Scene:
-    """Return the car in the studio's paint, smooth, with mirrors where it is reflective and nowhere else."""
-    studio_look = studio()
-    paint = studio_look.materials["paint"]
-    dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))
-    objects, first = [], 0
-    for part in map(shapes.smoothed, car.scene.objects):
-        reflective = car.reflective[first : first + len(part.faces)]
-        first += len(part.faces)
-        for material, chosen in (("paint", reflective), ("dull", ~reflective)):
-            if chosen.any():
-                objects.append(replace(part, faces=part.faces[chosen], material=material))
-    materials = MappingProxyType({"paint": paint, "dull": dull})
-    return replace(car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials))

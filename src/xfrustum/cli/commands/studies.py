@@ -66,11 +66,12 @@ def _repeat(count: int) -> Any:
 
 def _measured(asked: Measured, name: str, *what: Any, **given: Any) -> None:
     """Run a benchmark with the options that are given, and print what it found."""
-    from xfrustum.reports import benchmarks
+    from xfrustum.research import benchmarks, table1
 
+    own = table1 if name == "table1" else benchmarks
     given = options.present(**given, progress=asked.progress)
-    found = getattr(benchmarks, f"benchmark_{name}")(*what, **given)
-    asked.tell(lambda: found, lambda: getattr(benchmarks, f"{name}_table")(found))
+    found = getattr(own, f"benchmark_{name}")(*what, **given)
+    asked.tell(lambda: found, lambda: getattr(own, f"{name}_table")(found))
 
 
 class _Truth(Measured):
@@ -102,7 +103,7 @@ def judge(asked: _Judge) -> None:
     of a million triangles.
     """
     opened = [options.open_scene(name) for name in asked.scenes]
-    from xfrustum.reports import benchmarks
+    from xfrustum.research import benchmarks
 
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]

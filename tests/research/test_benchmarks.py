@@ -17,13 +17,12 @@ from xfrustum.cli.main import main
 from xfrustum.raster.drawing import reflecting
 from xfrustum.reference import Reference
 from xfrustum.reference.llvm import array_device, mitsuba_backend
-from xfrustum.reports import benchmarks
-from xfrustum.reports.benchmarks import PAPER
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.common.timing import Timing, race
+from xfrustum.research import benchmarks, table1
+from xfrustum.research.table1 import PAPER, mirrored, tessellated_car
 from xfrustum.scenes import NOTHING, HogelImage, InputError, SceneObject
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 Told = Callable[..., tuple[dict[str, Any], str]]
@@ -187,8 +186,8 @@ def test_a_car_of_fewer_triangles_is_refused() -> None:
 
 
 def test_table_1_is_measured_in_the_papers_terms() -> None:
-    found = benchmarks.benchmark_table1(8, 1, 1)
-    text, told = benchmarks.table1_table(found), json_ready(found)
+    found = table1.benchmark_table1(8, 1, 1)
+    text, told = table1.table1_table(found), json_ready(found)
     assert text.count("42,382") == 4
     assert "antialiasing on (4 samples)" in text
     assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)

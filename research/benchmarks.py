@@ -1,7 +1,7 @@
 """Benchmarks, as ratios within one run; each returns the JSON object that its command prints.
 
 `bench truth`, `judge` and `plate` race what the toolkit does against loops that anybody would write and
-against tracers that prove nothing; `bench table1` measures table 1 of the paper.
+against tracers that prove nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.rasterizer import SINGLE_SAMPLE
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import crossed_frustum, pixel_places
 from xfrustum.reference.llvm import array_device, mitsuba_backend
@@ -35,13 +34,10 @@ from xfrustum.reference.tracers.mitsuba_tracer import bare_intersection
 from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
-from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.car import mirrored, tessellated_car
 from xfrustum.scenes.library.targets import globes
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
@@ -505,121 +501,3 @@ def plate_table(found: Record) -> str:
         stages.append(f"{name:<18}" + "".join(figures))
     rates = rates_table("hogels per second", [found], "hogels_per_second")
     return report(head, [rates, "\n".join(stages)], found, PLATE_MEANINGS)
-
-
-# Table 1 of the paper ------------------------------------------------------------------------------------
-
-COLUMNS, ANTIALIASED_COLUMNS = 12, 4
-"""Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of them are
-drawn one by one, with antialiasing and without: each takes longer."""
-
-ANTIALIASED = Sampling(multisample=4)
-"""Antialiasing as it is measured: the largest number of coverage samples that Mesa's software renderer has.
-The paper does not say how many its hardware took."""
-
-REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
-"""The machines of the paper; antialiasing was on in the first."""
-
-PAPER = (
-    (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
-    (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),
-)
-"""Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the frames and
-the polygons a second."""
-
-
-def benchmark_table1(
-    resolution: int = 512, repeat: int = 5, databases: int = len(PAPER), *, progress: bool = False
-) -> Record:
-    """Measure the first databases of table 1 on the project's own car, `repeat` times after a warm-up.
-
-    Images have W = H pixels: the paper does not say what it drew. InputError without a usable OpenGL.
-    """
-    with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
-        rows = [_row(*row, resolution, repeat, bar) for row in PAPER[:databases]]
-    return {
-        "rows": [row for row, _ in rows],
-        "resolution": (resolution, resolution),
-        "antialiasing": False,
-        "settings": settings_of(builtin.build("car")),
-        "device": rows[0][1],
-        **machine_record(),
-    }
-
-
-def _row(
-    polygons: int,
-    reflective: float,
-    machines: Mapping[str, tuple[float, float]],
-    resolution: int,
-    repeat: int,
-    bar: tqdm[Any],
-) -> tuple[Record, str]:
-    """Return a row of the table, with reflective triangles submitted twice; and the device."""
-    car = tessellated_car(polygons, reflective)
-    scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
-    settings, (column, row) = settings_of(builtin.build("car")), scene.plate.middle.index
-    apertures, few = (
-        [scene.plate.aperture(column - count // 2 + place, row) for place in range(count)]
-        for count in (COLUMNS, ANTIALIASED_COLUMNS)
-    )
-    with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
-        runs = {
-            "plate": lambda: exhaust(renderer.hogels(apertures)),
-            "one by one": lambda: exhaust(rasterizer.render_color(a, settings, SINGLE_SAMPLE) for a in few),
-            "antialiased": lambda: exhaust(rasterizer.render_color(a, settings, ANTIALIASED) for a in few),
-        }
-        taken = race(runs, repeat, bar.update)
-        submitted = renderer.drawn_triangles(apertures) / len(apertures)
-        device = renderer.device["renderer"]
-    plate = taken["plate"].divided_by(len(apertures))
-    plain, antialiased = (taken[name].divided_by(len(few)) for name in ("one by one", "antialiased"))
-
-    def rates(frames: float, speed: float) -> Record:
-        return {"frames_per_second": frames, "polygons_per_second": speed}
-
-    def speed(seconds: float) -> Record:
-        return rates(1 / seconds, polygons / seconds)
-
-    found = {
-        "polygons": polygons,
-        "reflective_share": float(car.reflective.mean()),
-        **speed(plate.median),
-        "submitted_polygons_per_second": submitted / plate.median,
-        "seconds_per_frame": plate,
-        "paper": {
-            name: {**rates(frames, speeds), "antialiasing": name == REALITY_ENGINE}
-            for name, (frames, speeds) in machines.items()
-        },
-        "factors": {name: 1 / plate.median / frames for name, (frames, _) in machines.items()},
-        "antialiased": {
-            "samples": ANTIALIASED.multisample,
-            **speed(antialiased.median),
-            "seconds_per_frame": antialiased,
-            "seconds_per_frame_without": plain,
-            "slowdown": antialiased.median / plain.median,
-            "factor": 1 / antialiased.median / machines[REALITY_ENGINE][0],
-        },
-    }
-    return found, device
-
-
-def table1_table(found: Record) -> str:
-    """Return table 1 as text, one line for each machine."""
-    machine, rows = found["machine"], found["rows"]
-    lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
-    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
-    for row in rows:
-        on = row["antialiased"]
-        same = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
-        drawn = [(row, "", here), (on, "", same)]
-        for name, old in row["paper"].items():
-            how = "on" if old["antialiasing"] else "off"
-            drawn.append((old, f"{row['factors'][name]:,.1f}", f"{name} (1996), antialiasing {how}"))
-        begin = f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%"
-        for rates, factor, by in drawn:
-            frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
-            lines.append(f"{begin}{frames:>11.3g}{polygons:>13,.0f}{factor:>9}  {by}")
-    values: Record = {"found": found, "table": "\n".join(lines), "machine": REALITY_ENGINE}
-    values |= {"columns": COLUMNS, "few": ANTIALIASED_COLUMNS}
-    return plain_text("table1.txt.j2", values).removesuffix("\n")

@@ -1,0 +1,204 @@
+"""`bench table1`: table 1 of the paper, on the project's own car in as many triangles as it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.rasterizer import SINGLE_SAMPLE
+from xfrustum.reports.common.outputs import progress_bar
+from xfrustum.reports.common.templates_environment import plain_text
+from xfrustum.reports.common.timing import race
+from xfrustum.research.benchmarks import COLOR_ONLY, Record, exhaust, machine_record, settings_of
+from xfrustum.scenes import InputError, Scene
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.geometry import shapes
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.car import studio
+from xfrustum.scenes.model.scene import read_only
+
+COLUMNS, ANTIALIASED_COLUMNS = 12, 4
+"""Neighboring apertures about the middle of the plate: what a plate is drawn in, and how many of them are
+drawn one by one, with antialiasing and without: each takes longer."""
+
+ANTIALIASED = Sampling(multisample=4)
+"""Antialiasing as it is measured: the largest number of coverage samples that Mesa's software renderer has.
+The paper does not say how many its hardware took."""
+
+REALITY_ENGINE, MAXIMUM_IMPACT = "RealityEngine2", "Maximum Impact"
+"""The machines of the paper; antialiasing was on in the first."""
+
+PAPER = (
+    (42_382, 0.312, {REALITY_ENGINE: (1.98, 84_077), MAXIMUM_IMPACT: (3.42, 144_868)}),
+    (272_074, 0.479, {REALITY_ENGINE: (0.258, 70_286), MAXIMUM_IMPACT: (0.58, 159_710)}),
+)
+"""Paper, table 1: polygons of a database, its share of reflection mapped ones, and by machine the frames and
+the polygons a second."""
+
+
+def benchmark_table1(
+    resolution: int = 512, repeat: int = 5, databases: int = len(PAPER), *, progress: bool = False
+) -> Record:
+    """Measure the first databases of table 1 on the project's own car, `repeat` times after a warm-up.
+
+    Images have W = H pixels: the paper does not say what it drew. InputError without a usable OpenGL.
+    """
+    with progress_bar(3 * databases * (repeat + 1), "table 1", "run", shown=progress) as bar:
+        rows = [_row(*row, resolution, repeat, bar) for row in PAPER[:databases]]
+    return {
+        "rows": [row for row, _ in rows],
+        "resolution": (resolution, resolution),
+        "antialiasing": False,
+        "settings": settings_of(builtin.build("car")),
+        "device": rows[0][1],
+        **machine_record(),
+    }
+
+
+def _row(
+    polygons: int,
+    reflective: float,
+    machines: Mapping[str, tuple[float, float]],
+    resolution: int,
+    repeat: int,
+    bar: tqdm[Any],
+) -> tuple[Record, str]:
+    """Return a row of the table, with reflective triangles submitted twice; and the device."""
+    car = tessellated_car(polygons, reflective)
+    scene = replace(mirrored(car), frustum=replace(car.scene.frustum, resolution=(resolution, resolution)))
+    settings, (column, row) = settings_of(builtin.build("car")), scene.plate.middle.index
+    apertures, few = (
+        [scene.plate.aperture(column - count // 2 + place, row) for place in range(count)]
+        for count in (COLUMNS, ANTIALIASED_COLUMNS)
+    )
+    with PlateRenderer(scene, settings, COLOR_ONLY) as renderer, Rasterizer(scene) as rasterizer:
+        runs = {
+            "plate": lambda: exhaust(renderer.hogels(apertures)),
+            "one by one": lambda: exhaust(rasterizer.render_color(a, settings, SINGLE_SAMPLE) for a in few),
+            "antialiased": lambda: exhaust(rasterizer.render_color(a, settings, ANTIALIASED) for a in few),
+        }
+        taken = race(runs, repeat, bar.update)
+        submitted = renderer.drawn_triangles(apertures) / len(apertures)
+        device = renderer.device["renderer"]
+    plate = taken["plate"].divided_by(len(apertures))
+    plain, antialiased = (taken[name].divided_by(len(few)) for name in ("one by one", "antialiased"))
+
+    def rates(frames: float, speed: float) -> Record:
+        return {"frames_per_second": frames, "polygons_per_second": speed}
+
+    def speed(seconds: float) -> Record:
+        return rates(1 / seconds, polygons / seconds)
+
+    found = {
+        "polygons": polygons,
+        "reflective_share": float(car.reflective.mean()),
+        **speed(plate.median),
+        "submitted_polygons_per_second": submitted / plate.median,
+        "seconds_per_frame": plate,
+        "paper": {
+            name: {**rates(frames, speeds), "antialiasing": name == REALITY_ENGINE}
+            for name, (frames, speeds) in machines.items()
+        },
+        "factors": {name: 1 / plate.median / frames for name, (frames, _) in machines.items()},
+        "antialiased": {
+            "samples": ANTIALIASED.multisample,
+            **speed(antialiased.median),
+            "seconds_per_frame": antialiased,
+            "seconds_per_frame_without": plain,
+            "slowdown": antialiased.median / plain.median,
+            "factor": 1 / antialiased.median / machines[REALITY_ENGINE][0],
+        },
+    }
+    return found, device
+
+
+def table1_table(found: Record) -> str:
+    """Return table 1 as text, one line for each machine."""
+    machine, rows = found["machine"], found["rows"]
+    lines = [f"{'polygons':>9}{'reflective':>12}{'frames/s':>11}{'polygons/s':>13}{'factor':>9}  drawn by"]
+    here = f"{found['device']}, {machine['cores']} cores of {machine['processor']}, antialiasing off"
+    for row in rows:
+        on = row["antialiased"]
+        same = f"the same, hogel by hogel, antialiasing on ({on['samples']} samples)"
+        drawn = [(row, "", here), (on, "", same)]
+        for name, old in row["paper"].items():
+            how = "on" if old["antialiasing"] else "off"
+            drawn.append((old, f"{row['factors'][name]:,.1f}", f"{name} (1996), antialiasing {how}"))
+        begin = f"{row['polygons']:>9,}{100 * row['reflective_share']:>11.1f}%"
+        for rates, factor, by in drawn:
+            frames, polygons = rates["frames_per_second"], rates["polygons_per_second"]
+            lines.append(f"{begin}{frames:>11.3g}{polygons:>13,.0f}{factor:>9}  {by}")
+    values: Record = {"found": found, "table": "\n".join(lines), "machine": REALITY_ENGINE}
+    values |= {"columns": COLUMNS, "few": ANTIALIASED_COLUMNS}
+    return plain_text("table1.txt.j2", values).removesuffix("\n")
+
+
+# The car in as many triangles ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TessellatedCar:
+    """The built-in car in other triangles, and which of them reflect: the first, from the body on."""
+
+    scene: Scene
+    reflective: Mask  #: (F,)
+
+
+def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
+    """Return the car in a number of triangles, or one fewer, a share of them reflective: the paper's table 1.
+
+    Triangles are split in four while that leaves too few, then the largest in three at their centroids.
+    Raises InputError below the built-in car's number, or at a share outside 0 to 1.
+    """
+    scene = builtin.build("car")
+    if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
+        raise InputError(
+            f"the car has at least {len(scene.faces):,} triangles, of which a share from 0 to 1 may "
+            f"reflect; not {polygons:,} and {reflective_share}"
+        )
+    while 4 * len(scene.faces) <= polygons:
+        scene = shapes.refine(scene, 1)
+    while (splits := (polygons - len(scene.faces)) // 2) > 0:
+        a, b, c = np.moveaxis(scene.triangles, 1, 0)
+        size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        split = np.zeros(len(size), dtype=np.bool_)
+        split[np.argsort(-size, kind="stable")[:splits]] = True
+        ends = np.cumsum([len(part.faces) for part in scene.objects])[:-1]
+        objects = []
+        for part, chosen in zip(scene.objects, np.split(split, ends), strict=True):
+            # The parts of a face stay neighbors in the order of drawing.
+            (a, b, c), numbers = part.faces[chosen].T, np.flatnonzero(chosen)
+            middle, faces = len(part.vertices) + np.arange(len(numbers)), part.faces.copy()
+            faces[chosen, 2] = middle
+            others = np.stack([b, c, middle, c, a, middle], axis=1).reshape(-1, 3)
+            faces = np.insert(faces, np.repeat(numbers + 1, 2), others, axis=0)
+            centroids = part.vertices[part.faces[chosen]].mean(axis=1)
+            vertices = np.concatenate([part.vertices, centroids])
+            objects.append(replace(part, vertices=vertices, faces=faces))
+        scene = replace(scene, objects=tuple(objects))
+    reflective = np.arange(len(scene.faces)) < round(reflective_share * len(scene.faces))
+    return TessellatedCar(scene=scene, reflective=read_only(reflective))
+
+
+def mirrored(car: TessellatedCar) -> Scene:
+    """Return the car in the studio's paint, smooth, with mirrors where it is reflective and nowhere else."""
+    studio_look = studio()
+    paint = studio_look.materials["paint"]
+    dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))
+    objects, first = [], 0
+    for part in map(shapes.smoothed, car.scene.objects):
+        reflective = car.reflective[first : first + len(part.faces)]
+        first += len(part.faces)
+        for material, chosen in (("paint", reflective), ("dull", ~reflective)):
+            if chosen.any():
+                objects.append(replace(part, faces=part.faces[chosen], material=material))
+    materials = MappingProxyType({"paint": paint, "dull": dull})
+    return replace(car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials))
