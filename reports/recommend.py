@@ -33,8 +33,8 @@ from xfrustum.scenes.notebook import aligned, digits, percent
 
 FILES = PAGE, DATA = "index.html", "recommend.json"
 
-PIXELS, EYES, DEPTH = "pixels", "eyes", "depth buffer"
-"""Names of what may bind near: displacement in hogels' pixels, what a viewer notices, and depth."""
+PIXELS, EYE, DEPTH, NOTHING = "pixels", "eye", "depth buffer", "none"
+"""Names of what may bind near: displacement in hogels' pixels, what a viewer notices, depth; or nothing."""
 
 LIMIT_WORDS = {STEREO: "change of depth", CRACK: "crack at the plate"}
 """What a viewer may notice of near, in words."""
@@ -74,7 +74,9 @@ class Recommendation:
         """What keeps near from being larger; of a plan with cuts, and of none, what one pair fails by."""
         if self.chosen.settings is None or self.chosen.slabs:
             return DEPTH if self.pixel_limit is not None else PIXELS
-        return PIXELS if self.chosen is self.pixels else EYES
+        if self.chosen is self.pixels:
+            return PIXELS
+        return NOTHING if self.eye_limit is None or self.eye_limit.largest_near is None else EYE
 
     @property
     def eye_limit(self) -> NearLimit | None:
@@ -86,6 +88,24 @@ class Recommendation:
         """Largest near within the tolerance at all scouted apertures that some near can draw; else None."""
         possible = self.hogel_limits[self.hogel_limits > 0]
         return float(possible.min()) if possible.size else None
+
+    @property
+    def buffer(self) -> BufferLimit | None:
+        """What the depth buffer of the recommended plan asks for; None without a plan."""
+        drawn = self.chosen.depth_buffer
+        return next((one for one in self.buffers if (one.depth, one.mapping) == drawn), None)
+
+    @property
+    def nears(self) -> tuple[float, float] | None:
+        """The least and the largest near to draw with: the plan's own is the largest, for it was measured.
+
+        One pair of frusta may come down to what its depth buffer asks for; cuts belong to one near.
+        """
+        largest, buffer = self.chosen.near, self.buffer
+        if largest is None:
+            return None
+        least = largest if self.chosen.slabs or buffer is None else buffer.smallest_near or largest
+        return min(least, largest), largest
 
     @property
     def paragraph(self) -> str:
@@ -131,9 +151,9 @@ class Recommendation:
             found, distance = self.eye_limit, self.eyes.requirement.viewer.distance
             largest = None if found is None else found.largest_near
             allowed = "any near" if largest is None else f"near up to {digits(largest)} {units}"
-            said[EYES] = f"eyes at {distance:g} {units} allow {allowed}"
-        (buffer,) = (one for one in self.buffers if (one.depth, one.mapping) == self.chosen.depth_buffer)
-        said[DEPTH] = buffer.words(units)
+            said[EYE] = f"eyes at {distance:g} {units} allow {allowed}"
+        assert self.buffer is not None
+        said[DEPTH] = self.buffer.words(units)
         first = said.pop(self.binds, None)
         others = "; ".join(said.values())
         if first is not None and self.chosen.slabs:
@@ -179,24 +199,27 @@ class Recommendation:
     def summary(self) -> dict[str, Any]:
         """Return what `recommend --json` prints."""
         chosen, known = self.chosen, self.hogel_limits[np.isfinite(self.hogel_limits)]
-        quantiles = {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size}
+        draw, confirm = self.commands or (None, None)
         return {
-            "paragraph": self.paragraph,
-            "near": chosen.near,
-            "slabs": list(chosen.slabs),
+            "sentence": self.paragraph,
+            "binds": self.binds,
+            "near": self.nears and list(self.nears),
             "depth": chosen.depth,
             "mapping": chosen.mapping,
+            "slabs": list(chosen.slabs),
+            "split": bool(chosen.slabs),
             "within": chosen.within,
-            "binds": self.binds,
-            "largest_near": {
+            "limits": {
                 "pixels": self.pixel_limit,
-                "eyes": self.eye_limit and self.eye_limit.largest_near,
-                "hogels": quantiles or None,
+                "depth": self.buffer and self.buffer.smallest_near,
+                "eye": self.eye_limit and self.eye_limit.largest_near,
             },
+            "plate": chosen.plate and chosen.plate.summary(),
+            "command": draw,
+            "confirm": confirm,
+            "hogels": {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size},
             "buffers": self.buffers,
-            "pixels": self.pixels.summary(),
-            "eyes": self.eyes and self.eyes.summary(),
-            "commands": list(self.commands),
+            "plans": {"pixels": self.pixels.summary(), "eye": self.eyes and self.eyes.summary()},
         }
 
 
@@ -295,7 +318,7 @@ def _allowed(found: Recommendation) -> list[Allowed]:
     if found.eyes is not None:
         for one in found.eyes.requirement.limits:
             high = math.inf if one.largest_near is None else one.largest_near
-            binds = found.binds == EYES and one == found.eye_limit
+            binds = found.binds == EYE and one == found.eye_limit
             rows.append(Allowed(f"eyes, {LIMIT_WORDS[one.name]}", high=high, binds=binds))
     for buffer in found.buffers:
         low = 0.0 if buffer.any_near else math.inf if buffer.smallest_near is None else buffer.smallest_near

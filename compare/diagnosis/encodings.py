@@ -35,10 +35,13 @@ from xfrustum.scenes.files.foreign_images import (
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "background-id"
-WRONG_TRANSFER = "wrong-transfer"  # Colors are stored through a curve that `--encoding` cannot state
+# Colors are stored through another curve than was stated; the last name is that of curves without a name.
+SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
+GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
 ENCODING_FAULTS = (
-    *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_TRANSFER, WRONG_ENCODING),
+    *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
+    *(SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER),
     *(OVERFLOW, RESAMPLED, LOSSY),
 )
 """Names of the faults; after the last three numbers are lost."""
@@ -104,6 +107,12 @@ MAX_TRANSFER_DISTANCE = 0.5
 
 # The encodings that are transfer functions: `--encoding` states them.
 STATED_TRANSFERS = {Transfer.LINEAR: Encoding.RGB, Transfer.SRGB: Encoding.SRGB}
+
+_TRANSFER_FAULTS = {
+    Transfer.SRGB: SRGB_READ_AS_LINEAR,
+    Transfer.LINEAR: LINEAR_READ_AS_SRGB,
+    Transfer.GAMMA: GAMMA,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,10 +276,11 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     if distances[best] > MAX_TRANSFER_DISTANCE * distances[stated]:
         return FoundEncoding()
     words = f"colors are not stored as {stated} values, as stated, but as {best}"
-    reading, name, value = Reading(encoding=Encoding.RGB, transfer=best), WRONG_TRANSFER, str(best)
+    reading, value = Reading(encoding=Encoding.RGB, transfer=best), str(best)
     if best in STATED_TRANSFERS:
-        name, value = WRONG_ENCODING, str(STATED_TRANSFERS[best])
+        value = str(STATED_TRANSFERS[best])
         words += f" values: --encoding {value}"
+    name = _TRANSFER_FAULTS.get(best, WRONG_TRANSFER)
     return FoundEncoding(faults=(Fault(fault=name, value=value, words=words),), reading=reading)
 
 

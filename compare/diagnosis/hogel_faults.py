@@ -30,8 +30,8 @@ if TYPE_CHECKING:  # it tests what is found here
     from xfrustum.compare.diagnosis.diagnosis import Evidence
 
 STALE, EXCHANGED, JITTER, SHIFTED_ROWS, SHIFTED_COLUMNS = (
-    *("stale-hogel", "exchanged-hogels", "jitter"),
-    *("shifted-rows", "shifted-columns"),
+    *("stale-hogel", "hogels-exchanged", "jitter"),
+    *("rows-shifted", "columns-shifted"),
 )
 
 # Smallest share of a hogel's pixels, wrong without a cause, with which it is an outlier, and largest share of

@@ -28,7 +28,12 @@ from xfrustum.scenes.model.scene import Scene
 if TYPE_CHECKING:  # it tests what is found here
     from xfrustum.compare.diagnosis.diagnosis import Evidence
 
-AXES, OBJECT_MISSING, OBJECT_MOVED = "axes", "object-missing", "object-moved"
+Z_NEGATED, AXES_EXCHANGED, OBJECT_MISSING, OBJECT_MOVED = (
+    "z-negated",
+    "axes-exchanged",
+    "object-missing",
+    "object-moved",
+)
 OBJECT_TURNED, OBJECT_SCALE = "object-turned", "object-scale"
 
 # What is drawn in place of x, y and z, and the mistake in words.
@@ -234,7 +239,8 @@ def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[G
     found = []
     for value, words in EXCHANGED_AXES.items():
         change = SceneChange(matrix=_matrix(value))
-        fault = Fault(fault=AXES, value=value, words=f"axes are wrong: {words} ({value} in place of x, y, z)")
+        name = Z_NEGATED if value == "x, y, -z" else AXES_EXCHANGED
+        fault = Fault(fault=name, value=value, words=f"axes are wrong: {words} ({value} in place of x, y, z)")
         if not claiming:
             model = replace(nominal, changes=(change,))
             found.append((0, float(evidence.wrong(model)), (replace(plain, model=model), (fault,))))

@@ -4,4 +4,5 @@ baseline      `verify --baseline`: a verification is held to the measures that w
 sources       Where a foreign renderer's hogel images come from: files, a layout, a program, or a function
 verdict       The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and files
 verification  `xfrustum verify`: is a renderer that nobody here wrote right, and what is wrong with it?
+where         Where the wrong pixels are: by side of the plate, object, hogel, and distance from outlines
 """

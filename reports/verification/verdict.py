@@ -1,22 +1,16 @@
-"""The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves.
-
-Where nothing explains what is wrong, it says where: by side of the plate, object, row and column, and
-distance from outlines.
-"""
+"""The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves."""
 
 from __future__ import annotations
 
 import math
 import re
 from base64 import b64decode
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
@@ -29,7 +23,6 @@ from xfrustum.compare.judging.judged import (
     Judging,
     MeasuredBy,
     SurfaceFigures,
-    steps_of,
 )
 from xfrustum.reports import inspection
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
@@ -44,76 +37,13 @@ from xfrustum.reports.common.templates_environment import (
 )
 from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
 from xfrustum.reports.verification.sources import as_given
+from xfrustum.reports.verification.where import Places, where_words, where_wrong, wrong_counts
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.notebook import Figure, Shown, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
-
-DISTANCES_PX = (1.5, 4.5)
-"""Ends of the ranges of distance: a neighbor of an outline, as rounding moves it, and what is near to one."""
-
-Places = dict[str, tuple[int, int]]
-"""Numbers of wrong pixels and of those where image or truth shows something, by place."""
-
-
-def places_of(figures: Figures) -> Places:
-    """Return where the wrong pixels of one hogel are."""
-    answer, error = figures.answer, figures.error
-    shown = answer.covered | figures.image.covered | error
-    across, down = steps_of(answer.object)
-    outline = np.pad(across > 0, ((0, 0), (0, 1))) | np.pad(down > 0, ((0, 1), (0, 0)))
-    apart = distance_transform_edt(~outline) if outline.any() else np.full(outline.shape, np.inf)
-    near, far = DISTANCES_PX
-    masks = {
-        "side/before": answer.height > 0,
-        "side/behind": answer.height <= 0,
-        "side/nothing": ~answer.covered,
-        "distance/within 1 px": apart <= near,
-        "distance/2 to 4 px": (apart > near) & (apart <= far),
-        "distance/farther": apart > far,
-        "shown/nothing": ~figures.image.covered,
-    }
-    for number in np.unique(answer.object[answer.object != NOTHING]).tolist():
-        masks[f"object/{number}"] = answer.object == number
-    return {name: (int((mask & error).sum()), int((mask & shown).sum())) for name, mask in masks.items()}
-
-
-def where_wrong(scene: Scene, hogels: Iterable[tuple[Aperture, Places]]) -> dict[str, Any] | None:
-    """Return where all hogels together are wrong, as `verify` prints it; None where nothing is."""
-    wrong, shown = Counter[str](), Counter[str]()
-    for aperture, places in hogels:
-        sides = [count for name, count in places.items() if name.startswith("side/")]
-        total = (sum(one for one, _ in sides), sum(one for _, one in sides))
-        lines = {f"row/{aperture.row}": total, f"column/{aperture.column}": total}
-        for name, (bad, of) in (places | lines).items():
-            wrong[name] += bad
-            shown[name] += of
-    if not any(wrong.values()):
-        return None
-    found: dict[str, Any] = {}
-    for name in sorted(shown, key=lambda one: (one.split("/")[0], shown[one] == 0)):
-        group, place = name.split("/")
-        if group == "object":
-            place = f"{place} ({PurePath(scene.objects[int(place)].name).stem})"
-        if shown[name]:
-            share = {"wrong": wrong[name], "shown": shown[name], "fraction": wrong[name] / shown[name]}
-            found.setdefault(group, {})[place] = share
-    return found
-
-
-def where_words(where: Mapping[str, Any]) -> list[str]:
-    """Return where hogels are wrong in words, a line for each way to divide the pixels."""
-    heads = {"side": "side of the plate", "object": "object", "distance": "distance from outlines of objects"}
-    heads |= {"row": "row of hogels", "column": "column of hogels", "shown": "where images show"}
-    lines = []
-    for group, head in heads.items():
-        worst = sorted(where.get(group, {}).items(), key=lambda one: -one[1]["fraction"])[:6]
-        told = (f"{place} {100 * one['fraction']:.3g} % ({one['wrong']:,})" for place, one in worst)
-        lines += [f"{head}: {', '.join(told)}"] if worst else []
-    return lines
-
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 INVALID = "claims of what does not exist"
@@ -448,8 +378,11 @@ class Verification(Shown):
     @property
     def where(self) -> dict[str, Any] | None:
         """Where images are wrong, where nothing explains it; else None."""
-        known = [(one.aperture, one.places) for one in self.hogels if one.places is not None]
-        return where_wrong(self.scene, known) if self.explained is False else None
+        return where_wrong(self.scene, self._places) if self.explained is False else None
+
+    @property
+    def _places(self) -> list[tuple[Aperture, Places]]:
+        return [(one.aperture, one.places) for one in self.hogels if one.places is not None]
 
     def _said(self) -> str:
         return f"{self.source} as an answer to {self.scene.name!r}. {sentence(self)}"
@@ -484,7 +417,7 @@ class Verification(Shown):
             "diagnosis": json_ready(self.diagnosis.faults),
             "does_not_explain": json_ready(self.diagnosis.does_not_explain),
             "explained": self.explained,
-            "where": self.where,
+            "where": wrong_counts(self.scene, self._places),
             "found_by": self.diagnosis.means,
             "as_found": json_ready(self.as_found),
             "corrected": json_ready(self.corrected),

@@ -48,9 +48,9 @@ from xfrustum.reports.verification.verdict import (
     Pictured,
     Verification,
     WorstHogels,
-    places_of,
     with_correction_tested,
 )
+from xfrustum.reports.verification.where import places_of
 from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder

@@ -74,7 +74,7 @@ WRONG = [
         back-mirrored: back-mirrored
         front-unturned: front-unturned
         back-unturned: back-unturned
-        z-negated: axes orientation
+        z-negated: z-negated orientation
         xy-exchanged: axes orientation
         z-up: axes nothing-shown
         """,
@@ -92,7 +92,7 @@ WRONG = [
         equal-angles: equal-angles
         barrel: distortion
         resampled-nearest: resampled
-        odd-rows: shifted-rows
+        odd-rows: rows-shifted
         front-near-offset: front-near-offset
         back-fov: back-fov
         front-shift: front-shift
@@ -112,8 +112,8 @@ WRONG = [
         """
         lights: lights
         inverted-normals: inverted-normals
-        srgb-for-linear: wrong-encoding wrong-transfer
-        gamma-for-linear: wrong-encoding wrong-transfer
+        srgb-for-linear: srgb-read-as-linear linear-read-as-srgb
+        gamma-for-linear: gamma wrong-transfer
         flat-normals: flat-normals
         """,
     ),

@@ -20,7 +20,7 @@ from xfrustum.compare.sampling import RandomSample
 from xfrustum.compare.scout import Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reports import recommend as recommend_module
-from xfrustum.reports.recommend import DEPTH, EYES, PIXELS, Recommendation, for_display, recommend
+from xfrustum.reports.recommend import DEPTH, EYE, PIXELS, Recommendation, for_display, recommend
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Scene, open_scene
 
 D16 = [(DepthFormat.D16, DepthMapping.STANDARD)]
@@ -112,7 +112,7 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) ->
     pixels = replace(both, eyes=None, pixels_count=False)
     assert pixels.binds == PIXELS and shlex.split(pixels.commands[1])[1] == "survey"
     eyes = replace(both, pixels_count=False)
-    assert eyes.eyes is not None and eyes.binds == EYES and eyes.chosen is eyes.eyes.plan
+    assert eyes.eyes is not None and eyes.binds == EYE and eyes.chosen is eyes.eyes.plan
     only_asked_for = "counts only with --tolerance-px"
     assert only_asked_for in eyes.paragraph and only_asked_for not in both.paragraph
     # The noise of the replay is kept as a margin.
@@ -163,11 +163,14 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert main(asked) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "recommend.json").read_text())
-    assert printed["binds"] == EYES and printed["within"] and printed["near"] == printed["eyes"]["near"]
-    quantiles = list(printed["largest_near"]["hogels"].values())
+    assert printed["binds"] == EYE and printed["within"] and not printed["split"]
+    assert printed["near"][0] <= printed["near"][1] == printed["plans"]["eye"]["near"]
+    assert printed["limits"]["depth"] <= printed["near"][0] and printed["near"][1] < printed["limits"]["eye"]
+    assert printed["plate"] == printed["plans"]["eye"]["plate"] and "--near" in printed["command"]
+    quantiles = list(printed["hogels"].values())
     assert quantiles == sorted(quantiles)
     page = (out / "index.html").read_text()
-    assert printed["paragraph"] in page.replace("&#39;", "'")
+    assert printed["sentence"] in page.replace("&#39;", "'")
 
 
 def test_nears_of_thousands_are_drawn(both: Recommendation, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -152,21 +152,33 @@ BACK, MIDDLE, FRONT = "pebble crate", "band scarf", "buoy lamp"
 """Names of the objects behind the plate, of those that pass through it, and before it, in both scenes."""
 
 COLORS = (RGB,)
-TRANSFER = "wrong-transfer wrong-encoding"
+TRANSFER = "srgb-read-as-linear linear-read-as-srgb gamma wrong-transfer wrong-encoding"
 SAME = np.eye(3)
 
 SLIPS: dict[str, Slip] = {
     # Axes.
-    "z-negated": Slip(words="z is negated", names="axes", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+    "z-negated": Slip(
+        words="z is negated", names="axes-exchanged", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))
+    ),
     "yz-exchanged": Slip(
         words="y and z are exchanged, which mirrors the scene",
-        names="axes",
+        names="axes-exchanged",
         world=axes((1, 0, 0), (0, 0, 1), (0, 1, 0)),
     ),
-    "z-up": Slip(words="z up is taken for y up", names="axes", world=axes((1, 0, 0), (0, 0, 1), (0, -1, 0))),
-    "y-up": Slip(words="y up is taken for z up", names="axes", world=axes((1, 0, 0), (0, 0, -1), (0, 1, 0))),
+    "z-up": Slip(
+        words="z up is taken for y up",
+        names="axes-exchanged",
+        world=axes((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    ),
+    "y-up": Slip(
+        words="y up is taken for z up",
+        names="axes-exchanged",
+        world=axes((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    ),
     "xy-exchanged": Slip(
-        words="x and y are exchanged", names="axes", world=axes((0, 1, 0), (1, 0, 0), (0, 0, 1))
+        words="x and y are exchanged",
+        names="axes-exchanged",
+        world=axes((0, 1, 0), (1, 0, 0), (0, 0, 1)),
     ),
     # Through a centered frustum the pictures are those of mirrored films in a mirrored order.
     "x-negated": Slip(
@@ -260,17 +272,17 @@ SLIPS: dict[str, Slip] = {
     ),
     "exchanged": Slip(
         words="two hogels are exchanged",
-        names="exchanged-hogels",
+        names="hogels-exchanged",
         place=lambda w, i, j: {(1, 0): (2, 0), (2, 0): (1, 0)}.get((i, j), (i, j)),
     ),
     "odd-columns": Slip(
         words="odd columns of hogels are half a pitch too high",
-        names="shifted-rows shifted-columns",
+        names="rows-shifted columns-shifted",
         mistakes=lambda w, i, j: Mistakes(aperture=(0.0, 0.5 * (i % 2))),
     ),
     "jitter": Slip(words="apertures are off at random by 0.2 hogels", names="jitter", mistakes=jittered),
     # Pixels.
-    "odd-rows": Slip(words="odd rows are shifted by one pixel", names="shifted-rows", change=odd_rows),
+    "odd-rows": Slip(words="odd rows are shifted by one pixel", names="rows-shifted", change=odd_rows),
     "three-quarters-nearest": Slip(
         words="drawn at 0.75 of the size, nearest",
         names="resampled",

@@ -368,6 +368,6 @@ for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
 
 # Light.
 add("lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,))
-add("gamma", "sRGB given as linear", changed(gamma), {RGB: "wrong-encoding"}, (RGB,))
+add("gamma", "sRGB given as linear", changed(gamma), {RGB: "srgb-read-as-linear"}, (RGB,))
 add("headlight", "another light, no ambient", Mistakes(light="head"), {}, (RGB,))
 add("relit", "another light", Mistakes(light="other"), {}, (RGB,))

@@ -44,9 +44,9 @@ def twice(radiance: Floats) -> Floats:
 @pytest.mark.parametrize(
     ("written", "stated", "expected"),
     [
-        (encoding_curve, Encoding.RGB, ("wrong-encoding", "srgb")),
-        pytest.param(linear, Encoding.SRGB, ("wrong-encoding", "rgb"), marks=pytest.mark.slow),
-        pytest.param(gamma, Encoding.RGB, ("wrong-transfer", "gamma 2.2"), marks=pytest.mark.slow),
+        (encoding_curve, Encoding.RGB, ("srgb-read-as-linear", "srgb")),
+        pytest.param(linear, Encoding.SRGB, ("linear-read-as-srgb", "rgb"), marks=pytest.mark.slow),
+        pytest.param(gamma, Encoding.RGB, ("gamma", "gamma 2.2"), marks=pytest.mark.slow),
         pytest.param(twice, Encoding.SRGB, ("wrong-transfer", "sRGB, encoded twice"), marks=pytest.mark.slow),
         # Dark levels lose what they mean: a level of the file is many of the radiance.
         pytest.param(decoding_curve, Encoding.RGB, ("wrong-transfer", DECODED), marks=pytest.mark.slow),

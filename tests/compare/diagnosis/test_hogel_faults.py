@@ -51,7 +51,7 @@ def test_exchanged_hogels_are_named(tmp_path: Path) -> None:
         return drawn(world, *{(1, 1): (2, 0), (2, 0): (1, 1)}.get((i, j), (i, j)))
 
     (fault,) = found_in(draw, tmp_path).values()
-    assert fault.fault == "exchanged-hogels"
+    assert fault.fault == "hogels-exchanged"
     assert fault.words == "hogel 2,0 shows 1,1's image; hogel 1,1 shows 2,0's image"
 
 
@@ -63,7 +63,7 @@ def test_rows_that_are_shifted_are_named(tmp_path: Path) -> None:
         return right
 
     (fault,) = found_in(draw, tmp_path).values()
-    assert (fault.fault, fault.value) == ("shifted-rows", 1.0)
+    assert (fault.fault, fault.value) == ("rows-shifted", 1.0)
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_apertures_with_offsets_of_their_own_are_named(tmp_path: Path, *, stagge
         return drawn(world, i, j, Mistakes(aperture=(0.0, 0.5 * (i % 2)) if staggered else (right, up)))
 
     (fault,) = found_in(draw, tmp_path).values()
-    assert fault.fault == ("shifted-columns" if staggered else "jitter")
+    assert fault.fault == ("columns-shifted" if staggered else "jitter")
     assert not staggered or "odd columns" in fault.words
 
 
@@ -91,11 +91,11 @@ def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path, sca
     found = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
     where = found.summary()["where"]
     assert not found.diagnosis.faults
-    assert where["column"]["0"]["wrong"] == where["row"]["1"]["wrong"] == 0
-    assert where["column"]["2"]["wrong"] == where["row"]["0"]["wrong"] > 0
-    assert set(where["side"]) >= {"before", "behind"}
-    assert sum(one["wrong"] for one in where["side"].values()) == where["row"]["0"]["wrong"]
-    assert "3 (buoy)" in where["object"]
+    assert where["shares"]["column"]["0"]["wrong"] == where["shares"]["row"]["1"]["wrong"] == 0
+    wrong = where["shares"]["row"]["0"]["wrong"]
+    assert where["shares"]["column"]["2"]["wrong"] == sum(where["sides"].values()) == wrong > 0
+    assert where["sides"]["front"] > 0 and where["sides"]["back"] > 0 and "3 (buoy)" in where["objects"]
+    assert where["hogels"] == [[wrong if (i, j) == (2, 0) else 0 for i in range(3)] for j in range(2)]
     assert "wrong by column of hogels: 2 " in table(found)
     assert "by column of hogels: 2 " in render_page(found)
 
