@@ -24,6 +24,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
 from xfrustum.compare.run import Judge
 from xfrustum.raster import Rasterizer
+from xfrustum.raster.device.context import describe, open_context
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
@@ -55,12 +56,19 @@ def scene_record(scene: Scene) -> Record:
 
 
 def machine_record(*, tracers: bool = False) -> Record:
-    """Return the machine and the versions of the libraries, those of the tracers included if asked for."""
+    """Return machine, where its arrays lie, OpenGL renderer, and versions, those of tracers if asked.
+
+    InputError where there is no usable OpenGL.
+    """
     versions = provenance.versions()
     if tracers:
         versions |= mitsuba_backend().versions
         versions |= {name: version(name) for name in ("drjit", "embreex", "trimesh")}
-    return {"machine": provenance.machine(), "versions": versions}
+    context = open_context()
+    renderer = describe(context)["renderer"]
+    context.release()
+    machine = provenance.machine()
+    return {"machine": machine, "arrays": machine["arrays"], "renderer": renderer, "versions": versions}
 
 
 def settings_of(scene: Scene) -> DoubleFrustum:
@@ -124,7 +132,7 @@ def rates_table(title: str, races: Sequence[Record], key: str, more: Iterable[Se
 def report(head: Iterable[str], tables: Iterable[str], found: Record, meanings: Mapping[str, str]) -> str:
     """Return a benchmark as text: what was measured and where, its tables, and what its names mean."""
     where = f"{found['machine']['cores']} cores of {found['machine']['processor']}"
-    where += f"; arrays on {found['machine']['arrays']}"
+    where += f"; arrays on {found['arrays']}, drawing by {found['renderer']}"
     devices = {name: f" (on {device})" for name, device in found["devices"].items()}
     legend = "\n".join(f"{name}{devices.get(name, '')}: {meaning}" for name, meaning in meanings.items())
     return "\n\n".join(("\n".join((*head, where)), *tables, legend))

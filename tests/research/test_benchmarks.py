@@ -52,6 +52,7 @@ def assert_table(text: str, heading: str, names: dict[str, str], found: dict[str
     assert any(line.startswith(heading) for line in lines)
     assert all(sum(line.startswith(name) for line in lines) >= 2 for name in names)
     assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
+    assert found["arrays"] == array_device() and found["renderer"] in text
 
 
 def assert_race(made: dict[str, Any], key: str, meanings: dict[str, str], ends: tuple[str, str]) -> None:
@@ -70,7 +71,7 @@ def assert_race(made: dict[str, Any], key: str, meanings: dict[str, str], ends: 
 def test_truth_says_every_rate(told: Told) -> None:
     found, text = told("truth", "crossing", "--resolution", "8,12", "--repeat", "2")
     assert_table(text, "crossing, 10,598 triangles", benchmarks.TRUTH_MEANINGS, found)
-    assert set(found) == {"scene", "repeat", "meanings", "devices", "races", "machine", "versions"}
+    assert {"scene", "repeat", "meanings", "devices", "races", "machine", "versions"} < set(found)
     assert set(found["devices"]) == set(benchmarks.TRUTH_MEANINGS)
     assert found["devices"]["truth"] == found["machine"]["arrays"] == array_device()
     assert found["scene"]["name"] == "crossing" and found["repeat"] == 2
