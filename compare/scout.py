@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -198,6 +199,11 @@ class AutoApertures:
     def apertures(self) -> tuple[Aperture, ...]:
         """The apertures alone, in the order of `chosen`."""
         return tuple(one.aperture for one in self.chosen)
+
+    @property
+    def record(self) -> list[dict[str, Any]]:
+        """The chosen apertures as they are written."""
+        return [{"aperture": one.aperture.index, "why": one.why} for one in self.chosen]
 
     @classmethod
     def of(cls, scout: Scout) -> AutoApertures:

@@ -130,7 +130,6 @@ class Rasterizer(ContextOwner):
         self.device = describe(self._context)
         self.model = model or model_of(self.device)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
-        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:
             check_room(scene, self.device["renderer"], vertex_bytes=POSITION_BYTES)
         except InputError:
@@ -228,8 +227,7 @@ class Rasterizer(ContextOwner):
         image = HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
-            # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
-            object=np.asarray(self._object_of_number[triangle]),
+            object=np.asarray(self.scene.object_of_number[triangle]),
             position=position,
             normal=normals_of(self.scene, triangle) if normals else None,
             color=seen,

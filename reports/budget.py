@@ -1,6 +1,5 @@
 """`xfrustum budget`: the error of one image link by link, as numbers, text, a page and pictures."""
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from xfrustum.compare.scout import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object, json_ready, progress_bar, write_files
-from xfrustum.reports.common.provenance import aperture_option
+from xfrustum.reports.common.provenance import aperture_option, scene_command, settings_words
 from xfrustum.reports.common.templates_environment import address, html_page, png
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.images import CAUSE_COLORS, UNEXPLAINED_COLOR
@@ -254,13 +253,8 @@ def _three_digits(value: float | None) -> str:
 
 def command(report: BudgetReport) -> str:
     """Return the command that makes this budget again."""
-    scene, aperture, settings = report.scene, report.aperture, report.settings
-    words = ["xfrustum", "budget", scene.source or scene.name, *aperture_option(scene, aperture)]
-    usual = {**vars(DoubleFrustum(near=settings.near)), "near": None}
-    for name, value in vars(settings).items():
-        if value != usual[name]:
-            words += [f"--{name}", ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)]
-    return shlex.join(words)
+    words = [*aperture_option(report.scene, report.aperture), *settings_words(report.settings)]
+    return scene_command("budget", report.scene, *words)
 
 
 def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:

@@ -27,7 +27,6 @@ from xfrustum.reports.common.outputs import json_object, progress_bar, write_fil
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_REPETITIONS, Timing
 from xfrustum.reports.error_report.best import DISPLACEMENT_TIE_PX, where_it_lies
-from xfrustum.reports.scout import choices
 from xfrustum.scenes import Aperture, HogelImage, InputError, Scene
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
@@ -104,7 +103,7 @@ class CostReport(Shown):
             {
                 "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
                 "aperture": self.aperture.index,
-                "apertures": choices(self.auto),
+                "apertures": self.auto and self.auto.record,
                 "rows": [
                     {
                         "renderer": one.renderer,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports import planning
 from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import write_files
-from xfrustum.reports.common.provenance import plate_command, settings_words, versions
+from xfrustum.reports.common.provenance import plate_command, scene_command, settings_words, versions
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
@@ -185,16 +184,15 @@ class Recommendation:
         settings = self.chosen.settings
         if settings is None:
             return ()
-        options, source = settings_words(settings), self.scene.source or self.scene.name
-        confirm = ["survey", source, *options, "--out", "survey"]
+        verb, words = "survey", [*settings_words(settings), "--out", "survey"]
         if self.chosen is self.pixels:
-            confirm += ["--tolerance-px", f"{self.requirement.tolerance_px:g}"]
+            words += ["--tolerance-px", f"{self.requirement.tolerance_px:g}"]
         if self.eyes is not None:
             viewer, display = self.eyes.requirement.viewer, self.eyes.requirement.display
             apart = viewer.eyes_apart_mm / (display.millimeters or 1)
             seen = ["--eye", f"0,0,{viewer.distance:g}", "--stereo", f"{apart:g}"]
-            confirm = ["view", source, *seen, *options, "--out", "seen"]
-        return plate_command(self.scene, settings), shlex.join(["xfrustum", *confirm])
+            verb, words = "view", [*seen, *settings_words(settings), "--out", "seen"]
+        return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
 
     def summary(self) -> dict[str, Any]:
         """Return what `recommend --json` prints."""

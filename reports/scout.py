@@ -45,11 +45,6 @@ def notes(auto: AutoApertures) -> list[str]:
     return [*lines, *every]
 
 
-def choices(auto: AutoApertures | None) -> list[dict[str, Any]] | None:
-    """Return how chosen apertures are written; None where nothing was to be chosen."""
-    return None if auto is None else [{"aperture": one.aperture.index, "why": one.why} for one in auto.chosen]
-
-
 def scout_record(auto: AutoApertures) -> dict[str, Any]:
     """Return how the scout of a plate is written: what was looked through, and what was chosen."""
     looks = auto.scout.looks
@@ -59,7 +54,7 @@ def scout_record(auto: AutoApertures) -> dict[str, Any]:
         "scouted": len(looks),
         "blocked": auto.blocked,
         "lines": FILM_PIXELS**2,
-        "chosen": choices(auto),
+        "chosen": auto.record,
         "looks": [
             {"aperture": one.aperture.index} | {name: getattr(one, name) for name in names} for one in looks
         ],

@@ -36,7 +36,7 @@ from xfrustum.reference.tracers.proposals import pixel_rays
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.common.timing import Timing, race
-from xfrustum.scenes import NOTHING, Aperture, DoubleFrustum, HogelImage, InputError, Scene
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library.targets import globes
@@ -298,13 +298,13 @@ def judged_plainly(
     Each has the share of pixels with another object, and the 99th percentile of displacement, px.
     """
     scene = rasterizer.scene
-    object_of_number, found = np.append(scene.object_of_triangle, np.int32(NOTHING)), []
+    found = []
     for aperture in apertures:
         drawn = bare_frame(rasterizer, aperture)
         pencil = crossed_frustum(scene.frustum, aperture)
         width, height = pencil.resolution
         first = mesh.intersects_first(*film_rays(scene, aperture))
-        wrong = object_of_number[first] != drawn.object.ravel()
+        wrong = scene.object_of_number[first] != drawn.object.ravel()
         with np.errstate(invalid="ignore", divide="ignore"):
             place = pixel_places(drawn.position.reshape(-1, 3).astype(np.float64), pencil)
         row, column = np.divmod(np.arange(width * height), width)

@@ -138,9 +138,8 @@ class Collector:
 
     def finish(self) -> EyeImage:
         """Return the picture of all hogels that were added."""
-        known = np.append(self._scene.object_of_triangle, np.int32(NOTHING))
         named = self._triangle != NOTHING
-        self._object[named] = known[self._triangle[named]]
+        self._object[named] = self._scene.object_of_triangle[self._triangle[named]]
         position: Floats = self._position
         if self._settings is not None:
             points = drawn_points(self._scene, self._settings, self._taken.shown, self._triangle)

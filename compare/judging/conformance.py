@@ -129,7 +129,7 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
     return HogelImage(
         camera=camera,
         triangle=triangle,
-        object=np.append(scene.object_of_triangle, np.int32(NOTHING))[triangle],
+        object=scene.object_of_number[triangle],
         position=np.full((*triangle.shape, 3), np.nan),
         companions=arrays["companions"],
         color=arrays.get("color"),
@@ -171,8 +171,8 @@ def judged(
     else:
         objects = image.object
         if not (objects != NOTHING).any():  # OpenEXR may name triangles alone
-            known = np.append(scene.object_of_triangle, np.int32(NOTHING))
-            objects = known[np.where(image.triangle < len(scene.faces), image.triangle, NOTHING)]
+            known = np.where(image.triangle < len(scene.faces), image.triangle, NOTHING)
+            objects = scene.object_of_number[known]
         differs = truth.object != objects
         shown = (truth.object != NOTHING) | (objects != NOTHING)
     excused = differs & (_beside_edges(scene, cameras, truth, differs) | _ties(truth))

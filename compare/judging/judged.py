@@ -462,7 +462,7 @@ class _Compared:
         answer = pictures.trace_drawn(reference, question, aperture)
         # A number below every number is as strange as one above them, and safer to look up.
         triangle = upright(np.where(image.triangle < NOTHING, len(scene.faces), image.triangle))
-        objects = np.append(scene.object_of_triangle, np.int32(NOTHING))[existing_triangles(triangle, scene)]
+        objects = scene.object_of_number[existing_triangles(triangle, scene)]
         turned = HogelImage(
             camera=reference.camera(aperture),
             triangle=triangle.astype(np.int32),

@@ -145,13 +145,12 @@ class Plan(Shown):
             dict.fromkeys(one.name for one in fields(Quality)),
         )
         del told["auto"]
-        chosen = self.auto and [{"aperture": one.aperture.index, "why": one.why} for one in self.auto.chosen]
         return told | {
             "slabs": list(self.slabs),
             "predicted": told["predicted"] or unknown,
             "measured": told["measured"] or unknown,
             "plate": self.plate and self.plate.summary(),
-            "apertures": chosen,
+            "apertures": self.auto and self.auto.record,
         }
 
     def _said(self) -> str:

@@ -184,11 +184,10 @@ class Surfaces:
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
     """Return a layer as the image of an aperture."""
-    objects = np.append(reference.scene.object_of_triangle, np.int32(NOTHING))
     return HogelImage(
         camera=reference.camera(aperture),
         triangle=shown.triangle,
-        object=objects[shown.triangle],
+        object=reference.scene.object_of_number[shown.triangle],
         position=shown.position,
         certainty=shown.certainty,
     )

@@ -141,8 +141,6 @@ class EyeReference:
         one_of(scene, Scene, "scene")
         self.scene = scene
         self._shader = Shader(scene, effects)
-        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
-        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
 
     def pencil(self, eye: Eye) -> Pencil:
         """Return the rays through the center of an eye's pupil."""
@@ -234,7 +232,7 @@ class EyeReference:
         return EyeImage(
             eye=eye,
             triangle=triangle,
-            object=self._object_of_number[triangle],
+            object=self.scene.object_of_number[triangle],
             position=position,
             color=None if color is None else color.astype(np.float32),
             certainty=certainty,

@@ -34,10 +34,15 @@ def machine() -> dict[str, str]:
     }
 
 
+def scene_command(verb: str, scene: Scene, *words: str) -> str:
+    """Return a command about a scene, quoted for a shell."""
+    return shlex.join(["xfrustum", verb, scene.source or scene.name, *words])
+
+
 def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
     """Return the command that draws an aperture with these settings, quoted for a shell."""
-    words = ["xfrustum", "raster", scene.source or scene.name, *aperture_option(scene, aperture)]
-    return shlex.join([*words, *settings_words(settings), "--out", "raster.exr"])
+    words = [*aperture_option(scene, aperture), *settings_words(settings)]
+    return scene_command("raster", scene, *words, "--out", "raster.exr")
 
 
 def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
@@ -47,29 +52,29 @@ def aperture_option(scene: Scene, aperture: Aperture) -> list[str]:
 
 def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
     """Return the command that draws the whole plate with these settings, quoted for a shell."""
-    source = scene.source or scene.name
-    words = ["plate", source, *settings_words(settings), "--out", f"{Path(source).stem}.zarr"]
-    return shlex.join(["xfrustum", *words])
-
-
-def plan_command(scene: Scene) -> str:
-    """Return the command that asks which settings hold for the whole plate, quoted for a shell."""
-    return shlex.join(["xfrustum", "plan", scene.source or scene.name])
+    out = f"{Path(scene.source or scene.name).stem}.zarr"
+    return scene_command("plate", scene, *settings_words(settings), "--out", out)
 
 
 def settings_words(settings: DoubleFrustum) -> list[str]:
-    """Return the options that name settings; nothing for usual cameras."""
-    words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
+    """Return the options that name settings, to the last digit; nothing for usual cameras."""
+    words = ["--near", _number(settings.near), "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
     usual = DoubleFrustum(near=settings.near)
-    for name in ("pivot", "fit", "offset", "slabs", "cull"):
+    for name in ("pivot", "fit", "offset", "slabs", "camera", "cull"):
         value = getattr(settings, name)
         # Options that are left out have their usual values.
         if value != getattr(usual, name):
             every = value if isinstance(value, tuple) else (value,)
-            texts = (f"{one:g}" if isinstance(one, float) else str(one) for one in every)
+            texts = (_number(one) if isinstance(one, float) else str(one) for one in every)
             words += [f"--{name}", ",".join(texts)]
     return words
+
+
+def _number(value: float) -> str:
+    """Write a number as people do, and with all its digits where six are not it."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
 
 
 def unexamined_truth(tracer: str) -> str:

@@ -255,7 +255,7 @@ class Sweep:
             return ""
         return (
             f"Measured at {measured:,} of {hogels:,} hogels, and others may need other settings: "
-            f"{provenance.plan_command(self.scene)} says what holds for the whole plate."
+            f"{provenance.scene_command('plan', self.scene)} says what holds for the whole plate."
         )
 
     @property
@@ -542,7 +542,7 @@ def report_content(measured: Sweep, said: str, command: str) -> dict[str, Any]:
             "sentence": said,
             **recommended(measured.best),
             "command": command,
-            "plan_command": provenance.plan_command(scene),
+            "plan_command": provenance.scene_command("plan", scene),
             "confidence": CONFIDENCE,
         },
         "best_per_depth": list(map(recommended, best.best_per_depth(measured.rows))),

@@ -250,6 +250,11 @@ class Scene(Shown):
         return read_only(np.repeat(np.arange(len(counts), dtype=np.int32), counts))
 
     @cached_property
+    def object_of_number(self) -> Numbers:
+        """(F + 1,) object number by triangle number as images have it: -1, `NOTHING`, finds itself."""
+        return read_only(np.append(self.object_of_triangle, np.int32(-1)))
+
+    @cached_property
     def triangles(self) -> Floats:
         """(F, 3, 3) corner positions: triangle, corner, coordinate."""
         return read_only(self.vertices[self.faces])
