@@ -15,6 +15,7 @@ from xfrustum.reference.memory import BAND_PIXELS, PIXEL_BYTES
 from xfrustum.reports.common.outputs import progress_bar
 from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.disk.input_files import in_words
 from xfrustum.scenes.files.exr import image_writer, write_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import Certainty, Rendering
@@ -35,18 +36,15 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     if pixels * each < LARGE_PIXELS:
         return None
 
-    def size(count: float) -> str:
-        return f"{count / 2**30:,.1f} GiB" if count >= 2**30 else f"{count / 2**20:,.0f} MiB"
-
     parts = [f"{width} x {height} are {pixels / 1e6:,.1f} million pixels"]
     if each > 1:
         parts.append(f"each is the mean of {each:,} {kind}")
     else:
         rows = min(height, max(1, BAND_PIXELS // width))
-        memory = size(PIXEL_BYTES * rows * width)
+        memory = in_words(PIXEL_BYTES * rows * width)
         parts.append(f"traced in {-(-height // rows):,} bands, in about {memory} of memory beside the scene")
     file_bytes = pixels * (FILE_BYTES + (VARIANCE_BYTES if transported else 0))
-    parts.append(f"the file takes at most {size(file_bytes)}")
+    parts.append(f"the file takes at most {in_words(file_bytes)}")
     return "; ".join(parts)
 
 

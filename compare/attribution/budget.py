@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -313,10 +312,6 @@ class Budget(Shown):
             prediction_reasons=self.reasons,
             device_model=self.start.device.name,
         )
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `budget --json` prints them."""
-        return asdict(self.numbers)
 
     def _said(self) -> str:
         unexplained = self.explanation.counts()["unexplained"]

@@ -8,8 +8,7 @@ bend, which belongs to a point and not to a pixel, is counted once:
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 """
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,10 +104,6 @@ class RadianceBudget(Brief):
             ),
             total=changed(self.change.total),
         )
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `budget --json` prints them."""
-        return asdict(self.numbers)
 
 
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:

@@ -23,6 +23,7 @@ from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneOb
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.notebook import aligned
 
 Compute = Callable[..., Iterator[ExactRows]]  #: map, here or in other processes
 MAX_TASK_PIXELS = 1 << 13
@@ -134,11 +135,11 @@ def table(check: SelfCheck) -> str:
     of_scene: dict[str, list[ViewCheck]] = {}
     for view in check.views:
         of_scene.setdefault(view.scene, []).append(view)
-    width = max(len(name) for name in of_scene)
-    lines = [" ".join([f"{'scene':<{width}}", "apertures", *(f"{title:>13}" for title in COUNTS.values())])]
+    rows = [("scene", "apertures", *COUNTS.values())]
     for name, group in (*of_scene.items(), ("all", list(check.views))):
         sums = (sum(getattr(view, count) for view in group) for count in COUNTS)
-        lines.append(" ".join([f"{name:<{width}}", f"{len(group):>9}", *(f"{n:>13,}" for n in sums)]))
+        rows.append((name, str(len(group)), *(f"{n:,}" for n in sums)))
+    lines = [aligned(rows)]
     if one := check.sphere:
         lines.append(
             f"sphere of {one.triangles:,} triangles, lines from its center: {one.vertices:,} vertices, "

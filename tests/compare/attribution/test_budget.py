@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 
@@ -91,7 +91,7 @@ def some_kinds(name: str) -> list[DoubleFrustum]:
 
 
 def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) -> None:
-    assert [(settings, b.summary()) for settings, _, b in found if b.explanation.unexplained.any()] == []
+    assert [(settings, b.numbers) for settings, _, b in found if b.explanation.unexplained.any()] == []
     for _, _, budget in found:
         charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
         assert sum(charged) == budget.wrong
@@ -148,7 +148,7 @@ def test_each_traced_link_is_as_predicted(name: str) -> None:
     settings = reversed_d32f(1e-3 * reach)
     settings = replace(settings, slabs=(0.3 * reach,), pivot=Pivot.CAMERA, fit=Fit.ANGLE)
     [(_, _, budget)] = budgets(name, [settings])
-    links = budget.summary()["links"]
+    links = asdict(budget.numbers)["links"]
     for link in links[:4]:
         predicted, measured = link["predicted_displacement_rms_px"], link["displacement_rms_px"]
         # The closed form is of first order in n / |z|, and averages over the truth's pixels.
@@ -233,7 +233,7 @@ def test_the_command_of_a_budget_makes_it_again() -> None:
 
 def test_the_table_has_prediction_measurement_and_ratio() -> None:
     [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
-    link = budget.summary()["links"][0]
+    link = asdict(budget.numbers)["links"][0]
     predicted = [line for line in table(budget).splitlines() if line.startswith("near offset")][-1]
     ratio = link["surface"] / link["predicted_surface"]
     shown = [f"{link['surface']}", f"{link['predicted_surface']:.0f}", f"{ratio:.3g}"]
@@ -316,7 +316,7 @@ def test_8_bit_output_costs_half_a_level_at_most() -> None:
     before, after = steps[:-1].sum(axis=0), steps.sum(axis=0)
     # The decoding curve is steepest at one: 2.4 / 1.055.
     assert np.abs(after - before).max() <= 0.5 / 255 * 2.4 / 1.055
-    assert budget.summary()["links"][-1]["rms"] > 0
+    assert (budget.numbers.links[-1].rms or 0.0) > 0
 
 
 def test_averages_are_taken_apart_like_single_samples() -> None:
