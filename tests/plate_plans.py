@@ -10,12 +10,11 @@ from typing import Any
 from scipy.stats import beta
 
 from tests.support.scene_file import film, named, part
-from tests.support.views import SHARED
+from tests.support.views import view
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.planning import make_plan
-from xfrustum.reports.scene_check.new_scene import new_scene
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import InputError, Scene, open_scene
 
@@ -82,17 +81,11 @@ def try_plan(scene: Scene, hogels: int, requirement: Requirement) -> Trial:
 
 
 def opened(name: str, resolution: int) -> Scene:
-    """Return a scene by name or path, one of `SHAPES`, or a mesh beside the checkout, with a square film.
-
-    A mesh is scaled to 60 mm, and gets the scene that `xfrustum new` fits to it.
-    """
-    mesh, file = SHARED / "data" / name, SHARED / "scenes" / f"{name}.toml"
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.toml"
-        if name in SHAPES:
+    """Return a built-in scene, one of `SHAPES`, or one beside the checkout, with a square film."""
+    if name in SHAPES:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "scene.toml"
             path.write_text(named(name, "mm") + FILM + SHAPES[name])
-        elif mesh.is_file():
-            new_scene(mesh.resolve(), path, units="mm", size=60.0)
-        known = str(path) if path.is_file() else str(file) if file.is_file() else name
-        scene = open_scene(known)
-    return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
+            scene = open_scene(str(path))
+        return replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
+    return view(name, (resolution, resolution))

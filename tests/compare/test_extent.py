@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import xfrustum
 from tests.support.long_tail import examples, thinned
 from tests.support.scene_file import film, named, part
 from tests.support.views import soup
@@ -23,7 +22,7 @@ from xfrustum.compare.extent import (
     warnings,
 )
 from xfrustum.reference import Reference
-from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.library import builtin, hard_cases
 from xfrustum.scenes.plate.plate import Screen
 
@@ -116,13 +115,6 @@ def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> N
     assert found.sight.middle and not any(found.sight.corners)
 
 
-def test_a_wall_beside_the_frustum_is_out_of_view_though_its_box_is_not() -> None:
-    wall = one([(9.0, -1.0, -1.0), (40.0, -1.0, -14.0), (40.0, 1.0, -14.0)])
-    here = Aperture(column=0, row=0, x=0.0, y=0.0)
-    assert not in_view(wall, CENTERED, here)
-    assert in_view(wall, CENTERED, Aperture(column=0, row=0, x=12.0, y=0.0))
-
-
 @examples(60)
 @given(
     st.lists(st.floats(-4, 4), min_size=9, max_size=9),
@@ -185,13 +177,6 @@ def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
-def test_a_tiny_mesh_that_is_seen_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = write(tmp_path, 0.1, [0.0, 0.0, 0.0])
-    assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
-    error = capsys.readouterr().err
-    assert "0.1 x 0.1 x 0.1 mm, and the plate is 80 mm wide" in error and error.count("\n") == 1
-
-
 @pytest.mark.parametrize("command", ["trace", "raster", "plate"])
 def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -202,15 +187,6 @@ def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
     assert main([command, scene, *where, *COMMANDS[command]]) == 0
     error = capsys.readouterr().err
     assert "warning: scene: aperture 0,3 sees nothing" in error and "to the right" in error
-
-
-def test_the_hard_case_that_is_empty_on_purpose_is_still_traced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("hard/only-out-of-reach", "hard/nothing", "empty"):
-        out = str(tmp_path / f"{name.replace('/', '-')}.exr")
-        assert main(["raster", name, "--near", "0.1", "--out", out]) == 0
-        assert ("warning" in capsys.readouterr().err) == (name == "hard/only-out-of-reach")
 
 
 def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
@@ -231,15 +207,3 @@ def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() 
         scene = open_scene(name)
         assert unseen_sentence(scene, scene.default_apertures()) is None
         assert bool(warnings(scene)) == (name == "large-triangles")
-
-
-def test_functions_refuse_it_where_it_is_asked(tmp_path: Path) -> None:
-    scene = open_scene(write(tmp_path, *FAR))
-    for ask in (
-        lambda: xfrustum.make_plan(scene),
-        lambda: xfrustum.make_report(scene, tmp_path / "out"),
-        lambda: xfrustum.explain(scene, repeat=0),
-        lambda: xfrustum.verify(scene, lambda scene, aperture: None),
-    ):
-        with pytest.raises(InputError, match="8,000 to 9,000 mm behind the plate"):
-            ask()

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.lit import ball, lit
 from tests.support.views import view
 from xfrustum.compare import scout as scouting
 from xfrustum.compare.scout import FILM_PIXELS, AutoApertures, Look, Scout, scout
 from xfrustum.reference import Reference
-from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes import Camera, DoubleFrustum, Frustum, Plate, Scene
+from xfrustum.scenes.appearance.appearance import Material
 
 RADIUS, GAP = 3.0, 0.25  #: radius of a ball, and its distance behind the plate
 
@@ -23,12 +24,9 @@ def ball_behind_a_plate() -> Scene:
     """A small ball close behind one place of a plate of 40 x 30 hogels."""
     plate = Plate(size=(40.0, 30.0), hogels=(40, 30))
     over = plate.aperture(*OVER)
-    unit = build_shape("sphere")
-    center = np.array([over.x, over.y, -GAP - RADIUS])
-    size = RADIUS / np.abs(unit.vertices).max()
-    ball = SceneObject(name="ball", vertices=unit.vertices * size + center, faces=unit.faces)
+    part = ball((over.x, over.y, -GAP - RADIUS), RADIUS, "paint")
     frustum = Frustum(resolution=(128, 96), fov=(math.radians(60), math.radians(45)), reach=(5.0, 50.0))
-    return Scene(name="ball", plate=plate, frustum=frustum, objects=(ball,))
+    return replace(lit(part, frustum=frustum, paint=Material()), plate=plate)
 
 
 @pytest.fixture(scope="module")

@@ -66,11 +66,7 @@ class Faulty:
     shift: tuple[float, float] = (0.0, 0.0)
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: float = 1.0
-    screen_center: tuple[float, float] | None = None
-    screen_height: float | None = None
-    recentered: bool = True
-    reversed_shears: frozenset[Camera] = frozenset()
-    aperture_offset: tuple[float, float] = (0.0, 0.0)
+
     near: float | None = None
     pivot: str = "aperture"
     fit: str = "angle"
@@ -94,9 +90,7 @@ class Faulty:
         columns, rows = scene.plate.hogels
         index = self.order.index(aperture.index, (columns, rows))
         asked = scene.plate.aperture(*index)
-        x, y = self.aperture_offset
-        there = replace(asked, x=asked.x * self.pitch + x, y=asked.y * self.pitch + y)
-        image = self._drawn(there)
+        image = self._drawn(replace(asked, x=asked.x * self.pitch, y=asked.y * self.pitch))
         turned = self.orientation.applied
         arrays: dict[str, Any] = {
             name: turned(getattr(image, name)) for name in ("triangle", "object", "color")
@@ -115,7 +109,7 @@ class Faulty:
         )
 
         def drawn(camera: Camera) -> HogelImage:
-            self.rasterizer.scene = replace(self.scene, frustum=self._film(aperture, camera))
+            self.rasterizer.scene = replace(self.scene, frustum=self._film(aperture))
             return self.rasterizer.render(aperture, replace(settings, camera=camera))
 
         if self.front == "missing":
@@ -137,7 +131,7 @@ class Faulty:
         }
         return replace(back, **arrays)
 
-    def _film(self, aperture: Aperture, camera: Camera) -> Frustum:
+    def _film(self, aperture: Aperture) -> Frustum:
         """Return the frustum whose pixels lie where this renderer samples."""
         frustum = self.scene.frustum
         height = -1.0 if frustum.screen is None else frustum.screen.height
@@ -145,13 +139,7 @@ class Faulty:
             center: tuple[float, float] = (aperture.x, aperture.y)
             size = tuple(2 * math.tan(angle / 2) for angle in frustum.fov)
         else:
-            center, size = self.screen_center or frustum.screen.center, frustum.screen.size
-            height = self.screen_height or height
-            if not self.recentered:
-                center = (aperture.x, aperture.y)
-            if camera in self.reversed_shears:
-                # On the plate's other side the screen is seen along k = (m - a) / ss of the other sign.
-                height = -height
+            center, size = frustum.screen.center, frustum.screen.size
         size = (size[0] * self.fov[0], size[1] * self.fov[1])
         # Behind the plate the film's u runs with the screen's x, in front of it against it.
         sign = math.copysign(1.0, -height)

@@ -25,6 +25,59 @@ force counts a displaced pixel from a whole pixel on only, and colors from a ten
 MUST_EXPLAIN = 0.9
 """Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
 
+Sizes = dict[str, float | str]
+
+OF_SCREENS: Sizes = {
+    "screen-height": 50.0,
+    "screen-center-x": 6.0,
+    "screen-center-y": -4.5,
+    "not-recentered": "no shear",
+    "shear-sign": "C*",
+}
+SIZES: dict[str, Sizes] = {
+    "half-pixel": {"shift-x": -0.5, "shift-y": -0.5},
+    "near": {"near": 2.0},
+    "near-small": {"near": 0.3},
+    "fov": {"fov-x": 1.05, "fov-y": 1.05},
+    "moved-x": {"scene-offset-x": 0.8},
+    "moved-y": {"scene-offset-y": -1.5},
+    "moved-z": {"scene-offset-z": 2.0},
+    "moved-all": {"scene-offset-x": 1.0, "scene-offset-y": 0.7, "scene-offset-z": -1.5},
+    "tenth": {"scene-scale": 0.1},
+    "front-near-offset": {"front-near-offset": 1.0},
+    "back-near-offset": {"back-near-offset": 1.0},
+    **dict.fromkeys(("screen-height", "screen-center", "not-recentered", "shear-sign"), OF_SCREENS),
+    "screen-height-near": {**OF_SCREENS, "near": 2.0},
+    "screen-center-near": {**OF_SCREENS, "near": 2.0},
+    "z-negated": {"z-negated": "x, y, -z"},
+    "yz-exchanged": {"axes-exchanged": "x, z, y"},
+    "equal-angles": {"equal-angles": "x and y"},
+    "equal-angles-y": {"equal-angles": "y"},
+    "fisheye": {"equal-angles": "radius"},
+    "barrel-weak": {"distortion": 0.03},
+    "barrel": {"distortion": 0.12},
+    "pincushion": {"distortion": -0.06},
+    "stale": {"stale-hogel": "hogel 1,1 shows 0,1's image"},
+    "exchanged": {"hogels-exchanged": "hogel 1,0 shows 2,0's image; hogel 2,0 shows 1,0's image"},
+    "odd-rows": {"rows-shifted": 1.0},
+    "object-right": {"object-moved": 0.6},
+    "object-forward": {"object-moved": 3.0},
+    "object-turned": {"object-turned": 3.0},
+}
+"""Sizes of mistakes, or words about them, by renderer and fault, where they are the same in all scenes."""
+
+
+def sizes_of(toy: str, world: World) -> Sizes:
+    """Return the sizes that must be told of a renderer's faults from triangle numbers."""
+    (width, height), (columns, rows), reach = world.size, world.hogels, world.reach
+    of_world: dict[str, Sizes] = {
+        "corners": {"aperture-offset-x": -width / columns / 2, "aperture-offset-y": height / rows / 2},
+        "starved": {"starved-depth": 1e-5 * max(reach)},
+        "clipped": {"reach-front": 0.6 * reach[0], "reach-back": 0.5 * reach[1]},
+    }
+    return of_world.get(toy) or SIZES.get(toy, {})
+
+
 CAN_TELL_NOTHING = ("cannot tell", "cannot be told")
 
 
@@ -47,7 +100,17 @@ class Finding:
     name: str
     explains: float | None  # Share of the wrong pixels, as `verify` says; None where it does not say
     alternatives: tuple[str, ...]
+    value: float | str
+    interval: tuple[float | None, float | None]
     words: str
+
+    def tells(self, size: float | str) -> bool:
+        """Whether the finding has a size: to a fiftieth of it and within its interval, or as its words."""
+        if isinstance(size, str):
+            return size == self.value or size in self.words
+        low, high = (size if end is None else end for end in self.interval)
+        inside = low - 1e-3 * abs(size) <= size <= high + 1e-3 * abs(size)
+        return inside and abs(float(self.value) - size) <= 0.02 * abs(size)
 
     @property
     def ambiguous(self) -> bool:
@@ -86,6 +149,14 @@ class Outcome:
     def all_named(self) -> bool:
         """Whether a name of each mistake was given."""
         return all(self.named(cause) for cause in TOYS[self.case.toy].causes(self.case.encoding))
+
+    @property
+    def wrong_sizes(self) -> tuple[str, ...]:
+        """Names of findings with another size than the renderer's mistake has."""
+        sizes = sizes_of(self.case.toy, world_of(self.case.scene))
+        return tuple(
+            one.name for one in self.findings if one.name in sizes and not one.tells(sizes[one.name])
+        )
 
     @property
     def false_pass(self) -> bool:
@@ -163,6 +234,8 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
             name=entry["fault"],
             explains=entry.get("explains"),
             alternatives=tuple(_names(entry.get("alternatives") or ())),
+            value=entry["value"],
+            interval=(entry["low"], entry["high"]),
             words=entry["words"],
         )
         for entry in said["diagnosis"]

@@ -9,15 +9,14 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, oblong, saying, small
-from tests.support.long_tail import kept
 from xfrustum.compare.diagnosis.diagnosis import Evidence, diagnose
 from xfrustum.compare.diagnosis.faults import TOGETHER, Fault, with_joint_numbers
 from xfrustum.compare.renderer_model.conventions import Orientation
-from xfrustum.compare.renderer_model.drawn_model import Back, DrawnModel, OneCamera, Recentering
-from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
-from xfrustum.scenes import Camera, Scene
+from xfrustum.scenes import Scene
 
 TURNED, REVERSED = Orientation(True, False, True), Orientation(False, True, False)
 ABOUT, EXCHANGED = Orientation(False, True, True), Orientation(True, False, True)
@@ -96,13 +95,6 @@ def assert_named(found: Verification, *names: str) -> None:
     assert found.summary()["corrected"]["causes"]["unexplained"] <= 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_single_fault_is_named_with_its_size_and_no_other(name: str) -> None:
-    # Few hogels show where the nearest surface wins.
-    assert_named(verified(name, apertures=None if name == "nearest" else SOME), name)
-
-
 @pytest.mark.parametrize("name", ["corners", "near", "missing"])
 def test_a_fault_of_sampling_of_the_cameras_or_of_composition_is_named_from_few_small_hogels(
     name: str,
@@ -159,42 +151,6 @@ def test_accepted_conventions_are_named_but_not_judged() -> None:
 
 # Pictures without numbers are registered with the reference's own.
 
-PICTURES: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
-    "nothing": ({}, {}),
-    "turned and exchanged": (
-        {"orientation": ABOUT, "order": EXCHANGED},
-        {"orientation": ABOUT.words[0], "aperture-order": EXCHANGED.words[1]},
-    ),
-    "corners": ({"shift": (-0.5, -0.5)}, {"shift-x": -0.5, "shift-y": -0.5}),
-    "fov": ({"fov": (0.98, 1.02)}, {"fov-x": 0.98, "fov-y": 1.02}),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shown", ["color", "object"])
-@pytest.mark.parametrize("case", PICTURES)
-def test_conventions_are_found_without_numbers_of_triangles(case: str, shown: str) -> None:
-    faults, expected = PICTURES[case]
-    scene = small("asymmetric", 64)
-    with Faulty(scene=scene, shown=shown, **faults) as renderer:
-        found = xfrustum.verify(scene, renderer)
-    named = {fault.fault: fault.value for fault in found.diagnosis.faults}
-    assert set(named) == set(expected)
-    for name, size in expected.items():
-        # A tenth of a pixel; a tenth of a percent.
-        error = 0.1 if "shift" in name else 1e-3
-        assert named[name] == (size if isinstance(size, str) else pytest.approx(size, abs=error))
-    assert found.passed == (not expected)
-
-
-def test_a_picture_turned_about_is_seen_without_numbers() -> None:
-    faults, expected = PICTURES["turned and exchanged"]
-    scene = small("asymmetric", 32)
-    with Faulty(scene=scene, shown="color", **faults) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=[(0, 0), (4, 0), (0, 3)])
-    named = {fault.fault: fault.value for fault in found.diagnosis.faults}
-    assert expected.items() <= named.items()
-
 
 # A recentered frustum's images do not tell all apart: moved screens, shifts, missing or reversed shears.
 
@@ -238,117 +194,7 @@ def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear()
     assert "images cannot tell" in fault.words
 
 
-def put_in(scene: Scene, fault: str) -> tuple[dict[str, Any], dict[str, float | str]]:
-    """Return the arguments of a renderer with a fault, and the faults that must be named with their sizes."""
-    screen = scene.frustum.screen
-    assert screen is not None
-    x, y = screen.center[0] + 0.05 * screen.size[0], screen.center[1] - 0.03 * screen.size[1]
-    height = 1.25 * screen.height
-    each: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
-        "right": ({}, {}),
-        "screen-height": ({"screen_height": height}, {"screen-height": height}),
-        "screen-center": ({"screen_center": (x, y)}, {"screen-center-x": x, "screen-center-y": y}),
-        "not-recentered": ({"recentered": False}, {"not-recentered": "no shear"}),
-        "shear-sign": ({"reversed_shears": frozenset({Camera.C_STAR})}, {"shear-sign": "C*"}),
-    }
-    return each[fault]
-
-
-SCENES = ("asymmetric-recentered", "car-recentered", "teapot-recentered")
-SHEARS = ("right", "screen-height", "screen-center", "not-recentered", "shear-sign")
-QUICK = ("asymmetric-recentered", "screen-height", 0.0)
-
-
-# Also beside a near offset, as a share of the reach.
-@pytest.mark.parametrize(
-    ("name", "fault", "near_per_reach"), kept(itertools.product(SCENES, SHEARS, (0.0, 0.02)), [QUICK])
-)
-def test_a_wrong_shear_is_named_with_its_size_and_no_other_fault(
-    name: str, fault: str, near_per_reach: float
-) -> None:
-    quick = (name, fault, near_per_reach) == QUICK
-    scene = oblong(name) if quick else small(name, 64)
-    near = near_per_reach * scene.frustum.longest_reach
-    faults, expected = put_in(scene, fault)
-    with Faulty(scene=scene, near=near or None, **faults) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=FEW if quick else SOME)
-    expected |= {"near": near} if near else {}
-    named = {one.fault: one for one in found.diagnosis.faults}
-    assert found.passed == (not expected)
-    if (name, fault) == ("car-recentered", "screen-height") and near:
-        # Neither number explains anything of this scene without the other, so that both are one finding.
-        (together,) = named.values()
-        sizes = dict(one.split() for one in str(together.value).split(", "))
-        found_sizes = {one: pytest.approx(float(size), rel=1e-3) for one, size in sizes.items()}
-        assert together.fault == TOGETHER and expected == found_sizes
-    else:
-        assert set(named) == set(expected)
-    for one, size in expected.items() if TOGETHER not in named else ():
-        low, high = named[one].low, named[one].high
-        if isinstance(size, str):
-            assert named[one].value == size
-        else:
-            # The faults are thirty times as large as the interval, or more.
-            assert low is not None and high is not None and low <= size <= high and high - low < 0.1
-    for hogel in found.hogels if expected else ():
-        assert hogel.corrected is not None and hogel.corrected.surface is not None
-        assert hogel.corrected.surface.fraction < 0.01
-    assert not expected or found.summary()["corrected"]["causes"]["unexplained"] == 0
-
-
 # Faults of one camera alone are named as such, and numbers that explain only together are one finding.
-
-C, C_STAR = OneCamera(1), OneCamera(-1)
-UNTURNED = OneCamera(-1, flip_x=True, flip_y=True)
-
-
-@pytest.mark.parametrize(
-    ("scene", "model", "expected"),
-    [
-        ("asymmetric", DrawnModel(near=1.0, one_camera=C_STAR), {"front-near-offset": 1.0}),
-        ("asymmetric-recentered", DrawnModel(near=1.0, one_camera=C), {"back-near-offset": 1.0}),
-        ("asymmetric", DrawnModel(one_camera=UNTURNED), {"front-unturned": None}),
-        ("asymmetric", DrawnModel(one_camera=replace(C, flip_x=True)), {"back-mirrored": None}),
-        ("asymmetric", DrawnModel(back=Back.MISSING), {"back-missing": None}),
-        ("asymmetric", DrawnModel(back=Back.FARTHEST), {"back-farthest": None}),
-        # The offset of 2 is stated, and one camera keeps it.
-        pytest.param(
-            "asymmetric",
-            DrawnModel(near=3.0, one_camera=replace(C_STAR, other_near=2.0)),
-            {"front-near-offset": 3.0},
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_a_fault_of_one_camera_is_named_and_no_other(
-    scene: str, model: DrawnModel, expected: dict[str, float | None]
-) -> None:
-    stated = model.one_camera.other_near if model.one_camera else 0.0
-    found = diagnosed(evidence_of(oblong(scene), model, near=stated))
-    assert set(found) == set(expected)
-    for name, fault in found.items():
-        size = expected[name]
-        assert fault.explains == 1.0
-        if size is not None:
-            assert fault.low is not None and fault.high is not None
-            assert fault.low <= size <= fault.high
-
-
-def test_a_mirrored_camera_is_named_from_its_colors_and_no_number_beside_it() -> None:
-    scene, model, images = oblong(), DrawnModel(one_camera=UNTURNED), []
-    reference = Reference(scene)
-    for index in FEW:
-        image = trace_drawn(reference, model, scene.plate.aperture(*index))
-        images.append(saying(colored(scene, model, image), "color"))
-    (fault,) = diagnosed(Evidence(reference=reference, images=images, nominal=DrawnModel())).values()
-    assert (fault.fault, fault.explains) == ("front-unturned", 1.0)
-
-
-def test_what_mends_one_half_and_spoils_the_other_is_no_explanation() -> None:
-    stepped = DrawnModel(near=1.0, one_camera=C_STAR)
-    test = evidence_of(oblong(), stepped)
-    assert test.spares(stepped)
-    assert not test.spares(DrawnModel(near=1.0))
 
 
 def test_numbers_that_explain_only_together_are_one_finding() -> None:

@@ -1,7 +1,7 @@
 """Findings explain wrong pixels, or are none; and faults that show the same images say so."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,26 +10,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, oblong, saying, small
+from tests.support.light import with_smooth_normals
 from tests.support.scene_file import film, named, part
+from tests.wrong_renderers.ray_caster import picture
+from tests.wrong_renderers.worlds import harbor
+from xfrustum import DepthFormat, DoubleFrustum, Rasterizer
 from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
 from xfrustum.compare.judging.judged import Compared, Judging
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, Normals
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
-from xfrustum.scenes import NOTHING, Aperture, HogelImage, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes import Aperture, HogelImage, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.errors import InputError
 
 SIZE = 48
 CENTERED, RECENTERED = "asymmetric", "asymmetric-recentered"
 FEW = [(0, 0), (4, 1), (2, 3)]
 SOME = [*FEW, (1, 4), (3, 2)]
-KEYS = set(Fault(fault="", value="", words="").summary())
 Offset = tuple[float, float, float]
 
 
@@ -39,18 +43,13 @@ def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) ->
     return replace(scene, objects=tuple(parts))
 
 
-def verified(name: str, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0), **faults: Any) -> Verification:
-    scene = small(name, SIZE)
-    with Faulty(scene=moved(scene, scale, offset), **faults) as renderer:
-        return xfrustum.verify(scene, renderer, apertures=SOME)
-
-
-def of_model(scene: Scene, model: DrawnModel) -> Verification:
+def of_model(scene: Scene, model: DrawnModel, said: Sequence[str] = ("triangle", "object")) -> Verification:
     """Verify what a model draws in all hogels of a scene."""
     reference = Reference(scene)
 
     def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        return saying(trace_drawn(reference, model, aperture), "triangle", "object")
+        image = trace_drawn(reference, model, aperture)
+        return saying(colored(scene, model, image) if "color" in said else image, *said)
 
     return xfrustum.verify(scene, draw)
 
@@ -59,68 +58,12 @@ def by_name(found: Verification) -> dict[str, Fault]:
     return {fault.fault: fault for fault in found.diagnosis.faults}
 
 
-CORNERS = {"aperture_offset": (-8.0, 6.0)}  # Half a pitch to the left and up: 80 x 60 mm in 5 x 5 hogels
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "drawn", "expected"),
-    [
-        (
-            CENTERED,
-            CORNERS,
-            {
-                "aperture-offset-x": (-8.0, ("scene-offset-x",)),
-                "aperture-offset-y": (6.0, ("scene-offset-y",)),
-            },
-        ),
-        (RECENTERED, CORNERS, {"aperture-offset-x": (-8.0, ()), "aperture-offset-y": (6.0, ())}),
-        (CENTERED, {"offset": (0.3, 0, 0)}, {"scene-offset-x": (0.3, ("aperture-offset-x",))}),
-        (RECENTERED, {"offset": (0.3, 0, 0)}, {"scene-offset-x": (0.3, ())}),
-        (CENTERED, {"offset": (0, 0, 0.5)}, {"scene-offset-z": (0.5, ())}),
-        (CENTERED, {"scale": 1.1}, {"scene-scale": (1.1, ("pitch-x", "pitch-y"))}),
-        (RECENTERED, {"scale": 1.1}, {"scene-scale": (1.1, ())}),
-        (
-            RECENTERED,
-            {"offset": (1.0, -2.0, 0.0), "near": 1.0},
-            {"scene-offset-x": (1.0, ()), "scene-offset-y": (-2.0, ()), "near": (1.0, ())},
-        ),
-    ],
-)
-def test_what_a_screen_that_stays_tells_apart_and_what_nothing_does(
-    name: str, drawn: dict[str, Any], expected: Mapping[str, tuple[float, tuple[str, ...]]]
-) -> None:
-    """Names, values within their intervals, alternatives; and the rest of the images is right."""
-    found = verified(name, **drawn)
-    faults = by_name(found)
-    assert set(faults) == set(expected)
-    for one, (value, alternatives) in expected.items():
-        fault = faults[one]
-        assert fault.low is not None and fault.high is not None and fault.explains is not None
-        assert fault.low <= value <= fault.high
-        assert fault.alternatives == alternatives
-        assert ("cannot tell" in fault.words) == bool(alternatives)
-        assert fault.explains >= MIN_EXPLAINED_FRACTION
-        assert "corners of hogels" in fault.words or drawn is not CORNERS
-    corrected = found.summary()["corrected"]
-    assert not found.passed
-    assert corrected["fraction"] < 0.01 and corrected["causes"]["unexplained"] == 0
-
-
-def test_a_scene_so_small_that_one_hogel_sees_it_is_known_by_its_units() -> None:
-    scene = replace(oblong(), plate=small(CENTERED).plate)
-    with Faulty(scene=moved(scene, 0.1)) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=[(0, 0), (2, 2), (4, 1)])
-    (fault,) = found.diagnosis.faults
-    assert (fault.fault, fault.value, fault.low, fault.high) == ("scene-scale", 0.1, None, None)
-    assert "centimeters taken for millimeters" in fault.words
-    assert found.summary()["corrected"]["fraction"] < 0.01
-
-
 @pytest.mark.slow
 def test_what_does_not_explain_is_no_finding() -> None:
     # An offset widens the picture most near the plate, a field of view everywhere: neither explains both.
-    found = verified(CENTERED, near=8.0, fov=(1.1, 0.95), shown="color")
+    scene = small(CENTERED, SIZE)
+    with Faulty(scene=scene, near=8.0, fov=(1.1, 0.95), shown="color") as renderer:
+        found = xfrustum.verify(scene, renderer, apertures=SOME)
     assert not found.passed
     assert found.diagnosis.faults == ()
     doubted = found.diagnosis.does_not_explain
@@ -154,27 +97,6 @@ def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(shown: st
         assert f"or near: {witnesses} cannot tell" in fault.words
 
 
-def test_lights_are_named_where_they_explain_the_colors() -> None:
-    scene = oblong()
-    with Faulty(scene=scene, conjugated=False) as renderer:
-        found = by_name(xfrustum.verify(scene, renderer, apertures=FEW))
-    assert set(found) == {"lights"}
-    assert (found["lights"].explains or 0.0) > 0.99
-
-
-def test_a_fault_that_adds_nothing_is_dropped() -> None:
-    scene, shifted = oblong(), DrawnModel(shift=(-0.5, -0.5))
-    with Faulty(scene=scene, shift=shifted.shift) as renderer:
-        images = [renderer(scene, scene.plate.aperture(*index)) for index in FEW]
-    test = Evidence(reference=Reference(scene), images=images, nominal=DrawnModel())
-    assert test.reduced(replace(shifted, pitch=(1.0 + 1e-7, 1.0))) == shifted
-    harmful = replace(shifted, front=Front.MISSING)
-    assert test.reduced(harmful) == shifted
-    assert test.share(shifted) == 1.0
-    assert (test.share(harmful) or 0.0) < MIN_EXPLAINED_FRACTION
-    assert (test.share(DrawnModel()) or 0.0) < 0.5
-
-
 @pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
@@ -203,17 +125,6 @@ def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale:
     assert set(off) <= set(np.flatnonzero(expected.parameters != nominal))
 
 
-@pytest.mark.slow
-def test_colors_tell_that_the_nearest_surface_of_the_viewers_half_wins() -> None:
-    scene = small(CENTERED, SIZE)
-    reference, model = Reference(scene), DrawnModel(front=Front.NEAREST)
-
-    def draw(scene: Scene, aperture: Aperture) -> HogelImage:
-        return saying(colored(scene, model, trace_drawn(reference, model, aperture)), "color")
-
-    assert set(by_name(xfrustum.verify(scene, draw, apertures=SOME))) == {"front-nearest"}
-
-
 @pytest.mark.parametrize("hogels", [(5, 1), (1, 1)])
 def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int]) -> None:
     whole = oblong(width=SIZE)
@@ -226,32 +137,6 @@ def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int
 
 
 # Findings rest on wrong pixels: none without them, and all findings together must explain them.
-
-
-def test_right_pictures_of_objects_get_no_finding() -> None:
-    scene = oblong()
-    reference = Reference(scene)
-    found = xfrustum.verify(scene, lambda _, a: saying(reference.trace(a), "object"), apertures=FEW)
-    assert found.passed
-    assert found.diagnosis.faults == found.diagnosis.does_not_explain == ()
-    assert found.summary()["explained"] is None
-
-
-def test_numbers_without_plus_one_do_not_take_the_viewers_half_away() -> None:
-    scene = oblong()
-    reference = Reference(scene)
-
-    def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        image = saying(reference.trace(aperture), "triangle")
-        return replace(image, triangle=np.maximum(image.triangle - 1, NOTHING).astype(np.int32))
-
-    found = xfrustum.verify(scene, draw, apertures=FEW)
-    (fault,) = found.summary()["diagnosis"]
-    assert fault["fault"] == "id-offset"
-    assert set(fault) == KEYS
-    assert fault["explains"] >= MIN_EXPLAINED_FRACTION
-    assert fault["alternatives"] == []
-    assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
 
 def test_a_sphere_whose_near_side_is_left_out_shows_its_far_side_as_if_that_won(tmp_path: Path) -> None:
@@ -281,17 +166,6 @@ def test_what_counts_as_wrong_is_what_the_verdict_counts() -> None:
     assert outlines.wrong(DrawnModel()) < test.wrong(DrawnModel()) / 10
 
 
-def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
-    scene = oblong()
-    reference = Reference(scene)
-    image = reference.trace(scene.plate.middle)
-    few = np.full_like(image.triangle, NOTHING)
-    few[:2, :2] = 1
-    dark = saying(replace(image, triangle=few), "triangle")
-    test = Evidence(reference=reference, images=[dark], nominal=DrawnModel())
-    assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
-
-
 @pytest.mark.parametrize(
     "asked",
     [
@@ -312,3 +186,49 @@ def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> 
     found = of_model(scene, DrawnModel(culled=Culled.COUNTERCLOCKWISE))
     assert [fault.fault for fault in found.diagnosis.faults] == ["culling"]
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
+
+
+def test_depth_fighting_of_a_rasterizer_is_named(tmp_path: Path) -> None:
+    """A rasterizer rounds depth before it stores it, and loses what is stored at the clear value."""
+    near = 0.002
+    scene = xfrustum.open_scene(str(replace(harbor(), resolution=(48, 36), drawn={}).write(tmp_path)))
+    with Rasterizer(scene) as rasterizer:
+
+        def draw(_: Scene, aperture: Aperture) -> HogelImage:
+            return rasterizer.render(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16))
+
+        found = xfrustum.verify(scene, draw)
+    (fault,) = found.diagnosis.faults
+    assert fault.fault == "starved-depth"
+    assert float(fault.value) == pytest.approx(near, rel=0.05)
+    assert found.corrected is not None and found.corrected.wrong < 0.1 * found.as_found.wrong
+
+
+@pytest.mark.slow
+def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
+    first, *others = (scene := oblong()).objects
+    mixed = replace(scene, objects=(with_smooth_normals(first), *others))
+    found = of_model(mixed, DrawnModel(normals=Normals.INVERTED), ["color"])
+    assert set(by_name(found)) == {"inverted-normals"}
+
+
+@pytest.mark.parametrize("scale", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_where_nothing_is_named_it_is_said_where_it_is_wrong(tmp_path: Path, scale: int) -> None:
+    width, height = 24 * scale, 18 * scale
+    world = replace(harbor(), resolution=(width, height), drawn={})
+    scene = world.write(tmp_path)
+    noise = np.random.default_rng(0).integers(0, 3, (height, width, 3), dtype=np.uint8)
+    for i, j in world.apertures:
+        right = picture(world, i, j, "triangle-id")
+        broken = np.where(right.any(axis=2, keepdims=True), noise, right) if (i, j) == (2, 0) else right
+        Image.fromarray(broken).save(tmp_path / f"{i}-{j}.png")
+    found = xfrustum.verify(str(scene), str(tmp_path / "{i}-{j}.png"), encoding="triangle-id")
+    where = found.summary()["where"]
+    assert not found.diagnosis.faults
+    assert where["shares"]["column"]["0"]["wrong"] == where["shares"]["row"]["1"]["wrong"] == 0
+    wrong = where["shares"]["row"]["0"]["wrong"]
+    assert where["shares"]["column"]["2"]["wrong"] == sum(where["sides"].values()) == wrong > 0
+    assert where["sides"]["front"] > 0 and where["sides"]["back"] > 0 and "3 (buoy)" in where["objects"]
+    assert where["hogels"] == [[wrong if (i, j) == (2, 0) else 0 for i in range(3)] for j in range(2)]
+    assert "wrong by column of hogels: 2 " in table(found)
+    assert "by column of hogels: 2 " in render_page(found)

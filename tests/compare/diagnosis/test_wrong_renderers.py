@@ -98,6 +98,8 @@ def test_no_false_pass_and_no_false_reason(studio: Studio, case: Case) -> None:
     if case.toy in DISPLACED and case.encoding == "triangle-id":
         assert outcome.displacement is None or outcome.displacement > MAX_DISPLACEMENT_PX
     assert not outcome.false_causes
+    if case.encoding == "triangle-id":
+        assert not outcome.wrong_sizes, [finding.words for finding in outcome.findings]
     expected, names = TOYS[case.toy].names(case.encoding), sorted(outcome.names)
     admitted = outcome.admits and (case.encoding != "triangle-id" or "does-not-explain" in expected)
     assert case.toy in NOT_YET_NAMED or outcome.all_named or admitted, f"said: {names}"

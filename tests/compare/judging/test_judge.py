@@ -2,11 +2,11 @@
 
 import threading
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
+from tests.support.images import assert_same
 from tests.support.views import view
 from xfrustum import Judge, JudgedHogel
 from xfrustum.compare import run
@@ -30,19 +30,6 @@ SETTINGS = (
 
 def apertures_of(scene: Scene, indices: list[tuple[int, int]] = INDICES) -> list[Aperture]:
     return [scene.plate.aperture(*index) for index in indices]
-
-
-def assert_same_arrays(one: object, other: object) -> None:
-    names = {field.name for field in fields(one)}  # type: ignore[arg-type]
-    if "second_opinion" in names:
-        # It is what it says when it is read.
-        names = names - {"second_opinion"} | {"overruled"}
-    for name in names:
-        a, b = getattr(one, name), getattr(other, name)
-        if isinstance(a, np.ndarray):
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), name
-        else:
-            assert a == b, name
 
 
 def threads() -> set[str]:
@@ -72,15 +59,15 @@ def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
         for hogel, numbers in zip(found, bare, strict=True):
             truth = reference.trace(hogel.aperture)
             assert hogel.truth is not None
-            assert_same_arrays(hogel.truth, truth)
+            assert_same(hogel.truth, truth)
             assert [one.settings for one in hogel.drawings] == list(SETTINGS)
             for one, other in zip(hogel.drawings, numbers.drawings, strict=True):
                 image = rasterizer.render(hogel.aperture, one.settings, normals=False)
                 assert one.image is not None and isinstance(one.comparison, Comparison)
-                assert_same_arrays(one.image, image)
+                assert_same(one.image, image)
                 alone = compare_images(truth, image, reference, radiance=shaded)
                 assert one.comparison.numbers == alone.numbers == other.comparison
-                assert_same_arrays(one.comparison.maps, alone.maps)
+                assert_same(one.comparison.maps, alone.maps)
                 assert (alone.radiance is not None) == shaded
 
 

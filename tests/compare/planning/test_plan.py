@@ -29,9 +29,7 @@ from xfrustum.compare.planning.search import (
     SEPARATION_MARGIN,
     Search,
     index_below,
-    largest_index,
     round_number,
-    smallest_index,
 )
 from xfrustum.compare.planning.views import Requirement, Views, displacement_bound
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
@@ -381,13 +379,6 @@ def test_sheets_are_misordered_as_predicted(
     assert shares[0] > 0.7
 
 
-def test_a_slab_without_room_for_two_sheets_misorders_none() -> None:
-    views = views_of("car")
-    settings = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
-    assert misordered(views.scene, views.views[0], settings, 40.0) == 0
-    assert misordered(views.scene, views.views[0], settings, 1.0) > 0.5
-
-
 # Lengths of three digits.
 
 
@@ -398,16 +389,6 @@ def test_rounding_down_to_three_digits(length: float) -> None:
     assert float(f"{round_number(index):.3g}") == round_number(index)
     assert round_number(index + 900) == pytest.approx(10 * round_number(index), rel=1e-15)
     assert round_number(index_below(round_number(index), strictly=True)) == round_number(index - 1)
-
-
-@given(st.integers(-2000, 2000), st.integers(0, 2000), st.integers(-3000, 5000))
-def test_searching_among_them(low: int, span: int, limit: int) -> None:
-    high = low + span
-    largest = largest_index(low, high, lambda length: length <= round_number(limit))
-    assert largest == (None if limit < low else min(limit, high))
-    assert smallest_index(low, high, lambda length: length >= round_number(limit)) == min(
-        max(limit, low), high
-    )
 
 
 KEYS = ["displacement_p99_px", "surface_fraction", "depth_wrong", "misordered", "separation"]

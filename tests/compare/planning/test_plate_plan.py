@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 from tests.plate_plans import SHAPES, opened, try_plan
+from tests.support.lit import ball, card, lit
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, part
-from tests.support.views import SHARED_SCENES, view
+from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.compare.planning.measure import hogel_results
-from xfrustum.compare.planning.plan import Plan, PlatePlanner, exceptions, largest_share
+from xfrustum.compare.planning.plan import Plan, PlatePlanner, largest_share
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.run import Judge
 from xfrustum.compare.sampling import CONFIDENCE, RandomSample, share_at_most
@@ -31,9 +32,8 @@ from xfrustum.scenes import (
     Frustum,
     Plate,
     Scene,
-    SceneObject,
 )
-from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.library import builtin
 
 FINE = ("--depth=d32f", "--mapping=reversed")
@@ -48,15 +48,10 @@ OVER = (7, 1)  #: aperture right over a small ball; all others see it from aside
 def near_ball() -> Scene:
     """A wall 40 behind the plate, and before it a ball 0.02 behind one aperture, which no other one sees."""
     plate = Plate(size=(90.0, 70.0), hogels=HOGELS)
-    over, ball, wall = plate.aperture(*OVER), build_shape("sphere"), build_shape("square")
-    objects = (
-        SceneObject(
-            name="ball", vertices=2.0 * ball.vertices + [over.x, over.y, -0.02 - 1.0], faces=ball.faces
-        ),
-        SceneObject(name="wall", vertices=500.0 * wall.vertices + [0.0, 0.0, -40.0], faces=wall.faces),
-    )
+    over = plate.aperture(*OVER)
+    parts = ball((over.x, over.y, -0.02 - 1.0), 1.0, "paint", 3), card((0.0, 0.0, -40.0), (500.0, 500.0))
     frustum = Frustum(resolution=(32, 24), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0))
-    return Scene(name="near ball", plate=plate, frustum=frustum, objects=objects)
+    return replace(lit(*parts, frustum=frustum, paint=Material()), plate=plate)
 
 
 def planner(scene: Scene, scouted: Scout) -> PlatePlanner:
@@ -191,18 +186,6 @@ def test_the_text_says_that_the_plan_holds_elsewhere_and_ends_in_a_command_for_t
     assert main([*command[1:], "--quiet"]) == 0
 
 
-def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball: Scene) -> None:
-    """The list in JSON has more of them, and the counts are those of all."""
-    none = planner(near_ball, scouted)._without_plan("")
-    seven = tuple((column, 2) for column in range(7))
-    aside = replace(
-        none.plate, set_aside=7, set_aside_apertures=seven, hopeless=1, hopeless_apertures=(OVER,)
-    )
-    assert "7 others (0,2; 1,2; 2,2; 3,2; 4,2; ..) are set aside" in exceptions(aside)
-    assert "(7,1) a surface lies in the aperture" in exceptions(aside)
-    assert aside.summary()["set_aside_apertures"] == seven
-
-
 @pytest.mark.parametrize("box", thinned([True, False], 2))
 def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_defined(
     box: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -284,8 +267,6 @@ SURVEYED = [
     ],
 )
 def test_what_a_plan_promises_a_survey_confirms(name: str, tolerance_px: float) -> None:
-    if name in SHARED_SCENES:
-        view(name)
     trial = try_plan(opened(name, 96), 40, Requirement(tolerance_px=tolerance_px))
     if trial.survey is None:
         assert "No plan" in trial.reason

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.lit import ball, lit
 from tests.support.long_tail import thinned
 from tests.support.scene_file import film, named, part
 from tests.support.views import view
@@ -25,11 +26,10 @@ from xfrustum.compare.prediction.band_limiting import (
 )
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance.appearance import Appearance, Material
+from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, open_scene
+from xfrustum.scenes.appearance.appearance import Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, additive_recurrence, sub_apertures
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
 SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]  # names are taken
@@ -97,18 +97,13 @@ def test_the_count_is_the_least_whose_bound_is_a_level() -> None:
 
 def white_ball(contrast: float) -> Scene:
     """A ball of one brightness before black: its outline has every direction, and crosses many pixels."""
-    polar = np.linspace(0, np.pi, 25)
-    ball, faces = lathe(3 * np.sin(polar), -3 * np.cos(polar), sectors=48)
-    part = SceneObject(name="ball", vertices=ball + np.array([0.5, 0.3, -10.0]), faces=faces, material="m")
-    return Scene(
-        name="ball",
-        plate=Plate(size=(4.0, 4.0), hogels=(4, 4)),
+    scene = lit(
+        ball((0.5, 0.3, -10.0), 3.0, "white"),
         frustum=Frustum(resolution=(48, 48), reach=(20.0, 20.0), fov=(0.8, 0.8)),
-        objects=(part,),
-        appearance=Appearance(
-            materials={"m": Material(ambient=(contrast,) * 3, diffuse=(0.0,) * 3)}, lights=()
-        ),
+        lights=(),
+        white=Material(ambient=(contrast,) * 3, diffuse=(0.0,) * 3),
     )
+    return replace(scene, plate=Plate(size=(4.0, 4.0), hogels=(4, 4)))
 
 
 def test_the_count_is_enough_and_half_of_it_is_not() -> None:
@@ -148,25 +143,6 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
 
 
-def test_auto_says_what_it_takes_and_a_share_takes_fewer(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "ball.toml"
-    file.write_text(
-        film((2.0, 2.0), hogels=(8, 8), resolution=(4, 4), fov_deg=(40.0, 40.0), reach=(50.0, 90.0))
-        + "[material.lit]\nambient = 1.0\ndiffuse = 0.0\n"
-        + part("sphere", 1.0, (0.0, 0.0, -2.0), material="lit")
-    )
-    # Nothing is drawn, 16,384 times or otherwise: all commands read the option alike.
-    arguments = ["explain", str(file), "--aperture-samples"]
-    assert main([*arguments, "auto"]) == 0
-    said = capsys.readouterr().err
-    assert "auto: 16384 points" in said and "256 do where edges may be off by 5 % of the radiance" in said
-    assert main([*arguments, "5%"]) == 0
-    assert "5%: 256 points" in capsys.readouterr().err
-    assert [main([*arguments, share]) for share in ("0%", "100%", "-1%")] == [2, 2, 2]
-
-
 def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A dim ball far behind the plate: its picture moves by a fifth of a pixel over the pitch."""
     file, out = tmp_path / "ball.toml", str(tmp_path / "x.zarr")
@@ -184,3 +160,8 @@ def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.Cap
     assert f"auto: {count} points" in capsys.readouterr().err
     assert main([*arguments, "--aperture-samples", str(count), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["found"] == 1
+    # A share of the radiance takes fewer.
+    arguments = ["explain", str(file), "--aperture-samples"]
+    assert main([*arguments, "5%"]) == 0
+    assert f"5%: {needed_sub_apertures(open_scene(str(file)), error=0.05)} points" in capsys.readouterr().err
+    assert [main([*arguments, share]) for share in ("0%", "100%", "-1%")] == [2, 2, 2]

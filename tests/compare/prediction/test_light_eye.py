@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.lit import sky
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare.metrics.radiance import away_from_edges
 from xfrustum.compare.prediction.eye_vector import (
@@ -20,21 +21,13 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Environment, Material
+from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.plate.double_frustum import Pivot
 
 SIZE = (96, 72)
 EXPONENT = 12.0
 NEARS = (4e-3, 1e-3, 2.5e-4)  #: near offsets as fractions of the reach
-
-
-def smooth_environment() -> Environment:
-    """Return radiance that varies gently with direction, on a map so fine that its texels hardly show."""
-    v, u = (np.mgrid[:256, :512] + 0.5) / [[[256]], [[512]]]
-    longitude, from_top = 2 * np.pi * (u - 0.5), np.pi * v
-    x, y, z = np.sin(from_top) * np.sin(longitude), np.cos(from_top), -np.sin(from_top) * np.cos(longitude)
-    return Environment(radiance=np.stack((1 + 0.5 * x, 1 + 0.5 * y, 1 + 0.5 * z), axis=-1))
 
 
 def shiny(name: str, material: Material) -> Scene:
@@ -44,7 +37,7 @@ def shiny(name: str, material: Material) -> Scene:
         DirectionalLight(direction=(-1.0, 1.5, 2.0), color=(1.0, 0.8, 0.6)),
         DirectionalLight(direction=(1.0, 0.2, 1.0), color=(0.2, 0.4, 0.6)),
     )
-    looks = Appearance(materials={"all": material}, lights=lights, environment=smooth_environment())
+    looks = Appearance(materials={"all": material}, lights=lights, environment=sky(512, 256))
     return replace(scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects))
 
 

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, view
@@ -20,7 +18,6 @@ from xfrustum.compare.prediction.silhouettes import (
     Kind,
     Silhouettes,
     contours,
-    expected_wrong,
 )
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -180,19 +177,6 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     assert abs(predicted - measured) <= (STAIRS + 1 / 30) * measured + math.sqrt(256)
 
 
-def test_inside_one_object_only_what_is_uncovered_is_wrong() -> None:
-    """Behind the plate the front moves inward more: beside the middle it covers, about it it uncovers."""
-    settings = DoubleFrustum(near=1.0)
-
-    def wrong(edge: float, *, one: bool) -> float:
-        scene = two_sheets(-30, -60, 20, one=one, edge=edge)
-        return wrong_pixels(Silhouettes(traced(scene), scene.frustum), settings, scene)
-
-    assert wrong(0.31, one=True) == 0
-    assert wrong(-0.31, one=True) > 100
-    assert min(wrong(0.31, one=False), wrong(-0.31, one=False)) > 200
-
-
 def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     """A tilted sheet cut at 40: with fit angle the inner part shrinks away; fitted there, nothing moves."""
     points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
@@ -336,28 +320,3 @@ def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(nam
             predicted += silhouettes.snapped_pixels(settings, int(rasterizer.device["subpixel_bits"]))
     chance = 3 * math.sqrt(predicted)
     assert predicted / FACTOR - chance <= measured <= predicted * FACTOR + chance
-
-
-def test_where_nothing_shows_nothing_is_wrong() -> None:
-    scene = view("empty", (16, 16))
-    silhouettes = Silhouettes(Reference(scene).trace(scene.plate.middle), scene.frustum)
-    assert wrong_pixels(silhouettes, DoubleFrustum(near=1.0, slabs=(2.0,)), scene) == 0
-    assert silhouettes.snapped_pixels(DoubleFrustum(near=1.0), 8) == 0
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
-    """Where no area is swept twice the count needs no smoothing, and is the same with it."""
-    swept = np.random.default_rng(seed).uniform(0, 1, (40, 60))
-    swept[:, 30:] = 0.0
-    missing, judged = np.zeros((2, 40, 60), dtype=np.bool_)
-    judged[:] = True
-    without = expected_wrong(swept, missing, judged)
-    assert without == pytest.approx(swept.sum(), rel=1e-12)
-    missing[20, 55] = True
-    assert expected_wrong(swept, missing, judged) == pytest.approx(without + 1, rel=1e-9)
-
-
-def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
-    judged = np.ones((40, 60), dtype=np.bool_)
-    assert expected_wrong(np.full((40, 60), 2.0), ~judged, judged) == pytest.approx(40 * 60)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xfrustum.compare.rounding.edges import distance_to_segments, seams
+from xfrustum.compare.rounding.edges import seams
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 
@@ -48,30 +48,12 @@ CUT = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 148.0)])
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_triangle_inside_the_film_is_not_split(side: int) -> None:
-    lines = pencil(side)
-    corners = seen_at(
-        np.array([(1.0, 2.0), (126.0, 9.0), (60.0, 127.0)]), side * np.array([1.0, 2.0, 3.0]), lines
-    )
-    assert seams(corners, lines, STRAIGHT).shape == (0, 2, 2)
-
-
-@pytest.mark.parametrize("side", [1, -1])
 def test_a_triangle_over_one_border_leaves_a_quadrangle_with_two_diagonals(side: int) -> None:
     lines = pencil(side)
     corners = seen_at(CUT, side * np.array([2.0, 1.0, 3.0]), lines)
     a, b, c = CUT
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
     assert_same_segments(seams(corners, lines, STRAIGHT), [(a, on_bc), (b, on_ca)])
-
-
-def test_shifted_sampling_points_leave_the_borders_where_they_are() -> None:
-    """The camera's film is shifted with them: the same point is seen at a column and row less the shift."""
-    lines, shift = pencil(1), (0.5, -0.25)
-    corners = seen_at(CUT - shift, np.array([2.0, 1.0, 3.0]), lines)
-    a, b, c = CUT
-    on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
-    assert_same_segments(seams(corners, lines, shift), [(a, on_bc), (b, on_ca)])
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -86,24 +68,3 @@ def test_the_near_plane_cuts_in_depth(side: int) -> None:
     for point in near:
         slope = (point - lines.center)[:2] / -(point[2] - lines.center[2]) - lines.shear
         assert tuple(np.round(((slope[0] + 1) * SIZE / 2, (1 - slope[1]) * SIZE / 2), 6)) in ends
-
-
-@pytest.mark.parametrize("place", [(-50.0, 20.0), (64.0, 200.0)])
-def test_nothing_is_left_of_a_triangle_beside_the_film(place: tuple[float, float]) -> None:
-    lines = pencil(1)
-    corners = seen_at(
-        np.array(place) + np.array([(0.0, 0.0), (9.0, 2.0), (3.0, 8.0)]), np.array([1.0, 2.0, 3.0]), lines
-    )
-    assert seams(corners, lines, STRAIGHT).shape == (0, 2, 2)
-
-
-def test_distances_are_those_to_the_nearest_of_many_points_along() -> None:
-    random = np.random.default_rng(4)
-    points, segments = random.uniform(0, 10, (50, 2)), random.uniform(0, 10, (3, 2, 2))
-    along = np.linspace(0, 1, 20001)[:, None, None]
-    many = (segments[:, 0] + along * (segments[:, 1] - segments[:, 0])).reshape(-1, 2)
-    nearest = [np.linalg.norm(many - point, axis=1).min() for point in points]
-    np.testing.assert_allclose(distance_to_segments(points, segments), nearest, atol=1e-3)
-    assert np.isinf(distance_to_segments(points, segments[:0])).all()
-    dot = np.full((1, 2, 2), 5.0)
-    np.testing.assert_allclose(distance_to_segments(points, dot), np.linalg.norm(points - 5, axis=1))

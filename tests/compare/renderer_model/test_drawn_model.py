@@ -1,0 +1,87 @@
+"""What a renderer with a mistake draws: depth, levels of files, normals, shifted lines, changed scenes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.foreign_renderers import oblong
+from xfrustum.compare.renderer_model.changed_scene import SceneChange, changed
+from xfrustum.compare.renderer_model.conventions import Orientation
+from xfrustum.compare.renderer_model.drawn_model import DepthBuffer, DrawnModel, Normals
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, colored, trace_drawn
+from xfrustum.reference import Reference
+from xfrustum.scenes.appearance.appearance import Material
+from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.files.foreign_images import Transfer
+
+
+def test_a_buffer_without_steps_to_spare_keeps_the_triangle_that_was_drawn_first_or_last() -> None:
+    first = DepthBuffer(near=1e-6)
+    distance = np.array([10.0, 20.0, 30.0])
+    assert len(set(first.stored(distance, 60.0).tolist())) == 1
+    assert len(set(replace(first, near=1.0).stored(distance, 60.0).tolist())) == 3
+    assert first.stored(np.array([0.0, 60.0]), 60.0).tolist() == [0.0, 65535.0]
+
+
+@pytest.mark.parametrize("orientation", [Orientation(False, False, False), Orientation(True, False, True)])
+@pytest.mark.parametrize(("axis", "px"), [(0, 1), (0, -2), (1, 2)])
+def test_pixels_that_shifted_lines_push_out_are_not_judged(
+    orientation: Orientation, axis: int, px: int
+) -> None:
+    model = DrawnModel(orientation=orientation, odd_lines=(axis, px))
+    kept = model.kept(np.ones((6, 8), dtype=np.bool_))
+    # Any value may stand where lines begin: upright it lies in the pixels that are not kept, and in no other.
+    right = np.arange(48).reshape(6, 8)
+    found = model.applied(right)
+    odd, gone = slice(1, None, 2), slice(px) if px > 0 else slice(px, None)
+    found[(odd, gone) if axis == 0 else (gone, odd)] = -1
+    assert np.array_equal(model.upright(found) == right, kept)
+
+
+def twice(radiance: Floats) -> Floats:
+    return np.asarray(encoding_curve(encoding_curve(radiance)))
+
+
+@pytest.mark.parametrize(
+    ("transfer", "written"), [(Transfer.DECODED, decoding_curve), (Transfer.TWICE, twice)]
+)
+def test_a_level_of_the_file_bounds_what_rounding_loses(
+    transfer: Transfer, written: Callable[[Floats], Floats]
+) -> None:
+    radiance = np.linspace(0, 1, 10_001)
+    levels = (np.rint(255 * written(radiance)) / 255).astype(np.float32)
+    lost, step = np.abs(transfer.linear(levels) - radiance), transfer.step(levels)
+    assert (lost <= step).all()
+    assert lost.max() > 0.4 * step.max(), "the bound is far from what is lost"
+    assert (lost > COLOR_TOLERANCE).any()
+
+
+def test_inverted_normals_are_lit_as_by_reversed_lights_where_nothing_is_glossy() -> None:
+    plain = oblong()
+    objects = tuple(replace(one, material="dull") for one in plain.objects)
+    dull = replace(plain.appearance, materials={"dull": Material()})
+    reversed_lights = tuple(
+        replace(one, direction=(-x, -y, -z)) for one, (x, y, z) in ((of, of.direction) for of in dull.lights)
+    )
+    scene = replace(plain, objects=objects, appearance=dull)
+    turned = replace(scene, appearance=replace(dull, lights=reversed_lights))
+    answer = trace_drawn(Reference(scene), DrawnModel(), scene.plate.middle)
+    inverted = colored(scene, DrawnModel(normals=Normals.INVERTED), answer)
+    expected = colored(turned, DrawnModel(), answer)
+    assert inverted.color is not None and expected.color is not None and np.ptp(inverted.color) > 0.3
+    np.testing.assert_allclose(inverted.color, expected.color, atol=1e-6)
+
+
+def test_changes_keep_numbers_and_leave_the_scene_as_it_is() -> None:
+    reference = Reference(oblong())
+    scene, before = reference.scene, reference.scene.vertices.copy()
+    changes = (SceneChange(part=1, missing=True), SceneChange(part=0, offset=(1.0, 0.0, 0.0)))
+    other = changed(reference, changes).scene
+    assert (other.faces == scene.faces).all() and (scene.vertices == before).all()
+    assert np.allclose(other.objects[0].vertices - scene.objects[0].vertices, (1.0, 0.0, 0.0))
+    assert other.objects[1].vertices[:, 2].max() < -max(scene.frustum.reach)
+    np.testing.assert_array_equal(other.objects[2].vertices, scene.objects[2].vertices)
+    assert changed(reference, ()) is reference

@@ -1,0 +1,32 @@
+"""Images held against each other bit for bit, and the pixels away from all edges."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from xfrustum.scenes import HogelImage
+from xfrustum.scenes.arrays import Mask
+
+
+def assert_same(one: Any, other: Any, *names: str) -> None:
+    """Assert that some attributes of two images, or all fields, have the same bits.
+
+    A second opinion is what it says when it is read.
+    """
+    every = ("overruled" if field.name == "second_opinion" else field.name for field in fields(one))
+    for name in names or every:
+        a, b = getattr(one, name), getattr(other, name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
+        else:
+            assert a == b, name
+
+
+def interior(image: HogelImage) -> Mask:
+    """Return the pixels that show the triangle of all eight neighbors; the outermost are none of them."""
+    height, width = image.triangle.shape
+    shifted = [image.triangle[r : height - 2 + r, c : width - 2 + c] for r in range(3) for c in range(3)]
+    inside = np.zeros(image.triangle.shape, dtype=np.bool_)
+    inside[1:-1, 1:-1] = np.all([shifted[4] == other for other in shifted], axis=0)
+    return np.asarray(inside & image.covered)
