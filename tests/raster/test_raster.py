@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import moderngl
 import numpy as np
 import pytest
 
+from tests.support.images import assert_same
 from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer
@@ -23,11 +23,6 @@ from xfrustum.scenes import NOTHING, Camera, DepthFormat, DepthMapping, DoubleFr
 
 DEPTHS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 ARRAYS = ("triangle", "object", "position", "normal", "color")
-
-
-def assert_same_bits(one: HogelImage, other: HogelImage) -> None:
-    for name in ARRAYS:
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
 
 
 @pytest.mark.parametrize("name", ["car-recentered", "crossing"])
@@ -42,7 +37,7 @@ def test_every_run_makes_the_same_bits(name: str) -> None:
             images.append(raster.render(aperture, reversed_d32f(1.0)))
     assert images[0].covered.mean() > 0.05
     for image in images[1:]:
-        assert_same_bits(image, images[0])
+        assert_same(image, images[0], *ARRAYS)
 
 
 @pytest.mark.parametrize(
@@ -63,48 +58,6 @@ def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapp
         over, under, shown = (getattr(image, array) for image in (c_star, c, both))
         on_top = c_star.covered if over.ndim == 2 else c_star.covered[..., None]
         np.testing.assert_array_equal(shown, np.where(on_top, over, under), err_msg=array)
-
-
-@pytest.mark.parametrize(("depth", "mapping"), thinned(DEPTHS, 3))
-def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMapping) -> None:
-    """Near is so large that even 16 bits order most of the scene."""
-    scene = view("asymmetric", (256, 256))
-    settings = DoubleFrustum(near=15.0, depth=depth, mapping=mapping)
-    with Rasterizer(scene) as raster:
-        drawn = raster.render(scene.plate.middle, settings)
-    model = Reference(scene).trace_model(scene.plate.middle, settings)
-    assert (drawn.object != model.object).mean() < 2e-3
-    assert drawn.camera.settings == settings
-
-
-def test_formats_and_mappings_differ_where_depth_is_scarce() -> None:
-    """Otherwise they would be one format by many names.
-
-    Only 24-bit and float depth could pass for each other, where most of a scene lies at depths
-    just below 1, with steps of 2^-24 in both. The logarithmic and the linear mapping have steps to
-    spare in every format: they show what the model shows.
-    """
-    scene = view("car", (256, 256))
-    near = 1.5e-4
-    with Rasterizer(scene) as raster:
-        images = {
-            (depth, mapping): raster.render(
-                scene.plate.middle, DoubleFrustum(near=near, depth=depth, mapping=mapping)
-            ).triangle
-            for depth, mapping in DEPTHS
-        }
-    hyperbolic = (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED)
-    same = {
-        frozenset((one, other))
-        for one, other in combinations([pair for pair in DEPTHS if pair[1] in hyperbolic], 2)
-        if np.array_equal(images[one], images[other])
-    }
-    d24, d32f = DepthFormat.D24, DepthFormat.D32F
-    assert same <= {frozenset(((d24, m), (d32f, m))) for m in (DepthMapping.STANDARD, DepthMapping.GL)}
-    model = Reference(scene).trace_model(scene.plate.middle, DoubleFrustum(near=near)).triangle
-    for pair in DEPTHS:
-        if pair[1] not in hyperbolic:
-            assert (images[pair] != model).mean() < 1e-3
 
 
 def test_an_image_says_who_drew_it_and_with_what() -> None:
@@ -246,16 +199,3 @@ def test_the_device_that_draws_is_a_gpu_unless_it_is_software() -> None:
     opened.release()
     software = any(name in renderer for name in ("llvmpipe", "softpipe", "swrast"))
     assert (device_index() in context.gpu_indices()) == (not software)
-
-
-def test_shading_agrees_with_the_reference_on_both_sides_of_the_plate() -> None:
-    """C* flips normal and light; a flip left out darkens one side (paper, section 3)."""
-    scene = view("asymmetric", (128, 128))
-    with Rasterizer(scene) as raster:
-        drawn = raster.render(scene.plate.middle, reversed_d32f(1.5e-5))
-    truth = Reference(scene).trace(scene.plate.middle)
-    same = truth.covered & (drawn.triangle == truth.triangle)
-    for side in (truth.height > 0, truth.height < 0):
-        assert (same & side).sum() > 500
-        assert truth.color[same & side].std() > 0.05
-        np.testing.assert_allclose(drawn.color[same & side], truth.color[same & side], atol=1e-5)

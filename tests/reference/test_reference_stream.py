@@ -1,31 +1,20 @@
 """Streams of apertures, and second opinions that are asked for late."""
 
 import pickle
-from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests.support.images import assert_same
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.scenes import Aperture
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.hogel_image import HogelImage, Rendering
+from xfrustum.scenes.model.hogel_image import Rendering
 
 APERTURES = [(40, 30), (0, 0)]
-
-
-def assert_same(one: HogelImage, other: HogelImage) -> None:
-    """Every bit, camera, companions and second opinion included."""
-    for name in {"overruled", *(field.name for field in fields(HogelImage))} - {"second_opinion"}:
-        a, b = getattr(one, name), getattr(other, name)
-        if isinstance(a, np.ndarray):
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), name
-        else:
-            assert a == b, name
 
 
 def test_a_stream_has_the_images_of_each_aperture_alone() -> None:
@@ -46,19 +35,6 @@ def test_a_stream_without_color_has_all_else() -> None:
         assert image.color is None and image.rendering is None
         assert_same(image, replace(expected, color=None, rendering=None))
         assert_same(image, reference.trace(scene.plate.middle, colored=False))
-
-
-def test_nothing_is_traced_before_it_is_asked_for() -> None:
-    scene = view("car", (16, 16))
-    taken: list[int] = []
-
-    def apertures() -> Iterator[Aperture]:
-        for column in range(81):
-            taken.append(column)
-            yield scene.plate.aperture(column, 30)
-
-    next(Reference(scene).stream(apertures()))
-    assert taken == [0]
 
 
 def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(monkeypatch: pytest.MonkeyPatch) -> None:

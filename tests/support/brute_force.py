@@ -5,17 +5,16 @@ from an origin at the viewer's end of each line; and in rational numbers by Cram
 here is imported from the code under test: lines are arrays of doubles.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Indices
 
 Vector = tuple[Fraction, Fraction, Fraction]
 
-TRIANGLES_AT_ONCE, LINES_AT_ONCE = 32, 1024
+TRIANGLES_AT_ONCE = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,17 +36,6 @@ class Hits:
 
 def first_hits(triangles: Floats, center: Floats, d: Floats, s_range: tuple[float, float]) -> Hits:
     """Test triangles (F, 3, 3) against the lines center + s d, d (N, 3), s within a range."""
-    parts = [d[start : start + LINES_AT_ONCE] for start in range(0, len(d), LINES_AT_ONCE)]
-    with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda part: _first_hits(triangles, center, part, s_range), parts))
-    return Hits(
-        triangle=np.concatenate([hits.triangle for hits in found]),
-        s=np.concatenate([hits.s for hits in found]),
-        second=np.concatenate([hits.second for hits in found]),
-    )
-
-
-def _first_hits(triangles: Floats, center: Floats, d: Floats, s_range: tuple[float, float]) -> Hits:
     start, length = s_range[0], s_range[1] - s_range[0]
     origin = [(center[axis] + start * d[:, axis])[:, None] for axis in range(3)]
     ray = [d[:, axis][:, None] for axis in range(3)]
@@ -90,34 +78,6 @@ def _cross(a: list[Floats] | Floats, b: list[Floats] | Floats) -> list[Floats]:
 
 def _dot(a: list[Floats] | Floats, b: list[Floats] | Floats) -> Floats:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def near_an_edge(triangles: Floats, center: Floats, d: Floats, pixels_per_slope: Floats, px: float) -> Mask:
-    """Return which lines pass an edge of any triangle within a distance on the film in pixels.
-
-    An edge that crosses the plane of the center runs through infinity on the film: its whole line counts.
-    """
-    near = np.zeros(len(d), dtype=np.bool_)
-    scale = np.append(pixels_per_slope, 1.0)
-    film = np.append(d[:, :2] * pixels_per_slope, np.ones((len(d), 1)), axis=1)
-    for chunk in range(0, len(triangles), 1024):
-        # x : y : s of the corners, in pixels, homogeneous.
-        corners = (triangles[chunk : chunk + 1024] - center) * [1.0, 1.0, -1.0] * scale
-        starts, ends = corners.reshape(-1, 3), np.roll(corners, -1, axis=1).reshape(-1, 3)
-        line = np.cross(starts, ends)
-        steepness = np.hypot(line[:, 0], line[:, 1])
-        edge, pixel = np.nonzero(np.abs(line @ film.T) <= px * steepness[:, None])
-        a, b = starts[edge], ends[edge]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            start, end = a[:, :2] / a[:, 2:], b[:, :2] / b[:, 2:]
-            squared = np.sum((end - start) ** 2, axis=1)
-            share = np.einsum("ij,ij->i", film[pixel, :2] - start, end - start) / np.where(
-                squared > 0, squared, 1
-            )
-            foot = start + np.clip(share, 0, 1)[:, None] * (end - start)
-            at_edge = np.linalg.norm(film[pixel, :2] - foot, axis=1) <= px
-        near[pixel[at_edge | (a[:, 2] * b[:, 2] <= 0)]] = True
-    return near
 
 
 def exact_s(corners: Floats, center: Floats, d: Floats) -> Fraction | None:

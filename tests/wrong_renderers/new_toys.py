@@ -157,9 +157,7 @@ SAME = np.eye(3)
 
 SLIPS: dict[str, Slip] = {
     # Axes.
-    "z-negated": Slip(
-        words="z is negated", names="axes-exchanged", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))
-    ),
+    "z-negated": Slip(words="z is negated", names="z-negated", world=axes((1, 0, 0), (0, 1, 0), (0, 0, -1))),
     "yz-exchanged": Slip(
         words="y and z are exchanged, which mirrors the scene",
         names="axes-exchanged",

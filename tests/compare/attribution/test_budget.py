@@ -26,7 +26,6 @@ from xfrustum.compare.attribution.radiance_budget import (
     OUTPUT,
     SHADING,
     RadianceBudget,
-    RadianceChange,
     make_radiance_budget,
 )
 from xfrustum.compare.metrics.error_maps import displacement, surface_errors
@@ -114,7 +113,7 @@ def test_nothing_is_left_unexplained_whatever_is_set(name: str) -> None:
     assert_all_is_explained(found)
 
 
-def assert_adds_up(part: VectorBudget | RadianceChange) -> None:
+def assert_adds_up(part: VectorBudget) -> None:
     """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
     defined = np.isfinite(part.total)
     size = np.abs(part.steps).sum(axis=0) + np.abs(part.total)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -193,31 +192,3 @@ def test_many_layers_hide_what_lies_behind_them(monkeypatch: pytest.MonkeyPatch)
     )
     found = hidden(soup(corners, frustum), crossed_frustum(frustum, at(0.0, 0.0)), points)
     np.testing.assert_array_equal(found, z < -1)
-
-
-def test_the_answer_does_not_depend_on_the_order_or_the_company_of_points() -> None:
-    scene, pencil, points, _ = seen_and_pushed("crossing")
-    whole = hidden(scene, pencil, points)
-    order = np.random.default_rng(3).permutation(len(whole))
-    bounds = np.linspace(0, len(order), 4).astype(int)
-    for start, stop in pairwise(bounds):
-        some = order[start:stop]
-        part = SurfacePoints(
-            position=points.position[some],
-            triangle=points.triangle[some],
-            tolerance=points.tolerance[some],
-        )
-        np.testing.assert_array_equal(hidden(scene, pencil, part), whole[some])
-
-
-def test_nothing_is_hidden_where_there_is_nothing() -> None:
-    empty = view("empty", (8, 8))
-    pencil = crossed_frustum(empty.frustum, empty.plate.middle)
-    points = SurfacePoints(
-        position=np.ones((2, 3)), triangle=np.zeros(2, dtype=np.int32), tolerance=np.zeros(2)
-    )
-    assert not hidden(empty, pencil, points).any()
-    none = SurfacePoints(
-        position=np.ones((0, 3)), triangle=np.zeros(0, dtype=np.int32), tolerance=np.zeros(0)
-    )
-    assert hidden(view("asymmetric", (8, 8)), pencil, none).shape == (0,)

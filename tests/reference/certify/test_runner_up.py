@@ -8,9 +8,6 @@ import pytest
 from tests.support.brute_force import first_hits
 from tests.support.views import at, lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.certify import Certifier
-from xfrustum.reference.certify.cone import Triangles
-from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.geometry.shapes import build_shape, refine
@@ -146,11 +143,3 @@ def test_refining_a_mesh_leaves_its_gaps(name: str) -> None:
     assert np.isfinite(coarse).mean() > 0.05
     alike = np.isclose(coarse, fine, rtol=1e-6, atol=1e-9) | (np.isinf(coarse) & np.isinf(fine))
     assert (~alike).mean() <= 1e-4
-
-
-def test_bands_make_one_image() -> None:
-    scene = view("car", (64, 48))
-    aperture = scene.plate.middle
-    certifier = Certifier(Triangles(scene.triangles), crossed_frustum(scene.frustum, aperture))
-    parts = [certifier.gaps(range(start, start + 16)) for start in range(0, 48, 16)]
-    np.testing.assert_array_equal(np.concatenate(parts), Reference(scene).gaps(aperture))

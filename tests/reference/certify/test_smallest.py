@@ -14,11 +14,9 @@ from tests.support.long_tail import examples
 from tests.support.scene_file import film, named
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.cli.main import main
-from xfrustum.compare.selfcheck.rational import first_by_brute_force
-from xfrustum.compare.selfcheck.selfcheck import default_names
 from xfrustum.reference.certify.certify import first_surfaces
 from xfrustum.reference.lines.lines import crossed_frustum
-from xfrustum.scenes import Certainty, Frustum, InputError, Scene, Screen
+from xfrustum.scenes import Certainty, Frustum, InputError, Screen
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
 from xfrustum.scenes.plate.plate import SMALLEST_SLOPE
@@ -126,35 +124,4 @@ def test_a_file_of_too_small_a_scale_is_refused_in_one_line(
     error = capsys.readouterr().err
     assert "box has a coordinate of" in error and error.count("\n") == 1
     file.write_text(BLOCK + "scale = 1e-70\n")
-    assert main(["selfcheck", str(file), "--quiet"]) == 0
-
-
-def test_flatter_films_and_smaller_shears_are_refused() -> None:
-    with pytest.raises(InputError, match="fov_deg must be at least"):
-        replace(FRUSTUM, fov=(1e-70, 1.0))
-    aside = Screen(height=-1.0, center=(1e-200, 0.0), size=(8.0, 6.0))
-    with pytest.raises(InputError, match="lengths must lie between"):
-        soup(np.eye(3)[None], replace(FRUSTUM, fov=None, screen=aside))
-
-
-def test_the_self_check_looks_at_the_smallest() -> None:
-    assert "hard/smallest" in default_names()
-
-
-def test_zero_is_no_small_number() -> None:
-    scene: Scene = soup(np.eye(3)[None], FRUSTUM)
-    assert (scene.vertices == 0).any()
-
-
-@pytest.mark.parametrize("size", [1.0, 1e-72, 1e29])
-def test_two_layers_of_triangles_are_told_apart_at_every_size(size: float) -> None:
-    """At 1e-106, half of these pixels were wrong, and nearly all of them ties."""
-    layer = np.random.default_rng(1).normal(size=(20, 3, 3)) - (0.0, 0.0, 1.0)
-    scene = soup(size * np.concatenate([layer, layer * (1.0, 1.0, 1.3)]), FRUSTUM)
-    pencil = replace(crossed_frustum(FRUSTUM, at(0.0, 0.0)), resolution=(32, 32))
-    found, exact = (
-        first_surfaces(scene.triangles, pencil),
-        first_by_brute_force(scene.triangles, pencil, range(32)),
-    )
-    np.testing.assert_array_equal(found.triangle, exact.triangle)
-    assert len(exact.ties) == 0 and not (found.certainty == Certainty.TIE).any()
+    assert main(["trace", str(file), "--out", str(tmp_path / "x.exr"), "--quiet"]) == 0

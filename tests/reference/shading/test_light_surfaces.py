@@ -6,19 +6,14 @@ tests/raster/test_light_raster.py holds both answers against the definition.
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from tests.support.lit import CENTERED, LAMP, PLATE, ROUNDING, SUN, ball, card, lit, quad, sky
-from tests.support.long_tail import examples
+from tests.support.lit import PLATE, ROUNDING, card, lit, quad
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
-from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
+from xfrustum.scenes import DoubleFrustum
+from xfrustum.scenes.appearance.appearance import DirectionalLight, Material
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 
 MIDDLE = PLATE.middle
 APERTURE = PLATE.aperture(3, 12)
@@ -29,10 +24,6 @@ BEHIND = quad([(-30, -25, -40), (28, -20, -60), (33, 30, -52.75), (-25, 25, -32.
 BEFORE = quad([(6, 2, 30), (4, 9, 34), (16, 12, 41), (18, 5, 37)], "paint")
 
 
-def picture(height: int, width: int, seed: int = 5) -> Bytes:
-    return np.random.default_rng(seed).integers(0, 256, (height, width, 4), dtype=np.uint8)
-
-
 def test_a_triangle_whose_corner_has_no_normal_is_flat() -> None:
     part = card((0, 0, -50), (200, 200), "paint")
     normals = np.array([(0.6, 0.0, 0.8), (np.nan,) * 3, (-0.6, 0.0, 0.8), (0.0, 0.6, 0.8)])
@@ -41,73 +32,6 @@ def test_a_triangle_whose_corner_has_no_normal_is_flat() -> None:
     flat = Reference(lit(part, paint=paint)).trace(MIDDLE)
     np.testing.assert_array_equal(image.color[image.triangle == 0], flat.color[flat.triangle == 0])
     assert (image.color != flat.color)[image.triangle == 1].any(axis=-1).all()
-
-
-class TestEffects:
-    """Only effects that a scene calls for are evaluated, and these are all that show."""
-
-    @pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "crossing", "truck", "beetle"])
-    def test_all_effects_give_the_same_bits_as_the_needed_ones(self, name: str) -> None:
-        scene = view(name, (48, 36))
-        assert_same_bits(scene)
-
-    coefficient = st.sampled_from([(0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.2, 0.4, 0.7)])
-
-    @given(
-        st.builds(
-            Material,
-            ambient=coefficient,
-            diffuse=coefficient,
-            specular=coefficient,
-            reflectivity=coefficient,
-            exponent=st.sampled_from([0.5, 7.0, 200.0]),
-        ),
-        st.sampled_from([(), (SUN,), (SUN, LAMP), (replace(SUN, color=(0.0, 0.0, 0.0)),)]),
-        st.sampled_from([None, sky(), replace(sky(), strength=0.0)]),
-        st.sampled_from(["flat", "smooth", "white vertices", "no normals", "colors"]),
-    )
-    @examples(60)
-    def test_whatever_is_in_the_scene(
-        self,
-        material: Material,
-        lights: tuple[DirectionalLight, ...],
-        environment: Environment | None,
-        kind: str,
-    ) -> None:
-        part = ball((2.0, 1.0, -45.0), 14.0, "paint", subdivisions=1, smooth=kind == "smooth")
-        ones = np.ones_like(part.vertices)
-        colors = {"white vertices": ones, "colors": np.abs(part.vertices) / 60}
-        part = replace(part, vertex_colors=colors.get(kind))
-        if kind == "no normals":
-            part = replace(part, vertex_normals=ones * np.nan)
-        frustum = replace(CENTERED, resolution=(16, 12))
-        gray = card((5.0, 3.0, 40.0), (6.0, 8.0))
-        assert_same_bits(
-            lit(part, gray, frustum=frustum, lights=lights, environment=environment, paint=material)
-        )
-
-    def test_leaving_out_what_shows_changes_the_picture(self) -> None:
-        part = ball((2.0, 1.0, -45.0), 14.0, "paint", subdivisions=1)
-        part = replace(
-            part,
-            vertex_colors=np.abs(part.vertices) / 60,
-            uv=part.vertices[:, :2] / 7,
-            textures=(picture(3, 4),),
-            texture_of_triangle=np.zeros(len(part.faces), dtype=np.int32),
-        )
-        paint = Material(specular=(0.3, 0.3, 0.3), reflectivity=(0.4, 0.4, 0.4))
-        scene = lit(part, environment=sky(), paint=paint)
-        used = needed(scene)
-        whole = Reference(scene).trace(MIDDLE).color
-        for effect in used - {Effect.C, Effect.C_STAR}:
-            without = Reference(scene, effects=used - {effect}).trace(MIDDLE).color
-            assert not np.array_equal(whole, without), effect
-
-
-def assert_same_bits(scene: Scene) -> None:
-    auto, everything = (Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS))
-    np.testing.assert_array_equal(auto.color, everything.color)
-    assert auto.color.dtype == np.float32
 
 
 class TestModel:

@@ -1,4 +1,4 @@
-"""Effects that only surfaces out of sight have: left out, with the same bits, whatever the near."""
+"""Effects that a scene does not call for, or only out of sight, are left out, with the same bits."""
 
 from dataclasses import replace
 from math import radians
@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.light import patterned_environment
+from tests.support.images import assert_same
+from tests.support.lit import LAMP, SUN, ball, card, lit, sky
 from tests.support.long_tail import examples
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, Pivot, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance.appearance import Appearance, DirectionalLight, Material
+from xfrustum.scenes.appearance.appearance import DirectionalLight, Environment, Material
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, Region, decide, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
@@ -31,40 +31,24 @@ RECENTERED = Frustum(
 )
 
 
-def ball(center: tuple[float, float, float], radius: float) -> SceneObject:
+def mirror_ball(center: tuple[float, float, float], radius: float) -> SceneObject:
     """A smooth, colored mirror ball."""
-    polar = np.linspace(0, np.pi, 13)
-    outward, faces = lathe(radius * np.sin(polar), -radius * np.cos(polar), sectors=24)
-    return SceneObject(
-        name="ball",
-        vertices=outward + np.array(center),
-        faces=faces,
-        material="mirror",
-        vertex_normals=outward,
-        vertex_colors=np.full(outward.shape, 0.5),
-    )
+    part = ball(center, radius, "mirror", 2)
+    return replace(part, vertex_colors=np.full(part.vertices.shape, 0.5))
 
 
 def scene(*parts: SceneObject, frustum: Frustum = CENTERED) -> Scene:
     """A plain gray square at z = -60, and other objects."""
-    corners = np.array([[-20.0, -20, -60], [20, -20, -60], [20, 20, -60], [-20, 20, -60]])
-    square = SceneObject(
-        name="square", vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="plain"
-    )
-    return Scene(
-        name="mirror ball somewhere",
-        plate=Plate(size=(40.0, 30.0), hogels=(5, 3)),
+    whole = lit(
+        card((0.0, 0.0, -60.0), (40.0, 40.0), "plain"),
+        *parts,
         frustum=frustum,
-        objects=(square, *parts),
-        appearance=Appearance(
-            materials={
-                "plain": Material(),
-                "mirror": Material(specular=(0.3,) * 3, reflectivity=(0.9,) * 3),
-            },
-            lights=(DirectionalLight(direction=(0, 0, 1)),),
-            environment=patterned_environment(),
-        ),
+        lights=(DirectionalLight(direction=(0, 0, 1)),),
+        environment=sky(),
+        plain=Material(),
+        mirror=Material(specular=(0.3,) * 3, reflectivity=(0.9,) * 3),
     )
+    return replace(whole, plate=Plate(size=(40.0, 30.0), hogels=(5, 3)))
 
 
 def assert_same_bits(asked: Scene, how: DoubleFrustum) -> None:
@@ -78,17 +62,50 @@ def assert_same_bits(asked: Scene, how: DoubleFrustum) -> None:
     ):
         for aperture, hogel in zip(apertures, plate.hogels(apertures), strict=True):
             one, other = auto.render(aperture, how), everything.render(aperture, how)
-            for name in ("color", "triangle", "position"):
-                assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-            np.testing.assert_array_equal(hogel.color, one.color)
-    one, other = (Reference(asked, effects=some).trace(asked.plate.middle) for some in (None, ALL_EFFECTS))
-    assert one.color is not None and other.color is not None
-    np.testing.assert_array_equal(one.color, other.color)
+            assert_same(one, other, "color", "triangle", "position")
+            assert_same(hogel, one, "color")
+    true, every = (Reference(asked, effects=e).trace(asked.plate.middle) for e in (None, ALL_EFFECTS))
+    assert_same(true, every, "color")
+
+
+COEFFICIENT = st.sampled_from([(0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.2, 0.4, 0.7)])
+BLACK = replace(SUN, color=(0.0, 0.0, 0.0))
+
+
+@examples(40)
+@given(
+    st.builds(
+        Material,
+        ambient=COEFFICIENT,
+        diffuse=COEFFICIENT,
+        specular=COEFFICIENT,
+        reflectivity=COEFFICIENT,
+        exponent=st.sampled_from([0.5, 7.0, 200.0]),
+    ),
+    st.sampled_from([(), (SUN,), (SUN, LAMP), (BLACK,)]),
+    st.sampled_from([None, sky(), replace(sky(), strength=0.0)]),
+    st.sampled_from(["flat", "smooth", "white vertices", "no normals", "colors", "textured"]),
+)
+def test_what_a_scene_does_not_call_for_changes_no_bit(
+    material: Material, lights: tuple[DirectionalLight, ...], environment: Environment | None, kind: str
+) -> None:
+    part = ball((2.0, 1.0, -45.0), 14.0, "paint", subdivisions=1, smooth=kind == "smooth")
+    ones = np.ones_like(part.vertices)
+    colors = {"white vertices": ones, "colors": np.abs(part.vertices) / 60}
+    part = replace(part, vertex_colors=colors.get(kind))
+    if kind == "no normals":
+        part = replace(part, vertex_normals=ones * np.nan)
+    if kind == "textured":
+        picture, which = np.full((2, 2, 4), 99, np.uint8), np.zeros(len(part.faces), np.int32)
+        part = replace(part, uv=part.vertices[:, :2] / 7, textures=(picture,), texture_of_triangle=which)
+    gray = card((5.0, 3.0, 40.0), (6.0, 8.0))
+    asked = lit(part, gray, frustum=CENTERED, lights=lights, environment=environment, paint=material)
+    assert_same_bits(asked, DoubleFrustum(near=0.1))
 
 
 def test_a_mirror_ball_beyond_the_reach_calls_for_nothing() -> None:
     """It lies 5 m behind a reach of 150 mm."""
-    asked = scene(ball((0.0, 0.0, -5000.0), 300.0))
+    asked = scene(mirror_ball((0.0, 0.0, -5000.0), 300.0))
     assert needed(asked) == needed(scene())
     [reflection] = [d for d in decide(asked) if d.effect is Effect.REFLECTION]
     assert reflection.out_of_sight == (1,) and reflection.objects == ()
@@ -103,18 +120,18 @@ def test_a_mirror_ball_beyond_the_reach_calls_for_nothing() -> None:
 def test_a_mirror_ball_beside_the_frusta_calls_for_nothing(
     frustum: Frustum, center: tuple[float, float, float]
 ) -> None:
-    asked = scene(ball(center, 30.0), frustum=frustum)
+    asked = scene(mirror_ball(center, 30.0), frustum=frustum)
     assert not needed(asked) & (MIRRORED | {Effect.C_STAR})
     assert_same_bits(asked, DoubleFrustum(near=20.0, pivot=Pivot.CAMERA))
 
 
 def test_a_mirror_ball_in_sight_calls_for_its_effects() -> None:
-    assert needed(scene(ball((0.0, 0.0, 50.0), 5.0))) >= MIRRORED | {Effect.C_STAR}
+    assert needed(scene(mirror_ball((0.0, 0.0, 50.0), 5.0))) >= MIRRORED | {Effect.C_STAR}
 
 
 def test_one_aperture_calls_for_less_than_the_plate() -> None:
     """From the right edge of the plate the ball lies beside the frustum, stepped back or not."""
-    asked = scene(ball((-165.0, 0.0, -60.0), 60.0))
+    asked = scene(mirror_ball((-165.0, 0.0, -60.0), 60.0))
     left, right = (asked.plate.aperture(column, 1) for column in (0, 4))
     assert needed(asked) >= MIRRORED
     assert needed(asked, question=Question(apertures=(left,))) >= MIRRORED
@@ -123,7 +140,7 @@ def test_one_aperture_calls_for_less_than_the_plate() -> None:
 
 def test_effects_that_a_tiny_near_shows_beyond_the_reach_are_drawn() -> None:
     """Where float32 knows no far plane, C* shows the farthest of all surfaces: the ball beyond the reach."""
-    asked = scene(ball((0.0, 0.0, 40.0), 1.0), ball((0.0, 0.0, 2000.0), 600.0))
+    asked = scene(mirror_ball((0.0, 0.0, 40.0), 1.0), mirror_ball((0.0, 0.0, 2000.0), 600.0))
     plain = replace(asked.objects[1], material="plain", vertex_normals=None, vertex_colors=None)
     hidden = replace(asked, objects=(asked.objects[0], plain, asked.objects[2]))
     assert not needed(hidden) & MIRRORED
@@ -136,7 +153,7 @@ def test_effects_that_a_tiny_near_shows_beyond_the_reach_are_drawn() -> None:
 
 def test_color_alone_is_drawn_by_the_cameras_that_a_tiny_near_calls_for() -> None:
     """Within the reach C* sees nothing: the small ball lies beside its frusta. It shows the ball beyond."""
-    asked = scene(ball((900.0, 0.0, 50.0), 1.0), ball((0.0, 0.0, 2000.0), 600.0))
+    asked = scene(mirror_ball((900.0, 0.0, 50.0), 1.0), mirror_ball((0.0, 0.0, 2000.0), 600.0))
     assert Effect.C_STAR not in needed(asked)
     tiny = DoubleFrustum(near=1e-7)
     with Rasterizer(asked) as rasterizer:
@@ -157,7 +174,7 @@ def test_what_a_camera_shows_lies_in_the_region(
     center: tuple[float, float, float], radius: float, near: float, pivot: Pivot, recentered: bool
 ) -> None:
     """The region that decides is never smaller than what any aperture's cameras draw, by their definition."""
-    asked = scene(ball(center, radius), frustum=RECENTERED if recentered else CENTERED)
+    asked = scene(mirror_ball(center, radius), frustum=RECENTERED if recentered else CENTERED)
     points = asked.objects[1].vertices[asked.objects[1].faces].mean(axis=1)
     for aperture in (asked.plate.middle, *asked.plate.corners):
         shown = shown_by_definition(

@@ -1,0 +1,291 @@
+"""Antialiasing and band limiting by both answers: means of pictures, and of nothing but color."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.images import assert_same, interior
+from tests.support.light import dressed_scene, moved_by_snapping
+from tests.support.lit import GLOW, lit, quad
+from tests.support.long_tail import thinned
+from tests.support.views import reversed_d32f, view
+from xfrustum.raster import Rasterizer, rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, Screen
+from xfrustum.scenes.appearance.appearance import Appearance, Environment, Material
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.arrays import Floats, Singles
+
+RESOLUTION = (48, 36)
+SETTINGS = reversed_d32f(1e-3)
+FOUR = 4
+"""Number of coverage samples, which the software rasterizer and every graphics card have."""
+
+SINGLE = 2.0**-23
+"""Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean."""
+INTERPOLATED = 192 * 2.0**-23
+"""Largest rounding of attributes, which are float32 plane equations over 192 pixels."""
+
+Ask = Callable[..., HogelImage]
+Answer = Callable[[Scene], AbstractContextManager[Ask]]
+
+
+@contextmanager
+def traced(scene: Scene) -> Iterator[Ask]:
+    """Give the truth of an aperture, with a sampling or with the scene's own."""
+    yield Reference(scene).trace
+
+
+@contextmanager
+def drawn(scene: Scene) -> Iterator[Ask]:
+    """Give the raster image of an aperture with hardly a near offset."""
+    with Rasterizer(scene) as raster:
+        yield lambda aperture, sampling=None: raster.render(aperture, SETTINGS, sampling=sampling)
+
+
+BOTH = pytest.mark.parametrize("answer", [traced, drawn])
+
+
+def mean(pictures: list[Singles]) -> Floats:
+    return np.asarray(np.mean([picture.astype(np.float64) for picture in pictures], axis=0))
+
+
+@BOTH
+@pytest.mark.parametrize("n", [2, 3])
+def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(answer: Answer, n: int) -> None:
+    scene = dressed_scene("asymmetric-recentered", RESOLUTION)
+    width, height = RESOLUTION
+    larger = replace(scene, frustum=replace(scene.frustum, resolution=(n * width, n * height)))
+    place = scene.plate.corners[0]
+    with answer(scene) as ask, answer(larger) as fine:
+        boxes = fine(place).color.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64)
+        found = ask(place, Sampling(supersample=n)).color
+    np.testing.assert_allclose(found, boxes, rtol=SINGLE, atol=SINGLE)
+
+
+@BOTH
+@pytest.mark.parametrize("boxes", [1, 2])
+def test_an_aperture_is_the_mean_of_its_points(answer: Answer, boxes: int) -> None:
+    """With supersampling in addition it is the mean of means."""
+    scene = dressed_scene("asymmetric-recentered", RESOLUTION)
+    aperture = scene.plate.aperture(20, 40)
+    with answer(scene) as ask:
+        points = sub_apertures(scene.plate, aperture, 5)
+        expected = mean([ask(point, Sampling(supersample=boxes)).color for point in points])
+        found = ask(aperture, Sampling(supersample=boxes, aperture=5)).color
+        assert np.abs(found - ask(aperture).color).max() > 0.05
+    np.testing.assert_allclose(found, expected, rtol=2 * SINGLE, atol=2 * SINGLE)
+
+
+@pytest.mark.parametrize(
+    ("answer", "asked"),
+    [
+        *((answer, asked) for answer in (traced, drawn) for asked in ({"supersample": 2}, {"aperture": 3})),
+        (drawn, {"multisample": FOUR}),
+    ],
+)
+def test_only_color_is_averaged_as_the_scene_has_it_where_nobody_asks(
+    answer: Answer, asked: dict[str, int]
+) -> None:
+    scene, sampling = dressed_scene("asymmetric", RESOLUTION), Sampling(**asked)
+    middle = scene.plate.middle
+    with answer(scene) as ask, answer(replace(scene, sampling=sampling)) as by_scene:
+        plain, fine = ask(middle), ask(middle, sampling)
+        assert_same(fine, plain, "triangle", "object", "position", "normal")
+        assert not np.array_equal(fine.color, plain.color)
+        assert_same(by_scene(middle), fine, "color")
+        assert_same(by_scene(middle, Sampling()), plain, "color")
+
+
+def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats]:
+    """Return a scene white below a line across the film, and how much of each pixel lies below it."""
+    width, height = resolution
+    # In pixels, to the right and up from the film's middle; the corners lie outside the film.
+    far = 3.0 * width
+    line = np.array([[-far, -far * slope + 0.3], [far, far * slope + 0.3], [far, -2 * far], [-far, -2 * far]])
+    tangent, depth = math.tan(math.radians(25)), 40.0
+    corners = np.column_stack((line * (2 * tangent * depth / width), np.full(4, -depth)))
+    fov = (2 * math.atan(tangent), 2 * math.atan(tangent * height / width))
+    frustum = Frustum(resolution=resolution, reach=(50.0, 50.0), fov=fov)
+    scene = replace(
+        lit(quad(corners, "glow"), frustum=frustum, glow=GLOW), plate=Plate(size=(1, 1), hogels=(1, 1))
+    )
+    # The midpoint rule over columns so thin that its error is far below a code.
+    fine = (np.arange(width * 512) + 0.5) / 512 - width / 2
+    bottom = height / 2 - 1 - np.arange(height)[:, None]
+    covered = np.clip(fine * slope + 0.3 - bottom, 0, 1).reshape(height, width, 512).mean(axis=2)
+    return scene, covered
+
+
+SLOPE = 0.37
+EDGE, COVERED = half_plane(SLOPE, RESOLUTION)
+CROSSED = (COVERED > 0) & (COVERED < 1)
+
+
+def error_at_the_edge(answer: Answer, **sampling: int) -> Floats:
+    with answer(EDGE) as ask:
+        return np.asarray(np.abs(ask(EDGE.plate.middle, Sampling(**sampling)).color[..., 0] - COVERED))
+
+
+@BOTH
+def test_supersampling_converges_to_the_covered_area(answer: Answer) -> None:
+    """Each row of n points measures its length to 1/(2n), and n rows the area to less than another."""
+    errors = {n: error_at_the_edge(answer, supersample=n) for n in (1, 2, 4, 8, 16)}
+    snapped = 2.0**-8 * (1 + SLOPE)  # corners lie on a grid of 1/256 pixel
+    for n, error in errors.items():
+        assert error.max() <= 1 / n + snapped
+        assert (error[~CROSSED] == 0).all()
+    rms = {n: math.sqrt((error[CROSSED] ** 2).mean()) for n, error in errors.items()}
+    assert rms[16] < rms[4] / 3 < rms[1] / 9
+
+
+def test_multisampling_agrees_with_supersampling_to_its_own_steps() -> None:
+    """Four points, one in each row and column of sixteen: area to a quarter, and better in the mean."""
+    one, four = error_at_the_edge(drawn), error_at_the_edge(drawn, multisample=FOUR)
+    assert four.max() <= 1 / FOUR + 1 / 16
+    assert (four[~CROSSED] == 0).all()
+    assert math.sqrt((four**2).sum()) < math.sqrt((one**2).sum()) / 2
+    with drawn(EDGE) as ask:
+        shares = np.unique(ask(EDGE.plate.middle, Sampling(multisample=FOUR)).color)
+    np.testing.assert_allclose(shares * FOUR, np.arange(FOUR + 1), atol=SINGLE)
+
+
+PITCH = 2.0
+SCREEN_HEIGHT = 30.0
+
+
+def grating(height: float, period: float, *, recentered: bool) -> Scene:
+    """Return glowing bars along y in a plane, half a period wide, on a plate of pitch 2."""
+    bars = [
+        quad([(x, -60, height), (end, -60, height), (end, 60, height), (x, 60, height)], "glow")
+        for x, end in ((x, x + period / 2) for x in np.arange(-60.0, 60.0, period))
+    ]
+    screen = Screen(height=SCREEN_HEIGHT, center=(0.5, 0.0), size=(20.0, 20.0)) if recentered else None
+    fov = None if recentered else (math.radians(30), math.radians(30))
+    frustum = Frustum(resolution=(101, 3), reach=(50.0, 50.0), screen=screen, fov=fov)
+    plate = Plate(size=(10 * PITCH, 10 * PITCH), hogels=(10, 10))
+    return replace(lit(*bars, frustum=frustum, lights=(), glow=GLOW), plate=plate)
+
+
+def discrepancy(count: int) -> float:
+    """Return the largest share by which `sub_apertures` misjudge an interval from an end of the pitch."""
+    plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
+    x = np.sort([place.x + 0.5 for place in sub_apertures(plate, plate.middle, count)])
+    steps = np.arange(count + 1) / count
+    return float(max(np.abs(x - steps[1:]).max(), np.abs(x - steps[:-1]).max()))
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("height", "recentered"), thinned([(-25.0, False), (12.0, True), (-25.0, True), (12.0, False)], 2)
+)
+def test_a_grating_as_fine_as_the_aperture_is_gray(answer: Answer, height: float, recentered: bool) -> None:
+    """Every line sweeps one whole period, half of it bright: the pitch, or less toward the screen's plane."""
+    count = 89
+    period = PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
+    scene = grating(height, period, recentered=recentered)
+    with answer(scene) as ask:
+        sharp, gray = (ask(scene.plate.middle, Sampling(aperture=n)).color for n in (1, count))
+    assert set(np.unique(sharp)) == {0, 1}
+    assert 0.3 < sharp.mean() < 0.7
+    # A bar is an interval of the pitch, or all but one: each of its two ends is misjudged once.
+    assert np.abs(gray - 0.5).max() <= 2 * discrepancy(count) + SINGLE
+    assert 2 * discrepancy(count) < 0.1
+
+
+def test_a_grating_in_the_plane_of_the_screen_stays_sharp() -> None:
+    """The projection screen is fixed while the aperture moves (paper, section 6)."""
+    scene = grating(SCREEN_HEIGHT, 0.77, recentered=True)
+    with Rasterizer(scene) as raster:
+        exact = replace(SETTINGS, fit=SCREEN_HEIGHT)
+        sharp, averaged = (
+            raster.render(scene.plate.middle, exact, sampling=Sampling(aperture=n)) for n in (1, 16)
+        )
+    # Bars are left out whose edges meet a pixel's center to within the rasterizer's roundings.
+    assert (np.abs(averaged.color - sharp.color) > SINGLE).mean() < 0.02
+
+
+# What the rasterizer alone has: tiles, coverage samples, colors without the rest.
+
+
+def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> Singles:
+    place = raster.scene.default_apertures()[-1] if at is None else at
+    return raster.render(place, SETTINGS, sampling=Sampling(**sampling)).color
+
+
+def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tiles do not divide the film: 48 x 36 pixels in tiles of 11 x 11."""
+    scene = dressed_scene("asymmetric-recentered", RESOLUTION)
+    width, height = RESOLUTION
+    larger = replace(scene, frustum=replace(scene.frustum, resolution=(3 * width, 3 * height)))
+    with Rasterizer(scene) as raster, Rasterizer(larger) as fine:
+        # Corners have other places on a tile, so that snapping may move attributes the other way.
+        image = fine.render(scene.default_apertures()[-1], SETTINGS)
+        moved = moved_by_snapping(larger, image, fine.model).reshape(height, 3, width, 3, 3).mean(axis=(1, 3))
+        whole = color(raster, supersample=3)
+        monkeypatch.setattr(rasterizer, "POINTS_AT_ONCE", 33 * 33)
+        assert {tile.size for tile in rasterizer.tiles(RESOLUTION, 3, 33)} == {(33, 33)}
+        monkeypatch.setattr("xfrustum.raster.rasterizer.largest_image", lambda: 33)
+        parts = color(raster, supersample=3)
+    # Where a corner is snapped to another subpixel an edge may take or leave one point of a pixel.
+    different = np.abs(parts - whole).max(axis=-1) > 1e-4 + 2 * moved.max(axis=-1)
+    assert different.mean() < 0.01
+
+
+@pytest.mark.parametrize("samples", thinned([FOUR, 2, 3], 3))
+def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(samples: int) -> None:
+    """This holds however many more samples the device stores than are asked for."""
+    scene = dressed_scene("asymmetric", (192, 144))
+    with Rasterizer(scene) as raster:
+        plain = raster.render(scene.plate.middle, SETTINGS)
+        several = color(raster, multisample=samples)
+    # A triangle that the plate cuts is drawn in parts, which meet within it.
+    lowest, highest = scene.height_ranges[:, plain.triangle]
+    inside = interior(plain) & (lowest * highest > 0)
+    assert inside.sum() > 1000
+    # Whether a covered pixel's attributes are those at its center, to the last bits, is the driver's choice.
+    np.testing.assert_allclose(several[inside], plain.color[inside], atol=INTERPOLATED)
+    assert several.min() >= 0
+    assert (several != plain.color).any()
+
+
+@pytest.mark.parametrize("sampling", [{}, {"multisample": FOUR}, {"supersample": 2, "aperture": 4}])
+def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -> None:
+    """Bit for bit, whatever was drawn before."""
+    scene = dressed_scene("asymmetric-recentered", RESOLUTION)
+    place = scene.plate.aperture(1, 2)
+    with Rasterizer(scene) as raster:
+        with pytest.raises(InputError, match=r"multisample 4096 .* at most \d+"):
+            color(raster, multisample=4096)
+        with pytest.raises(InputError, match=r"supersample 65536 .* at most \d+"):
+            color(raster, supersample=1 << 16)
+        expected = color(raster, place, **sampling)
+        raster.render(scene.plate.middle, SETTINGS)
+        np.testing.assert_array_equal(raster.render_color(place, SETTINGS, Sampling(**sampling)), expected)
+
+
+@pytest.mark.parametrize("sampling", [{"multisample": FOUR}, {"supersample": 3}])
+def test_what_is_hidden_reflects_nothing_in_any_sample(sampling: dict[str, int]) -> None:
+    """Mirrors in a white surrounding look like a white surface: as much light, in the same samples."""
+    scene = view("asymmetric", RESOLUTION)
+    parts = tuple(replace(part, material="look") for part in scene.objects)
+    surrounding = Environment(radiance=np.ones((2, 4, 3), np.float32))
+    mirror = Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
+    pictures = []
+    for material in (GLOW, mirror):
+        look = Appearance(materials={"look": material}, lights=(), environment=surrounding)
+        with Rasterizer(replace(scene, objects=parts, appearance=look)) as raster:
+            pictures.append(color(raster, **sampling))
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=SINGLE)
+
+
+def test_multisampling_mixes_reflections_as_supersampling_does() -> None:
+    scene = dressed_scene("car", RESOLUTION)
+    with Rasterizer(scene) as raster:
+        exact = color(raster, supersample=8).astype(np.float64)
+        four, one = (np.abs(color(raster, multisample=n) - exact).mean() for n in (FOUR, 1))
+    assert four < one
