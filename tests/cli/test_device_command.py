@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.views import SHARED, view
+from tests.support.scene_file import film, part
+from tests.support.views import SHARED
 from xfrustum.cli.main import main
 from xfrustum.raster.device import context
 from xfrustum.scenes.model.device_model import H100, DeviceModel
@@ -67,13 +68,15 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
 def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "device.json"
+    path, scene = tmp_path / "device.json", tmp_path / "scene.toml"
     path.write_text(json.dumps({"model": H100.as_json()}))
     (tmp_path / "none").mkdir()
-    Image.new("RGB", view("asymmetric").frustum.resolution).save(tmp_path / "40x30.png")
+    lens = film((40.0, 30.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 50.0), reach=(20.0, 30.0))
+    scene.write_text(lens + part("box", 8.0, (0.0, 0.0, -15.0)))
+    Image.new("RGB", (16, 12)).save(tmp_path / "1x1.png")
     for words, status in (
-        ("plan asymmetric --aperture 40,30 --depth d24 --mapping standard", 0),
-        (f"verify asymmetric {tmp_path}/{{i}}x{{j}}.png --apertures 40,30", 1),
+        (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0),
+        (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1),
         (f"conformance judge {tmp_path / 'none'} --case L0-behind", 0),
     ):
         assert main([*words.split(), "--device", str(path), "--json", "--quiet"]) == status

@@ -135,15 +135,13 @@ def test_warnings_and_logs_of_libraries_are_shown_on_request(tmp_path: Path) -> 
     [
         "os.dup2(2, 2); faulthandler._sigsegv()",
         "os.dup2(1, 2); faulthandler._sigsegv()",  # a library has taken standard error for its own text
-        "import subprocess; subprocess.run([sys.executable, 'child.py'])",
     ],
 )
 def test_a_crash_leaves_its_traces_on_standard_error(ending: str, tmp_path: Path) -> None:
-    (tmp_path / "child.py").write_text("import faulthandler; faulthandler._sigsegv()")
     (tmp_path / "x.py").write_text(LIBRARIES.format(ending=ending))
     done = run('"$PYTHON" x.py work; exit $?', tmp_path)
     assert "Fatal Python error: Segmentation fault" in done.stderr and "words from C" in done.stderr
-    assert "child.py" in ending or (done.returncode == 128 + 11 and "in work" in done.stderr)
+    assert done.returncode == 128 + 11 and "in work" in done.stderr
 
 
 def test_no_message_is_longer_than_500_characters(
@@ -156,35 +154,14 @@ def test_no_message_is_longer_than_500_characters(
     for command in (
         f"trace {long}",
         f"trace car --aperture {long} --out x.exr",
-        f"--{long}",
         long,
-        f"verify car {long}",
-        f"convert {long} {long}",
         f"report car --depth {long}",
-        f"plan car --apertures {long}",
         "trace long.toml --out x.exr",
         "trace keys.toml --out x.exr",
     ):
         assert main(command.split()) == 2, command
         said = capsys.readouterr().err
         assert said.count("\n") == 1 and len(said) <= 501, command
-
-
-def test_a_mesh_with_a_comment_that_is_no_utf_8_and_a_3mf_mesh_are_read(
-    verify_scene: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    import trimesh  # noqa: PLC0415 - heavy
-
-    box = trimesh.creation.box()
-    latin = "# gezählt von Müller\n".encode("latin-1")
-    Path("box.obj").write_bytes(latin + trimesh.exchange.obj.export_obj(box).encode())
-    Path("late.obj").write_bytes(b"#" * 3000 + b"\n" + latin + trimesh.exchange.obj.export_obj(box).encode())
-    box.export("box.3mf")
-    text = Path(verify_scene).read_text()
-    for mesh in ("box.obj", "late.obj", "box.3mf"):
-        Path(verify_scene).write_text(text.replace('shape = "box"', f'mesh = "{mesh}"'))
-        assert main(["trace", verify_scene, "--quiet", "--out", "x.exr"]) == 0
-    assert capfd.readouterr().err == ""
 
 
 @pytest.fixture
@@ -243,18 +220,7 @@ BODIES = {
             time.sleep(60)
         except BaseException:
             pass
-        time.sleep(60)
-        """,
-    "a callback from C": """
-        import ctypes, time
-        compare = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-        def slow(a, b):
-            print("ready", flush=True)
-            time.sleep(0.3)
-            return 0
-        numbers = (ctypes.c_int * 64)(*range(64))
-        ctypes.CDLL(None).qsort(numbers, 64, 4, compare(slow))
-        time.sleep(60)
+        time.sleep(600)
         """,
     "a block that cleans up": """
         import tempfile, time
@@ -264,16 +230,6 @@ BODIES = {
                 time.sleep(60)
             finally:
                 time.sleep(0.3)
-        """,
-    "an import": """
-        from pathlib import Path
-        import sys
-        Path("slow.py").write_text(
-            "import time\\nprint('ready', flush=True)\\nuntil = time.process_time() + 60\\n"
-            "while time.process_time() < until: pass\\n"
-        )
-        sys.path.insert(0, ".")
-        import slow
         """,
 }
 
@@ -296,7 +252,10 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
         for _ in range(times):
             process.send_signal(stop)
             time.sleep(0.05)
-        _, said = process.communicate(timeout=60)
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert (process.returncode, said) == ENDED[stop]
     assert list((tmp_path / "temporary").iterdir()) == []
     assert not (tmp_path / "x.exr").exists()
@@ -359,29 +318,6 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         os.kill(int(out), signal.SIGKILL)
 
 
-def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path) -> None:
-    body = """
-        import os, sys
-        from pathlib import Path
-        from xfrustum.reports.common.outputs import write_output
-        os.mkfifo("pipe")
-        def watched(event, arguments):
-            if event == "open" and str(arguments[0]) == "pipe":
-                print("ready", flush=True)
-        sys.addaudithook(watched)
-        write_output(Path("pipe"), b"content", "--junit")
-        """
-    with start(program(body), tmp_path) as process:
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(signal.SIGINT)
-        try:
-            _, said = process.communicate(timeout=20)
-        finally:
-            process.kill()
-    assert (process.returncode, said) == ENDED[signal.SIGINT]
-    assert list((tmp_path / "temporary").iterdir()) == []
-
-
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
     """The command is done: its status stands, and no exception comes out of what Python still has to do."""
     leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
@@ -408,18 +344,3 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 70 and "went on" in said
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stop", list(ENDED))
-def test_a_report_that_is_stopped_says_so_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
-    with start(["-m", "xfrustum", "report", "car", "--quiet", "--out", "out"], tmp_path) as process:
-        while process.poll() is None and len(list(tmp_path.iterdir())) == 1:
-            time.sleep(0.01)
-        assert process.poll() is None, "the report has begun"
-        # `timeout` sends two signals; the second must not stop the cleaning up.
-        for _ in range(2 if stop is signal.SIGTERM else 1):
-            process.send_signal(stop)
-        _, said = process.communicate()
-    assert (process.returncode, said) == ENDED[stop]
-    assert [path.name for path in tmp_path.rglob("*")] == ["temporary"]
