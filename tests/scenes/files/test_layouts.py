@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 from xfrustum.scenes import InputError
-from xfrustum.scenes.files import plate_files
 from xfrustum.scenes.files.layouts import (
     LAYOUTS,
     NAMES,
@@ -118,20 +117,6 @@ def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path
     found = find_files(tmp_path, shape_for(name), layouts_named(name))
     assert found.plate.pixels.dtype == before.pixels.dtype
     assert np.array_equal(found.plate.pixels, before.pixels)
-
-
-def test_a_row_that_is_too_large_for_memory_lies_in_a_scratch_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shape = shape_for("hogels")
-    before = plate(shape)
-    write_files(before, target("hogels"), tmp_path)
-    rows = find_files(tmp_path, shape).rows()
-    assert not isinstance(rows.row(1), np.memmap)
-    monkeypatch.setattr(plate_files, "MAX_BYTES_IN_MEMORY", before.row(1).nbytes - 1)
-    found = rows.row(1)
-    assert isinstance(found, np.memmap)
-    assert np.array_equal(found, before.row(1))
 
 
 @pytest.mark.parametrize("name", HORIZONTAL)

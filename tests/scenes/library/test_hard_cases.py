@@ -236,14 +236,6 @@ def test_giants_are_traced_in_bounded_memory(
     assert needed < limit
 
 
-@pytest.mark.parametrize(("name", "aperture"), thinned((one.values for one in VIEWS), 9))
-def test_the_truth_is_the_same_again(name: str, aperture: Index) -> None:
-    scene, image = scene_of(name), truth_of(name, aperture)
-    again = Reference(scene).trace(scene.plate.aperture(*aperture))
-    for field in ("triangle", "object", "position", "normal", "color", "certainty", "companions"):
-        np.testing.assert_array_equal(getattr(again, field), getattr(image, field), err_msg=field)
-
-
 # Each hard case shows what geometry says, pixel by pixel, in closed form.
 
 

@@ -28,12 +28,6 @@ def test_an_aperture_outside_the_plate_is_an_error_that_says_where_it_ends(index
         PLATE.aperture(*index)
 
 
-def test_a_report_adds_two_corners_when_the_frustum_is_recentered() -> None:
-    centered, recentered = open_scene("car"), open_scene("car-recentered")
-    assert [a.index for a in centered.default_apertures()] == [(40, 30)]
-    assert [a.index for a in recentered.default_apertures()] == [(40, 30), (0, 0), (80, 60)]
-
-
 BLOCKED = Plate(size=(8.0, 6.0), hogels=(5, 4))
 
 

@@ -1,0 +1,259 @@
+"""Files that are damaged, or that nobody should have sent: one line that names them, and nothing else."""
+
+import io
+import json
+import os
+import re
+import struct
+import tempfile
+import zipfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.scenes.files.test_exr import a_camera, an_image
+from tests.support.environment_maps import write_map
+from tests.support.scene_file import film
+from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
+from xfrustum.scenes.files.exr import read_image, write_image
+from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
+from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.files.pictures import read_environment, read_rgb
+from xfrustum.scenes.geometry.tessellation import load_patches
+
+GIBIBYTE = 1 << 30
+SCENE = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+TRIANGLE = CORNERS + "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+NET = "1\n2 2\n" + "".join(f"{x} {y} {x * y}\n" for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0))
+"""A file of one Bezier patch."""
+
+
+@cache
+def made(suffix: str, value: float = 1.0, channels: int = 3) -> bytes:
+    """Return a hogel image (`image.exr`), or an environment with one pixel of some value."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / suffix
+        if suffix == "image.exr":
+            write_image(path, an_image())
+        else:
+            pixels = np.random.default_rng(3).random((6, 12, channels), dtype=np.float32)
+            pixels[1, 2, 0] = value
+            write_map(path, pixels)
+        return path.read_bytes()
+
+
+def image(damage: Callable[[bytes], bytes]) -> bytes:
+    return damage(made("image.exr"))
+
+
+def renamed(name: bytes) -> bytes:
+    """Return an image in which the name of an attribute or a channel is no UTF-8."""
+    return image(lambda data: data.replace(name, b"\xff" + name[1:], 1))
+
+
+def enlarged(data: bytes) -> bytes:
+    """Let an image declare 40,000 x 40,000 pixels."""
+    at = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    return data[:at] + struct.pack("<iiii", 0, 0, 40_000, 40_000) + data[at + 16 :]
+
+
+def reordered(data: bytes) -> bytes:
+    """Let the order of an image's lines be a value that no reader knows, of a wrong size."""
+    name = b"lineOrder\0lineOrder\0"
+    before, after = data.split(name)
+    return before + name + b"\2\0\0\0" + b"\2\0" + after[5:]
+
+
+def gltf_of_gigabytes() -> str:
+    count = 150_000_000
+    accessors = [{"componentType": 5126, "type": "VEC3", "count": count}]
+    accessors.append({"componentType": 5125, "type": "SCALAR", "count": count})
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
+    tree = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    return json.dumps({**tree, "meshes": meshes, "accessors": accessors})
+
+
+def archive_of_megabytes() -> bytes:
+    """Return a small archive of a mesh that is a thousand times as large."""
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.obj", "w") as member:
+        for _ in range(70):
+            member.write(b"v 0 0 0\n" * (1 << 17))
+        member.write(b"f 1 2 3\n")
+    assert len(held.getvalue()) < 1 << 20
+    return held.getvalue()
+
+
+def picture() -> bytes:
+    held = io.BytesIO()
+    Image.new("RGB", (12, 6)).save(held, format="png")
+    return held.getvalue()
+
+
+def scene(old: str, new: str) -> str:
+    return (SCENE + '[[object]]\nshape = "sphere"\n').replace(old, new)
+
+
+def cut(data: bytes) -> bytes:
+    return data[: len(data) * 2 // 3]
+
+
+MIDDLE = len(made("image.exr")) // 2
+SCREEN = "screen = { height = 20.0, center = [0.0, 0.0], size = [60.0, 5e-22] }"
+LIGHT = "[[light]]\ndirection = [0.0, 0.0, 1.0]\ncolor = 1e308\n[[object]]"
+BEYOND = "1\n2 2\n" + "".join(f"{x} {y} {1e300 * (x == y == 1)}\n" for x in range(3) for y in range(3))
+
+DAMAGED: list[tuple[str, str | bytes, str]] = [
+    ("mesh.obj", "", "the mesh file is empty"),
+    ("mesh.obj", CORNERS, "no triangles"),
+    ("mesh.obj", CORNERS.replace("1 0 0", "1 nan 0") + "f 1 2 3\n", "1 of 3 vertices are NaN or infinite"),
+    ("mesh.obj", CORNERS.replace("v 1 0 0", "v inf 0 0") + "f 1 2 3\n", "the first is number 1"),
+    ("mesh.obj", CORNERS + "f 1 2 9\n", "faces point past the vertices"),
+    ("mesh.obj", CORNERS + "f -1 -2 -9\n", "faces point past the vertices"),
+    ("mesh.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "three coordinates"),
+    ("mesh.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "face"),
+    ("mesh.ply", PLY + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "past the vertices (index 7, 3 vertices)"),
+    ("mesh.glb", "hello", "cannot be read"),
+    ("mesh.ply", "ply\nnonsense", "damaged"),
+    ("mesh.xyz", "1 2 3\n4 5 6\n", "mesh.xyz"),
+    ("mesh.foo", "x", "use one of"),
+    ("mesh.gltf", gltf_of_gigabytes(), "GiB of memory"),
+    ("mesh.gltf", gltf_of_gigabytes(), "--max-input-memory"),
+    ("mesh.zip", archive_of_megabytes(), "unpacking"),
+    ("mesh.zip", b"PK\x03\x04 and then nothing", "cannot be unpacked"),
+    ("mesh.bpt", "", "ends before the number of patches"),
+    ("mesh.bpt", "no\n", "the number of patches must be a whole number of at least 1, not 'no'"),
+    ("mesh.bpt", "9" * 4400 + "\n", "number of patches must be at most"),
+    ("mesh.bpt", "2" + NET[1:], "ends before a degree of patch 1"),
+    ("mesh.bpt", NET[:-20], "ends within the control points of patch 0"),
+    ("mesh.bpt", NET + "3 3\n", "goes on after 1 patches"),
+    ("mesh.bpt", NET.replace("2 2", "2.5 2"), "a degree of patch 0 must be a whole number"),
+    ("mesh.bpt", NET.replace("0.5", "half", 1), "a control point of patch 0 is not a number"),
+    ("mesh.bpt", NET.replace("0.5", "1e999", 1), "NaN or infinite"),
+    ("mesh.bpt", BEYOND, "beyond 1e+100"),
+    ("mesh.bpt", "1\n1 1\n" + "2 3 4\n" * 4, "all control points are the same"),
+    ("mesh.bpt", "1\n1 1\n" + "0 0 0\n1 1 1\n" * 2, "no triangles"),
+    ("mesh.bpt", b"\xff\xfe\x00", "not a text of Bezier patches"),
+    ("image.exr", "hello", "not an OpenEXR image"),
+    *(("image.exr", image(lambda data, s=size: data[:s]), "damaged") for size in (4, 100, MIDDLE, -5)),  # type: ignore[misc]
+    ("image.exr", image(lambda data: data[:MIDDLE] + bytes(16) + data[MIDDLE + 16 :]), "damaged"),
+    ("image.exr", image(reordered), "damaged"),
+    *(("image.exr", renamed(n), "damaged") for n in (b"certainty", b"P.X", b"channels", b"dataWindow")),
+    ("image.exr", image(enlarged), "--max-input-memory"),
+    *(("sky.exr", made("sky.exr", value), "finite") for value in (np.nan, np.inf)),
+    ("sky.exr", made("sky.exr", -1e-3), "not negative"),
+    ("sky.exr", made("sky.exr", 1.0, 1), "RGB"),
+    *((f"sky.{kind}", cut(made(f"sky.{kind}")), "damaged") for kind in ("exr", "hdr")),
+    ("sky.exr", picture(), "not an OpenEXR or Radiance HDR"),
+    ("scene.toml", b"\xff\xfe", "not valid"),
+    ("scene.toml", scene("size = [10.0", "size = [1" + "0" * 400), "plate.size"),
+    ("scene.toml", scene("[20.0, 20.0]", "[" * 600 + "]" * 600), "nested too deeply"),
+    ("scene.toml", scene("fov_deg = [60.0, 60.0]", SCREEN), "no image resolves such angles"),
+    ("scene.toml", scene("fov_deg = [60.0, 60.0]", "fov_deg = [60.0, 1e-20]"), "no image resolves such"),
+    ("scene.toml", scene("[[object]]", LIGHT), "light[0].color"),
+    ("scene.toml", scene("[[object]]", "[material.m]\ndiffuse = 1e308\n[[object]]"), "material.m.diffuse"),
+]
+"""A file's name, which says how it is read, its content, and what is said of it."""
+
+
+def scene_of(path: Path) -> Path:
+    """Write the scene of a mesh or of an environment that lies beside it."""
+    table = "[environment]\nmap" if path.name.startswith("sky") else "[[object]]\nmesh"
+    path.with_name("scene.toml").write_text(f'{SCENE}{table} = "{path.name}"\n')
+    return path.with_name("scene.toml")
+
+
+def refusal(path: Path) -> str:
+    """Return the one line with which a file is refused."""
+    with pytest.raises(InputError) as caught:
+        if path.stem == "image":
+            read_image(path)
+        else:
+            open_scene(path if path.stem == "scene" else scene_of(path))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "content", "told"), DAMAGED, ids=[f"{n}: {t}" for n, _, t in DAMAGED])
+def test_a_damaged_file_is_one_line_that_names_it_and_no_library_says_more(
+    name: str, content: str | bytes, told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    said = refusal(tmp_path / name)
+    assert name in said and told in said
+    key = {"mesh": "object[0].mesh", "sky": "environment.map"}.get(name.partition(".")[0], "")
+    assert key in said
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_not_there_or_a_folder_is_named(tmp_path: Path) -> None:
+    for read, name, told in (
+        (read_image, "missing.exr", "no such image"),
+        (load_mesh, "missing.obj", "no such mesh"),
+        (load_patches, "missing.bpt", "no such patch file"),
+        (read_environment, "missing.exr", "no such environment map"),
+        (open_scene, "missing.toml", "no such scene"),
+    ):
+        with pytest.raises(InputError, match=told):
+            read(tmp_path / name)
+    with pytest.raises(InputError, match="is a folder"):
+        open_scene(tmp_path)
+
+
+def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.exr"
+    os.mkfifo(pipe)
+    camera = a_camera()
+    for read in (
+        lambda: open_scene(str(pipe)),
+        lambda: load_mesh(pipe),
+        lambda: load_patches(pipe),
+        lambda: read_environment(pipe),
+        lambda: read_image(pipe),
+        lambda: read_foreign(pipe, camera, Encoding.RGB),
+    ):
+        with pytest.raises(InputError, match=r"is a pipe; an? .* must be a regular file"):
+            read()
+    with pytest.raises(InputError, match="/dev/zero: is a device"):
+        open_scene("/dev/zero")
+
+
+def test_textures_are_refused_where_they_are_pipes_or_declare_more_pixels_than_allowed(
+    tmp_path: Path,
+) -> None:
+    skin = tmp_path / "skin.png"
+    (tmp_path / "mesh.mtl").write_text("newmtl m\nmap_Kd skin.png\n")
+    (tmp_path / "mesh.obj").write_text("mtllib mesh.mtl\nusemtl m\n" + TRIANGLE)
+    os.mkfifo(skin)
+    assert "skin.png: is a pipe" in refusal(tmp_path / "mesh.obj")
+    skin.unlink()
+    Image.new("1", (300, 300)).save(skin)
+    told = r"300 x 300 pixels.*--max-input-memory"
+    with input_memory(1 << 16), pytest.raises(InputError, match=told):
+        read_rgb(skin)
+    with input_memory(1 << 16):
+        assert re.search(told, refusal(tmp_path / "mesh.obj"))
+
+
+def test_the_bound_of_memory_grows_with_the_file_and_can_be_raised() -> None:
+    assert allowed_memory(10) == GIBIBYTE
+    assert allowed_memory(GIBIBYTE) == 64 * GIBIBYTE
+    with input_memory(3 * GIBIBYTE):
+        assert allowed_memory(10) == 3 * GIBIBYTE
+    assert allowed_memory(10) == GIBIBYTE
+
+
+def test_a_chord_tolerance_that_would_take_too_many_triangles_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.bpt"
+    path.write_text(NET)
+    for tolerance in (1e-15, 1e-40):
+        with pytest.raises(InputError, match="choose a larger chord_tolerance"):
+            load_patches(path, chord_tolerance=tolerance)
