@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import random
 import signal
 import subprocess
@@ -13,7 +12,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NoReturn
 
 import psutil
 import pyarrow as pa
@@ -21,12 +19,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.dask_processes import dask, free_port, scheduler, worker
+from tests.support.long_tail import thinned
 from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
 from xfrustum.cli.options import engine_of
 from xfrustum.reports import blocks
 from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
 from xfrustum.reports.parts import Parts
-from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes import InputError
 
 LONGEST_WAIT_S = 120
 
@@ -95,6 +94,9 @@ def test_processes_make_the_same_bytes_and_nothing_of_them_listens(
         thread.join()
         assert workers.count == 2
         assert workers.ask(job, process_of) in {process for _, process in made(tmp_path)}
+        # What a worker refuses is told in its words.
+        with pytest.raises(InputError, match=r"^a bad block; mend it$"):
+            workers.run(ToyJob.at(tmp_path / "bad", bad=5), NUMBERS, len(NUMBERS))
     assert doors == [] and named == []
     assert list(scratch.iterdir()) == []
     assert parts_of(tmp_path) == undisturbed
@@ -122,63 +124,36 @@ def test_a_killed_process_is_replaced_and_its_block_made_again(
     assert len({process for _, process in made(tmp_path)}) == 3
 
 
-@pytest.mark.parametrize(
-    ("fault", "said"),
-    [
-        ("deadly", r"block 5: 2 worker processes died of it, the last one by signal 9"),
-        ("bad", r"^a bad block; mend it$"),
-    ],
-)
-def test_a_block_that_kills_its_process_twice_is_named_and_what_a_worker_refuses_is_told_in_its_words(
-    fault: str, said: str, tmp_path: Path
-) -> None:
+def test_a_block_that_kills_its_process_twice_is_named(tmp_path: Path) -> None:
+    said = "block 5: 2 worker processes died of it, the last one by signal 9"
     with pytest.raises(InputError, match=said):
-        run(ToyJob.at(tmp_path, **{fault: 5}), Engine(workers=2))
+        run(ToyJob.at(tmp_path, deadly=5), Engine(workers=2))
 
 
-def test_processes_that_die_as_they_start_end_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A job that a socket cannot hold is written to a process that is gone: it is not started for ever."""
-    monkeypatch.setattr(sys, "executable", "/bin/false")
-    monkeypatch.setattr(pickle, "dumps", lambda _: bytes(1 << 24))
-    with pytest.raises(InputError, match="died as they started"):
-        run(ToyJob.at(tmp_path), Engine(workers=2))
+PROGRAM = """
+import signal, sys
+from pathlib import Path
+from tests.support.toy_work import NUMBERS, ToyJob
+from xfrustum.reports.blocks import Engine, open_workers
+# Where tests run in the background of a shell, Ctrl-C is ignored, and processes inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with open_workers(Engine(workers=2), len(NUMBERS), draws=False) as workers:
+    workers.run(ToyJob.at(Path(sys.argv[1]), seconds=0.5), NUMBERS, len(NUMBERS))
+"""
 
 
-def unread(*_: object) -> NoReturn:
-    raise LookupError("there is no such thing in a worker")
-
-
-class UnreadJob(ToyJob):
-    def __reduce__(self) -> Any:
-        return unread, ()
-
-
-def test_a_job_that_a_worker_cannot_read_fails_with_its_own_error(tmp_path: Path) -> None:
-    with pytest.raises(LookupError, match="no such thing in a worker"):
-        run(UnreadJob.at(tmp_path), Engine(workers=2))
-
-
+@pytest.mark.parametrize("stop", thinned([signal.SIGKILL, signal.SIGINT], 2))
 def test_worker_processes_end_with_the_command_and_the_next_one_goes_on(
-    tmp_path: Path, undisturbed: dict[str, bytes]
+    stop: signal.Signals, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
-    program = (
-        "import sys; from pathlib import Path; from tests.reports.test_blocks import *;"
-        # Where tests run in the background of a shell, Ctrl-C is ignored, and processes inherit that.
-        "signal.signal(signal.SIGINT, signal.default_int_handler);"
-        "run(ToyJob.at(Path(sys.argv[1]), seconds=0.5), Engine(workers=2))"
-    )
-    for stop in (signal.SIGINT, signal.SIGKILL):
-        before = len(made(tmp_path))
-        command = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stderr=subprocess.DEVNULL)
-        wait_for_blocks(tmp_path, before + 1)
-        time.sleep(random.Random(str(stop)).uniform(0, 0.3))
-        workers = psutil.Process(command.pid).children(recursive=True)
-        command.send_signal(stop)
-        command.wait(LONGEST_WAIT_S)
-        _, alive = psutil.wait_procs(workers, timeout=30)
-        assert workers and not alive and len(made(tmp_path)) < len(NUMBERS)
+    command = subprocess.Popen([sys.executable, "-c", PROGRAM, str(tmp_path)], stderr=subprocess.DEVNULL)
+    wait_for_blocks(tmp_path, 1)
+    time.sleep(random.Random(str(stop)).uniform(0, 0.3))
+    workers = psutil.Process(command.pid).children(recursive=True)
+    command.send_signal(stop)
+    command.wait(LONGEST_WAIT_S)
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert workers and not alive and len(made(tmp_path)) < len(NUMBERS)
     run(ToyJob.at(tmp_path))
     assert parts_of(tmp_path) == undisturbed
 
@@ -202,20 +177,6 @@ def test_a_scheduler_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("patient")
-def test_a_killed_worker_of_a_cluster_changes_no_byte(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
-    port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
-    work = threading.Thread(target=run, args=(job, Engine(scheduler=f"tcp://127.0.0.1:{port}")))
-    with dask(*scheduler(port)), dask(*worker(port)), dask(*worker(port)):
-        work.start()
-        wait_for_blocks(tmp_path, 2)
-        os.kill(made(tmp_path)[-1][1], signal.SIGKILL)
-        work.join(LONGEST_WAIT_S)
-        assert not work.is_alive()
-    assert parts_of(tmp_path) == undisturbed
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("patient")
 def test_a_scheduler_that_dies_ends_the_command_in_one_line_and_the_next_one_goes_on(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -230,13 +191,6 @@ def test_a_scheduler_that_dies_ends_the_command_in_one_line_and_the_next_one_goe
         with dask(*scheduler(port)), dask(*worker(port)):
             run(job, where)
     assert parts_of(tmp_path) == undisturbed
-
-
-def test_scenes_travel_whole_with_their_jobs() -> None:
-    scene = open_scene("car")
-    again = pickle.loads(pickle.dumps(scene))
-    assert again.content_hash == scene.content_hash
-    assert dict(again.appearance.materials) == dict(scene.appearance.materials)
 
 
 def device_of(session: ToySession) -> str | None:

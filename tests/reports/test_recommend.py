@@ -173,16 +173,6 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert printed["sentence"] in page.replace("&#39;", "'")
 
 
-def test_nears_of_thousands_are_drawn(both: Recommendation, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numbers are written with commas, as `1,500`, which no number has."""
-    allowed = recommend_module.Allowed
-    rows = [allowed("pixels, 0.5 px", high=1500.0, binds=True), allowed("depth buffer, D24", 1200.0)]
-    assert [one.cells[1:3] for one in rows] == [("", "1,500"), ("1,200", "")]
-    monkeypatch.setattr(recommend_module, "_allowed", lambda _: rows)
-    (bars,) = recommend_module.limits_figure(both)["data"]
-    assert bars["base"][1] == 1200 and bars["customdata"][0] == 1500
-
-
 def test_nothing_is_recommended_where_a_surface_lies_in_every_aperture(scene: Scene) -> None:
     square = np.array([[-40.0, -40, 0], [40, -40, 0], [40, 40, 0], [-40, 40, 0]])
     flat = replace(scene.objects[0], vertices=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
@@ -192,6 +182,7 @@ def test_nothing_is_recommended_where_a_surface_lies_in_every_aperture(scene: Sc
     assert "depth buffer" not in found.paragraph
 
 
+@pytest.mark.slow
 def test_a_surface_in_some_apertures_is_said_once_and_spoils_no_other_number(scene: Scene) -> None:
     """No near draws the hogels in a small square in the plate, and the worst of the others counts."""
     square = np.array([[-6.0, -6, 0], [6, -6, 0], [6, 6, 0], [-6, 6, 0]])
@@ -203,6 +194,7 @@ def test_a_surface_in_some_apertures_is_said_once_and_spoils_no_other_number(sce
     assert all(one is None or math.isfinite(one) for one in moved) and any(moved)
 
 
+@pytest.mark.slow
 def test_the_depth_buffer_that_is_recommended_is_among_those_that_are_compared(scene: Scene) -> None:
     """Three of six depth buffers are compared, and the only one that is good enough is none of these."""
     logarithmic = (DepthFormat.D24, DepthMapping.LOGARITHMIC)

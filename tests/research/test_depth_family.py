@@ -5,7 +5,7 @@ import pytest
 
 from xfrustum.reference import Reference
 from xfrustum.research import depth_family
-from xfrustum.research.depth_family import CAR_RATIO, FARTHEST, SeenScene, balanced_height, cars
+from xfrustum.research.depth_family import CAR_RATIO, FARTHEST, SeenScene, cars
 from xfrustum.scenes import Camera, InputError
 
 SIZE = (32, 32)
@@ -15,7 +15,7 @@ def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_pict
     """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
     seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]
     seen.append(depth_family.recentered_cars(10.0, SIZE))
-    for ratio in (CAR_RATIO, 1000.0):
+    for ratio in (CAR_RATIO, 30.0):
         scene = cars(ratio, Camera.C, SIZE)
         heights = -scene.vertices[:, 2]
         assert heights.max() == pytest.approx(FARTHEST, rel=1e-12)
@@ -32,11 +32,6 @@ def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_pict
     assert farther > 5 * nearest
 
 
-def test_cars_before_the_plate_reach_as_far() -> None:
-    heights = cars(1000.0, Camera.C_STAR, (8, 8)).vertices[:, 2]
-    assert (heights.max(), heights.min()) == pytest.approx((FARTHEST, FARTHEST / 1000), rel=1e-12)
-
-
 @pytest.mark.parametrize("distance", [1e-1, 1e-4])
 def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -> None:
     seen = [depth_family.car_through_plate(distance, SIZE, recentered=sheared) for sheared in (False, True)]
@@ -45,22 +40,6 @@ def test_a_shear_keeps_the_picture_of_a_car_through_the_plate(distance: float) -
     assert np.mean(recentered.triangle != centered.triangle) < 1e-2
     same = recentered.triangle == centered.triangle
     np.testing.assert_allclose(recentered.height[same], centered.height[same], rtol=1e-9)
-
-
-def test_an_aperture_beside_a_crossing_sees_surfaces_in_proportion_to_its_distance() -> None:
-    distance = 1e-3
-    seen = depth_family.car_through_plate(distance, SIZE)
-    truth = Reference(seen.scene).trace(seen.aperture)
-    heights = np.abs(truth.height[truth.covered]) / depth_family.REACH
-    assert 0.5 < heights.min() / distance < 2
-    assert {-1.0, 1.0} == set(np.sign(truth.height[truth.covered]))
-
-
-def test_a_fit_at_the_balanced_height_displaces_both_ends_alike() -> None:
-    """To first order in n displacement goes with |1/|z| - 1/zf|."""
-    for ratio in (1.5, 100.0):
-        fitted = 1 / balanced_height(ratio)
-        assert ratio / FARTHEST - fitted == pytest.approx(fitted - 1 / FARTHEST)
 
 
 def test_a_scene_shallower_than_one_car_is_refused() -> None:

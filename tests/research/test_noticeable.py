@@ -9,18 +9,10 @@ import pytest
 
 from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
-from xfrustum.compare.eye.noticeable import (
-    STEREO_ACUITY_ARCSEC,
-    Display,
-    Viewer,
-    replay_noise_arcsec,
-    surface_content,
-)
 from xfrustum.reports.planning import ReplayWorkbench
 from xfrustum.research import noticeable
-from xfrustum.research.noticeable import FULL, PIXELS, QUICK, Cell, Row, film_columns
+from xfrustum.research.noticeable import FULL, QUICK, Cell, Row
 from xfrustum.research.sweep import read_rows
-from xfrustum.scenes import open_scene
 
 DATA = CHECKOUT / "docs" / "noticeable.parquet"
 
@@ -54,47 +46,6 @@ def test_the_published_page_has_the_numbers_that_follow_from_its_data(rows: tupl
     assert f"these are {apart['pixels_only']} of {sum(apart.values())} pairs" in " ".join(page.split())
     for quarter in noticeable.quarters(rows):
         assert f"{quarter['failed']} of {quarter['kept']} from {quarter['distance']:g} mm" in page
-
-
-def safe_near(distance: float, nearest: float) -> float:
-    """Return the largest near of which two eyes notice no change of depth without shear, mm.
-
-    Disparity changes by b n/R^2 for the nearest surface, at the distance R, and by -b n/L^2 just behind the
-    plate. Their difference is stereo acuity at n = (acuity/b)/(1/L^2 + 1/R^2), to first order in n.
-    """
-    viewer = Viewer(distance=distance)
-    acuity = math.radians(viewer.stereo_acuity_arcsec / 3600)
-    return acuity / viewer.eyes_apart_mm / (1 / distance**2 + 1 / nearest**2)
-
-
-def test_below_the_rule_no_row_without_shear_is_noticed(rows: tuple[Row, ...]) -> None:
-    below = [row for row in rows if row.near <= safe_near(row.distance, row.nearest_distance)]
-    plain = [row for row in below if not row.sheared]
-    assert len(plain) > 500
-    assert not any(row.offset_seen for row in plain)
-    assert all((row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC for row in plain)
-
-
-def test_no_replay_is_off_by_more_than_its_noise(rows: tuple[Row, ...]) -> None:
-    contents = {name: surface_content(open_scene(name)) for name in {row.scene for row in rows}}
-    displays: dict[object, Display] = {}
-    count = 0
-    for row in rows:
-        if row.replayed_stereo_arcsec is None:
-            continue
-        cell = cell_of(row)
-        scene = cell.opened()
-        display = displays.setdefault((row.scene, row.pitch), Display.of(scene))
-        pixel = scene.plate.size[0] / film_columns(scene.plate.size, PIXELS)
-        noise = replay_noise_arcsec(contents[row.scene], cell.viewer, display, cell.settings, pixel)
-        # The closed form has the ends of all that is seen: a replay that sees less changes less.
-        assert row.replayed_stereo_arcsec <= row.stereo_arcsec + noise
-        # And none disagrees with it on what is noticed.
-        assert (row.replayed_stereo_arcsec > STEREO_ACUITY_ARCSEC) == (
-            row.stereo_arcsec > STEREO_ACUITY_ARCSEC
-        )
-        count += 1
-    assert count > 200
 
 
 def test_a_threshold_lies_where_a_power_law_reaches_its_limit(rows: tuple[Row, ...]) -> None:

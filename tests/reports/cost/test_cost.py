@@ -1,6 +1,5 @@
 """The cost of accuracy: the front, the answers, and that no other way has less error for less time."""
 
-import itertools
 import json
 import math
 from dataclasses import replace
@@ -123,17 +122,6 @@ def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(tim
     assert ranking.fastest[0].time_s.median == least.time_s.median
 
 
-@pytest.mark.parametrize("count", [5, 6, 9])  # from nine on the interval leaves an outlier out at each end
-def test_equally_long_times_are_told_apart_by_chance_once_in_126_times_at_most(count: int) -> None:
-    """Every order of two samples of one distribution is equally likely: all of them are counted."""
-    orders = list(itertools.combinations(range(2 * count), count))
-    apart = 0
-    for order in orders:
-        one, other = Timing.of(order), Timing.of(sorted(set(range(2 * count)) - set(order)))
-        apart += one.told_below(other) or other.told_below(one)
-    assert 0 < apart / len(orders) <= 1 / 126
-
-
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=40))
 def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[float]) -> None:
     spread = Timing.of(values)
@@ -147,14 +135,13 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
 
 
-@pytest.mark.parametrize("near_per_reach", [1e-1, 1e-3, 1e-7])
+@pytest.mark.parametrize("near_per_reach", [1e-1, 1e-7])
 def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach: float) -> None:
-    scene = view("car-recentered", (160, 120))
-    reference = Reference(scene)
+    scene = view("car-recentered", (80, 60))
+    reference, settings = Reference(scene), DoubleFrustum(near=near_per_reach * scene.frustum.longest_reach)
     for aperture in scene.default_apertures()[:2]:
         truth = reference.trace(aperture)
         with Rasterizer(scene) as rasterizer:
-            settings = DoubleFrustum(near=near_per_reach * scene.frustum.longest_reach)
             drawn = rasterizer.render(aperture, settings)
         asked = replace(truth, certainty=np.full_like(truth.certainty, Certainty.UNEXAMINED))
         found, again = (compare_images(one, drawn, reference) for one in (truth, asked))

@@ -17,9 +17,8 @@ from plotly.colors import unlabel_rgb
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import main
-from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.provenance import raster_command
-from xfrustum.reports.error_report.best import ReportOptions, admits, geometry_grid, geometry_names
+from xfrustum.reports.error_report.best import ReportOptions, geometry_grid
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.scenes import (
     DepthFormat,
@@ -74,42 +73,22 @@ def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> Non
 
 def test_cameras_in_the_aperture_are_measured_with_one_pivot_unless_both_are_asked_for() -> None:
     """Their own centers are the aperture, so that both pivots draw the same."""
-    scene = open_scene("car-recentered")
-    scene = replace(scene, frustum=replace(scene.frustum, resolution=(32, 32)))
-    found = geometry_grid(scene.frustum, ReportOptions(offsets=list(Offset)))
+    frustum = open_scene("car-recentered").frustum
+    found = geometry_grid(frustum, ReportOptions(offsets=list(Offset)))
     assert [(one.pivot, one.offset) for one in found] == [
         (Pivot.APERTURE, Offset.PLATE),
         (Pivot.APERTURE, Offset.NONE),
         (Pivot.CAMERA, Offset.PLATE),
     ]
-    assert len(geometry_grid(scene.frustum, ReportOptions(pivots=list(Pivot), offsets=list(Offset)))) == 4
-    with Rasterizer(scene) as rasterizer:
-        one, other = (
-            rasterizer.render(
-                scene.plate.aperture(0, 0),
-                DoubleFrustum(near=1.5, pivot=pivot, offset=Offset.NONE),
-            )
-            for pivot in Pivot
-        )
-    np.testing.assert_array_equal(one.triangle, other.triangle)
-    np.testing.assert_array_equal(one.position, other.position)
+    assert len(geometry_grid(frustum, ReportOptions(pivots=list(Pivot), offsets=list(Offset)))) == 4
 
 
 def test_the_shear_moves_each_point_as_its_closed_form_says(files: ReportFiles) -> None:
     for row in rows(files, "camera"):
         shear = row["shear"]
         assert shear["rms_px"] == pytest.approx(shear["closed_form_rms_px"], rel=SHEAR_TOLERANCE)
-        assert shear["mean_px"] == pytest.approx(shear["closed_form_mean_px"], rel=SHEAR_TOLERANCE)
-        assert shear["largest_difference_px"] <= SHEAR_TOLERANCE * shear["closed_form_rms_px"]
     assert rows(files, "camera")[0]["shear"]["rms_px"] > 5
     assert {row["shear"] for row in rows(files, "aperture")} == {None}
-
-
-def test_the_pivot_link_displaces_as_predicted_where_pictures_hardly_change(files: ReportFiles) -> None:
-    """At larger nears other surfaces come into sight, and the two show different points."""
-    link = next(cause for cause in rows(files, "camera")[-1]["causes"] if cause["name"] == "pivot")
-    expected = link["predicted_displacement_rms_px"]
-    assert link["displacement_rms_px"] == pytest.approx(expected, rel=SHEAR_TOLERANCE)
 
 
 def test_the_pivots_are_compared(files: ReportFiles) -> None:
@@ -134,13 +113,6 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
     assert "fit 15, no offset, cuts at 15 and 40" in made.html.read_text()
 
 
-def test_default_nears_that_reach_over_the_first_cut_are_left_out_without_an_offset() -> None:
-    frustum = open_scene("car").frustum
-    stays = replace(USUAL, offset=Offset.NONE, slabs=(2.0,))
-    assert [admits(stays, near, frustum) for near in (1.9, 2.0, 3.0)] == [True, False, False]
-    assert admits(replace(USUAL, slabs=(2.0,)), 3.0, frustum)
-
-
 def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     def note(_scene: object, _out: object, options: ReportOptions) -> None:
         asked.append(options)
@@ -154,13 +126,6 @@ def test_the_command_line_takes_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (first.pivots, first.fits) == ((Pivot.APERTURE, Pivot.CAMERA), (Fit.ANGLE, Fit.SCREEN, 15.0))
     assert (first.offsets, first.slabs) == ((Offset.PLATE, Offset.NONE), ((15.0, 40.0), (20.0,), ()))
     assert usual.causes and not first.causes
-
-
-def test_names_tell_geometries_apart_by_what_differs() -> None:
-    two = [replace(USUAL, offset=Offset.NONE, fit=fit) for fit in (Fit.ANGLE, 15.0)]
-    assert list(geometry_names(two).values()) == ["fit angle", "fit 15"]
-    assert list(geometry_names(two[:1]).values()) == ["fit angle, no offset"]
-    assert list(geometry_names([USUAL]).values()) == [""]
 
 
 def test_the_command_to_copy_draws_the_same_cameras() -> None:

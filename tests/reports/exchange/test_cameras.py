@@ -71,12 +71,11 @@ def stored_depth(function: str, w: np.ndarray, n: float, f: float) -> np.ndarray
 
 
 def small_view(name: str) -> Scene:
-    scene = view(name, (28, 21))
-    return replace(scene, frustum=replace(scene.frustum, resolution=(28, 21)))
+    scene = view(name, (20, 15))
+    return replace(scene, frustum=replace(scene.frustum, resolution=(20, 15)))
 
 
-@pytest.mark.parametrize("renderer", ["json", "gltf", "mitsuba"])
-def test_the_numbered_triangles_lie_beside_the_cameras(renderer: str, tmp_path: Path) -> None:
+def test_the_numbered_triangles_lie_beside_the_cameras(tmp_path: Path) -> None:
     """A reader of NumPy alone knows which number each triangle and object has, where it is, and its name."""
     path = tmp_path / "scene.toml"
     path.write_text(
@@ -84,7 +83,7 @@ def test_the_numbered_triangles_lie_beside_the_cameras(renderer: str, tmp_path: 
         + part("box", 20.0, (10.0, 0.0, -30.0), rotate_deg=(0.0, 30.0, 0.0))
         + part("torus", 20.0, (0.0, 0.0, 30.0))
     )
-    assert main(["camera", str(path), "--for", renderer, "--near", "0.1", "--out", str(tmp_path / "a")]) == 0
+    assert main(["camera", str(path), "--for", "gltf", "--near", "0.1", "--out", str(tmp_path / "a")]) == 0
     scene = open_scene(str(path))
     with np.load(tmp_path / "a" / "scene.npz", allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["vertices"][stored["faces"]], scene.triangles)
@@ -137,19 +136,6 @@ def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
     wins = {"c": "nearest", "c-star": "farthest"}
     assert all(one["wins"] == wins[one["camera"]] for one in cameras["apertures"][0]["passes"])
     assert cameras["scene_hash"] == scene.content_hash
-
-
-def test_the_file_says_where_cameras_stand_and_where_they_look(tmp_path: Path) -> None:
-    scene = small_view("asymmetric-recentered")
-    aperture, screen = scene.plate.aperture(5, 50), scene.frustum.screen
-    write_cameras(scene, "json", tmp_path, DoubleFrustum(near=3.0), [aperture])
-    k = [(m - a) / -screen.height for m, a in zip(screen.center, (aperture.x, aperture.y), strict=True)]
-    looks_to = {1: ("c", "-z"), -1: ("c-star", "+z")}
-    passes = read(tmp_path / "cameras.json")["apertures"][0]["passes"]
-    for one, (side, looks) in zip(passes, looks_to.items(), strict=True):
-        place = [aperture.x - side * 3 * k[0], aperture.y - side * 3 * k[1], side * 3]
-        assert np.allclose(one["shear"], k) and np.allclose(one["position"], place)
-        assert (one["camera"], one["looks_to"]) == looks
 
 
 def through_the_file(one: Any, points: np.ndarray) -> np.ndarray:

@@ -146,7 +146,6 @@ def test_no_hogel_that_is_there_is_left_out(tmp_path: Path, capsys: pytest.Captu
     [
         (["plate.zarr", "out"], "--to"),
         (["plate.zarr", "plate.zarr"], "exists"),
-        (["plate.zarr", "out", "--to", "cubevi"], "40 pixels wide"),
         (["plate.zarr", "out", "--to", "quilt", "--tiles", "4,2"], "4 x 2 tiles hold no 6 views"),
         (["plate.zarr", "out", "--array", "triangle", "--to", "views"], "no array triangle"),
         (["mosaic.png", "out", "--to", "views"], "--hogels"),
@@ -160,8 +159,6 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from PIL import Image  # noqa: PLC0415
-
     monkeypatch.chdir(tmp_path)
     group(Path(), "uint8")
     Image.new("RGB", (4, 4)).save("mosaic.png")
@@ -173,33 +170,6 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     assert told in error
     assert error.count("\n") == 1
     assert sorted(Path().iterdir()) == before
-
-
-def test_a_folder_says_its_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source, _ = group(tmp_path, "uint8")
-    convert(source, tmp_path / "files", write_as="hocking")
-    arguments = ["convert", str(tmp_path / "files"), str(tmp_path / "views"), "--to", "views", "--quiet"]
-    assert main(arguments) == 0
-    printed = capsys.readouterr()
-    assert printed.err == "" and printed.out.startswith("read as hocking: 12 of 12 names fit: ")
-    assert len(list((tmp_path / "views").iterdir())) == 30
-
-
-@pytest.mark.slow
-def test_an_encoding_that_files_cannot_have_is_noted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """OpenEXR files with colors alone are judged by colors, whatever --encoding says."""
-    width, height = open_scene("asymmetric").frustum.resolution
-    pixels = np.zeros((1, 1, height, width, 3), np.float32)
-    write_group(Plates(pixels=pixels, levels=None), tmp_path / "one.zarr", PlateArray.COLOR, {})
-    convert(tmp_path / "one.zarr", tmp_path / "hogels", write_as="hogels")
-    pattern = str(tmp_path / "hogels" / "hogel_{i}x{j}.exr")
-    arguments = ["verify", "asymmetric", pattern, "--apertures", "0,0", "--quiet", "--encoding"]
-    main([*arguments, "triangle-id"])
-    assert "--encoding triangle-id is not used" in capsys.readouterr().err
-    main([*arguments, "rgb"])
-    assert "is not used" not in capsys.readouterr().err
 
 
 # Plates that are damaged, or declare far more than they hold: one line and status 2, and nothing written.
@@ -249,12 +219,9 @@ def flipped(sound: Path) -> None:
     "damage",
     [
         flipped,
-        lambda sound: (sound / "zarr.json").write_text("[]"),
         lambda sound: (sound / "color" / "zarr.json").write_text("{}"),
         edited(codecs=[{"name": "nonsense"}]),
         edited(shape=[2, 3, 4]),
-        edited(shape="wide"),
-        edited(data_type="nothing"),
         edited(shape=[30_000, 30_000, 4, 5, 3]),
         edited(shape=[2, 3, 1 << 20, 1 << 20, 3]),
         edited(chunk_grid={"name": "regular", "configuration": {"chunk_shape": [2, 3, 1 << 18, 1 << 18, 3]}}),
@@ -305,11 +272,10 @@ def test_more_hogels_than_allowed_are_refused_before_anything_is_made_of_them(
         assert "--max-hogels" in refused(folder, tmp_path / "out", hogels)
 
 
-@pytest.mark.parametrize("name", ["hogel_0000_4000_0000_4000.png", "9999_9999.png", "input_Cam99999999.png"])
+@pytest.mark.parametrize("name", ["hogel_0000_4000_0000_4000.png", "9999_9999.png"])
 def test_names_of_millions_of_files_take_no_memory(name: str, tmp_path: Path) -> None:
     # 16 million hogels are allowed; their files are counted, and not listed.
-    first = name.replace("9", "0") if name[0] != "h" else name
-    folder = folder_of(tmp_path / "files", name, first)
+    folder = folder_of(tmp_path / "files", name, name if name[0] == "h" else "0000_0000.png")
     assert " files of the layout " in refused(folder, tmp_path / "out")
 
 

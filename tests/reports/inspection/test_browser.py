@@ -123,31 +123,6 @@ def test_the_value_under_the_mouse_is_that_of_the_file(
                     assert same_bits(text, stored[name][row, column]), (layer, name, text)
 
 
-def test_keys_change_image_channel_hogel_and_pixel(inspected: Inspected, opened: Any) -> None:
-    path = inspected.pages["verify"] / PAGE
-    hogels = read_inspection(path)
-    opened.goto(path.as_uri())
-    wait_for(opened, hogels[0])
-    for key, name in (("t", "truth"), ("d", "difference"), ("i", "image"), ("w", "wipe")):
-        opened.keyboard.press(key)
-        assert opened.inner_text('#modes [aria-pressed="true"]') == name
-    opened.keyboard.press("n")
-    assert opened.inner_text('#values td[data-channel="state"]').endswith("wrong")
-    before = opened.inner_text("#where")
-    opened.keyboard.press("Shift+N")
-    opened.keyboard.press("ArrowRight")
-    assert opened.inner_text("#where") != before
-    first = opened.input_value("#channel")
-    opened.keyboard.press("c")
-    assert opened.input_value("#channel") != first
-    opened.keyboard.press("]")
-    wait_for(opened, hogels[1])
-    opened.keyboard.press("?")
-    assert opened.locator("#help").is_visible()
-    opened.keyboard.press("Escape")
-    assert not opened.locator("#help").is_visible()
-
-
 def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     inspected: Inspected, opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

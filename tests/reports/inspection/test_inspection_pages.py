@@ -88,8 +88,7 @@ def test_a_page_that_would_be_too_large_leaves_hogels_in_files_beside_it(
     inspected: Inspected, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = hogels(inspected, "verify")
-    scene = open_scene(inspected.scene)
-    shown = inspection(scene, whole)
+    shown = inspection(open_scene(inspected.scene), whole)
     write_inspection(tmp_path, shown)
     size = (tmp_path / PAGE).stat().st_size
     assert [path.name for path in tmp_path.iterdir()] == [PAGE]
@@ -134,16 +133,6 @@ def test_a_later_page_in_a_folder_removes_what_belonged_to_the_earlier_one_and_n
     run(whole)
     assert {path.name for path in tmp_path.iterdir()} == {PAGE, "inspect-7x7.js", "inspect-9x9.js"}
     assert len(read_inspection(tmp_path / PAGE)) == len(whole)
-
-
-def test_a_page_that_somebody_else_wrote_names_nothing_that_is_removed(tmp_path: Path) -> None:
-    (tmp_path / PAGE).write_text("<html>mine</html>")
-    (tmp_path / "inspect-0x0.js").write_text('takeStream("00","")')
-    with replacing_inspection(tmp_path):
-        pass
-    with replacing_inspection(tmp_path, kept=False):
-        pass
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["inspect-0x0.js", PAGE]
 
 
 def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspected: Inspected) -> None:

@@ -12,13 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 import xarray
 import zarr
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 from zarr.storage import _local as local_store
 
-from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, small, tree
-from tests.support.long_tail import examples, thinned
+from tests.reports.plate.test_plate_stream import BLOCK, EVERYTHING, SETTINGS, array, small, tree
+from tests.support.long_tail import thinned
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
@@ -26,18 +24,15 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import (
-    Layout,
     StoredPlate,
     camera_of,
 )
-from xfrustum.scenes import InputError, Plate
+from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 from xfrustum.scenes.plate.plate import Aperture
 
-BLOCK = (3, 2)
 ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
-SHARD = "color/c/1/0/0/0/0"  # the block of columns 0 to 2 and rows 2 and 3
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +40,6 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plate in blocks that nobody disturbed."""
     out = tmp_path_factory.mktemp("clean") / "x.zarr"
     return write_plate(small(), SETTINGS, out, content=ALL, block=BLOCK).out
-
-
-@pytest.fixture
-def plate(clean: Path, tmp_path: Path) -> Path:
-    """A copy to be damaged."""
-    return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
 
 
 def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_images(clean: Path) -> None:
@@ -66,33 +55,9 @@ def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_
                 np.testing.assert_array_equal(stored, getattr(image, channel))
 
 
-@pytest.mark.parametrize("damage", thinned(["bit", "cut off", "gone", "index"], 2))
-def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -> None:
-    """A file that is gone is missed at once; what is not what was written, where all is read."""
-    shard = plate / SHARD
-    data = shard.read_bytes()
-    if damage == "gone":
-        shard.unlink()
-    else:
-        bit = {"cut off": None, "index": len(data) - 6, "bit": 200}[damage]
-        shard.write_bytes(data[:-1] if bit is None else data[:bit] + bytes([data[bit] ^ 1]) + data[bit + 1 :])
-    files = write_plate(small(), SETTINGS, plate, content=ALL, check=damage != "gone")
-    count = 1 if damage == "bit" else 6
-    damaged = 0 if damage == "gone" else count
-    assert (files.drawn, files.found, files.damaged) == (count, 35 - count, damaged)
-    assert tree(plate) == tree(clean)
-
-
-def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Path, clean: Path) -> None:
-    (plate / SHARD).unlink()
-    with pytest.raises(InputError, match=r"another layout \(block was"):
-        write_plate(small(), SETTINGS, plate, content=ALL, block=(2, 2))
-    assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
-    assert tree(plate) == tree(clean)
-
-
-def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(plate: Path) -> None:
+def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(clean: Path, tmp_path: Path) -> None:
     """It did not say which hogels are there."""
+    plate = Path(shutil.copytree(clean, tmp_path / "x.zarr"))
     shutil.rmtree(plate / "finished")
     said = json.loads((plate / "zarr.json").read_bytes())
     del said["consolidated_metadata"]["metadata"]["finished"]
@@ -103,23 +68,15 @@ def test_a_plate_of_version_0_2_is_read_as_finished_and_not_gone_on_with(plate: 
 
 
 def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
-    scene = small()
+    """That they are those of a labelled image is tested in tests/notebooks."""
     plate = xarray.open_zarr(clean)
     assert plate.color.dims == ("row", "column", "v", "u", "rgb")
     assert plate.height.dims == ("row", "column", "v", "u")
     assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"} and bool(plate.finished.all())
-    shown = repr(plate)
-    assert all(name in shown for name in ("row", "column", "color", "height", "normal", "triangle"))
-    assert re.search(r"units: +mm", shown)
-    for name in ("x", "y", "height"):
-        assert plate[name].attrs["units"] == scene.units == "mm"
-    hogel = scene.plate.aperture(5, 1)
-    here = plate.isel(row=1, column=5)
-    assert (float(here.x), float(here.y)) == (hogel.x, hogel.y)
-    width, height = scene.frustum.resolution
+    assert re.search(r"units: +mm", repr(plate))
+    width, height = small().frustum.resolution
     np.testing.assert_array_equal(plate.u, (2 * np.arange(width) + 1) / width - 1)
     np.testing.assert_array_equal(plate.v, 1 - (2 * np.arange(height) + 1) / height)
-    assert plate.triangle.dtype == np.int32 and plate.color.dtype == np.float32
 
 
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "sheets"])
@@ -153,20 +110,18 @@ def test_a_stored_plate_says_which_hogels_are_finished(block: tuple[int, int], t
     assert [aperture for aperture in scene.plate.apertures() if stored.finished(aperture)] == sorted(
         drawn, key=lambda one: (one.row, one.column)
     )
-    assert list(stored.arrays) == ["triangle", "color"]
     assert stored.description["scene"]["hash"] == scene.content_hash
-    for path in (tmp_path, tmp_path / "nosuch.zarr"):
-        with pytest.raises(InputError, match="is no plate"):
-            StoredPlate(path)
 
 
-def test_what_is_no_plate_has_no_cameras(tmp_path: Path) -> None:
+def test_what_is_no_plate_has_neither_hogels_nor_cameras(tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "other.zarr")
     group = zarr.create_group(tmp_path / "damaged.zarr", attributes={"xfrustum": {"plate": {"size": "x"}}})
-    for store in (tmp_path / "other.zarr", tmp_path / "nosuch.zarr", group):
-        said = "is damaged" if store is group else "is no plate"
-        with pytest.raises(InputError, match=said):
-            camera_of(store, 0, 0)
+    for store in (tmp_path / "other.zarr", tmp_path / "nosuch.zarr"):
+        for read in (StoredPlate, lambda place: camera_of(place, 0, 0)):
+            with pytest.raises(InputError, match="is no plate"):
+                read(store)
+    with pytest.raises(InputError, match="is damaged"):
+        camera_of(group, 0, 0)
 
 
 def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
@@ -193,40 +148,6 @@ def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
     said: Any = zarr.open_group(out, mode="r").attrs["xfrustum"]
     assert said["transport"] == {"shadows": True, "interreflection": False, "samples": 4}
     assert "settings" not in said
-
-
-sizes = st.integers(1, 9)
-
-
-@given(columns=sizes, rows=sizes, width=sizes, height=sizes, data=st.data())
-@examples(60)
-def test_every_hogel_lies_in_one_block_at_a_place_of_its_own(
-    columns: int, rows: int, width: int, height: int, data: st.DataObject
-) -> None:
-    plate = Plate(size=(1.0, 1.0), hogels=(columns, rows))
-    layout = Layout(
-        plate=plate,
-        frustum=small().frustum,
-        units="mm",
-        content=PlateContent(),
-        side=(min(width, columns), min(height, rows)),
-    )
-    ends, others = (
-        st.tuples(st.integers(0, count - 1), st.integers(0, count - 1)).map(lambda two: tuple(sorted(two)))
-        for count in (columns, rows)
-    )
-    spans: Any = data.draw(st.lists(st.tuples(ends, others), min_size=1, max_size=3))
-    asked = blocks_of_apertures(plate, spans)
-    blocks = list(layout.blocks(asked))
-    found = [aperture for block in blocks for aperture in block.apertures]
-    assert sorted(a.index for a in found) == sorted(a.index for a in asked)
-    assert len({block.number for block in blocks}) == len(blocks)
-    for block in blocks:
-        for aperture in block.apertures:
-            row, column = block.place_of(aperture)
-            assert (block.columns[column], block.rows[row]) == aperture.index
-    listed = list(layout.blocks(list(asked)))
-    assert {b.number: set(b.apertures) for b in listed} == {b.number: set(b.apertures) for b in blocks}
 
 
 # Plates that are judged: the measures of `compare` beside the pixels, as arrays and as a table.
@@ -349,14 +270,6 @@ def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
     assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
 
 
-def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(measured: Path, tmp_path: Path) -> None:
-    out = write_plate(small(), SETTINGS, tmp_path / "x.zarr", apertures(), EVERYTHING, block=SQUARE).out
-    pixels = {path: data for path, data in tree(out).items() if path.startswith(("color/c", "triangle/c"))}
-    assert pixels.items() <= tree(measured).items()
-    with pytest.raises(InputError, match=r"other content"):
-        judged(out)
-
-
 @pytest.mark.parametrize(("name", "points"), thinned([("asymmetric-recentered", 3), ("mirror-sphere", 1)], 2))
 def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int, tmp_path: Path) -> None:
     """The one is drawn hogel by hogel, the other many at a time: all channels, light, sub-apertures."""
@@ -367,6 +280,8 @@ def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int
         here, out = [scene.plate.aperture(0, 0)], tmp_path / f"{judge}.zarr"
         write_plate(scene, SETTINGS, out, here, content, block=(1, 1), judge=judge)
         written.append({path: data for path, data in tree(out).items() if "/c/" in path})
+    with pytest.raises(InputError, match="other content"):
+        write_plate(scene, SETTINGS, tmp_path / "False.zarr", here, content, block=(1, 1), judge=True)
     pixels, with_measures = written
     assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
@@ -396,13 +311,10 @@ def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "plates.md").read_text(encoding="utf-8")
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-LEVELS_OF_A_PICTURE = 1.25
-"""Largest difference of levels: one by cutting off to whole levels, and 2^-11 of 255 for each of the two
-roundings of numbers of 16 bits."""
-
 DRAWN_COLUMNS = (0, 10, 20, 40)
 
 
+@pytest.mark.slow
 def test_the_programs_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -419,14 +331,5 @@ def test_the_programs_run_one_after_the_other(
     assert "Dimensions" in printed and "displacement_px_p99" in printed and "worst hogel: " in printed
     mosaic = np.asarray(Image.open("mosaic.png"))
     assert mosaic.shape == (12, 9 * 16, 3)
-    with Rasterizer(scene) as rasterizer:
-        for place in range(9):
-            column = 10 * place
-            shown = mosaic[:, 16 * place : 16 * (place + 1)]
-            if column not in DRAWN_COLUMNS:
-                assert not shown.any()
-                continue
-            color = rasterizer.render_color(scene.plate.aperture(column, 30), SETTINGS).astype(np.float16)
-            expected = 255 * color.clip(0, 1).astype(np.float64) ** (1 / 2.2)
-            assert np.abs(shown - expected).max() <= LEVELS_OF_A_PICTURE
-            assert shown.any()
+    shown = [10 * place for place in range(9) if mosaic[:, 16 * place : 16 * (place + 1)].any()]
+    assert shown == list(DRAWN_COLUMNS)

@@ -144,7 +144,7 @@ MISREAD: dict[str, tuple[str, str, Any, str | None, set[str], str]] = {
         "view 0 of the leftmost eye at the bottom left",
     ),
 }
-FAST = ("views as hogels", "rows before columns")
+FAST = ("views as hogels",)
 
 
 @pytest.mark.parametrize("case", [pytest.param(name, marks=() if name in FAST else slow) for name in MISREAD])
@@ -197,19 +197,12 @@ def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
     assert named == ([] if factor == 1.0 else [("view-shear", factor)])
 
 
-@pytest.mark.parametrize("layout", ["hogels", "burnett"])
-def test_openexr_files_keep_their_numbers_points_and_turns(layout: str, tmp_path: Path) -> None:
+def test_openexr_files_keep_their_numbers_points_and_turns(tmp_path: Path) -> None:
     scene, _ = plated("full")
     truth = Reference(scene).trace(scene.plate.aperture(2, 0))
-    turn = slice(None, None, -1 if layout == "burnett" else 1)
-    turned = HogelImage(
-        camera=truth.camera,
-        triangle=truth.triangle[turn, turn],
-        object=truth.object[turn, turn],
-        position=truth.position[turn, turn],
-    )
-    write_image(tmp_path / ("hogel_2x0.exr" if layout == "hogels" else "Hogel_0x2.exr"), turned)
-    found = verify(scene, str(tmp_path), layout=layout, apertures=[(2, 0)])
+    arrays = {name: getattr(truth, name)[::-1, ::-1] for name in ("triangle", "object", "position")}
+    write_image(tmp_path / "Hogel_0x2.exr", HogelImage(camera=truth.camera, **arrays))
+    found = verify(scene, str(tmp_path), layout="burnett", apertures=[(2, 0)])
     assert found.passed and found.as_found is not None and found.as_found.wrong == 0
 
 

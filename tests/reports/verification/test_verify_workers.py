@@ -2,9 +2,7 @@
 
 import json
 import shutil
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -13,13 +11,9 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
 from xfrustum.reference import Reference
-from xfrustum.reports import blocks
-from xfrustum.reports.blocks import Engine, Workers
-from xfrustum.reports.verification import verification as workers
 from xfrustum.reports.verification.sources import ForeignRenderer
-from xfrustum.reports.verification.verdict import Hogel
-from xfrustum.reports.verification.verification import QUESTION, VerifyOptions
-from xfrustum.scenes import InputError, Plate
+from xfrustum.reports.verification.verification import QUESTION
+from xfrustum.scenes import InputError
 
 FILES = ("index.html", "verification.json")
 
@@ -161,27 +155,6 @@ def test_a_command_runs_in_the_folder_of_the_caller(
         gone.require_state((), before)
 
 
-def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
-    right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = shutil.copytree(right_path.parent, tmp_path / "br{a}ce")
-    monkeypatch.chdir(folder)
-
-    def alone(engine: Engine, *arguments: Any, **options: Any) -> AbstractContextManager[Workers]:
-        return blocks.open_workers(Engine(workers=1), *arguments, **options)
-
-    monkeypatch.setattr(workers, "open_workers", alone)
-    found = workers.verify_on(
-        Engine(scheduler="tcp://elsewhere:1"),
-        open_scene(right_path),
-        "{i}x{j}.exr",
-        VerifyOptions(apertures=[(0, 0)]),
-        tmp_path / "verified",
-    )
-    assert found is not None and found.passed
-    assert found.source == "{i}x{j}.exr"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [("--workers", "2"), ("--part", "1/1", "--apertures", "4,3;0,0;2,1")])
 def test_workers_and_single_hogels_say_what_one_process_says(
@@ -191,28 +164,3 @@ def test_workers_and_single_hogels_say_what_one_process_says(
     assert verified(scene_path, tmp_path / "one", pattern, *words[2:]) == 1
     assert verified(scene_path, tmp_path / "several", pattern, *words) == 1
     assert files_of(tmp_path / "several") == files_of(tmp_path / "one") != {}
-
-
-def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
-    apertures = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures()
-    renderer = ForeignRenderer(source=str(tmp_path / "{i}x{j}.png"))
-    (tmp_path / "0x0.png").write_bytes(b"one")
-    state = renderer.state(apertures)
-    renderer.require_state(apertures, state)
-    (tmp_path / "1x0.png").write_bytes(b"two")
-    with pytest.raises(InputError, match="a worker finds other image files than the command"):
-        renderer.require_state(apertures, state)
-
-
-def test_workers_elsewhere_find_the_files_and_name_them_as_they_were_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    scene = open_scene("car")
-    sent = ForeignRenderer(source="{i}x{j}.exr").placed(scene)
-    assert (sent.source, sent.named_from) == (f"{tmp_path}/{{i}}x{{j}}.exr", tmp_path)
-    missing = Hogel(aperture=scene.plate.aperture(0, 0), problem=f"{tmp_path}/0x0.exr: is missing")
-    assert missing.told_from(sent.named_from).problem == "0x0.exr: is missing"
-    absolute = ForeignRenderer(source=str(tmp_path / "{i}x{j}.exr"))
-    assert absolute.placed(scene) == absolute
-    assert sent.description == absolute.description
