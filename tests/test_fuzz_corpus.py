@@ -6,7 +6,6 @@ import json
 import random
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,26 +39,21 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
 
 
 def test_every_finding_is_found() -> None:
-    def told(**changes: Any) -> list[str]:
-        fine = Outcome(
-            status=2,
-            errors=b"xfrustum: error: no\n",
-            output=b"",
-            peak_bytes=1,
-            wall_s=0.1,
-            hung=False,
-            left=frozenset(),
-        )
-        return list(findings(replace(fine, **changes), frozenset({"out.exr"}), named=True))
-
-    assert told() == []
-    assert told(hung=True, status=-9) == ["hang"]
-    assert told(status=-11, errors=b"") == ["signal-11"]
-    assert told(status=70, errors=b"xfrustum: error: bug\n") == ["status-70"]
-    assert told(errors=b"Traceback (most recent call last):\nxfrustum: error: x\n") == ["traceback"]
-    assert told(errors=b"libpng error: read\nxfrustum: error: x\n") == ["foreign-words"]
-    assert told(errors=b"") == ["not-one-line"]
-    assert told(errors=b"xfrustum: error: a\x1b[31m\n") == ["control-characters"]
-    assert told(peak_bytes=3 << 30) == ["memory"]
-    assert told(left=frozenset({"out.exr"})) == ["leftovers"]
-    assert told(left=frozenset({"out.exr"}), status=0, errors=b"xfrustum: note\n") == []
+    fine: dict[str, Any] = {"status": 2, "errors": b"xfrustum: error: no\n", "peak_bytes": 1, "hung": False}
+    fine |= {"left": frozenset()}
+    left = frozenset({"out.exr"})
+    cases: list[tuple[dict[str, Any], list[str]]] = [
+        ({}, []),
+        ({"hung": True, "status": -9}, ["hang"]),
+        ({"status": -11, "errors": b""}, ["signal-11"]),
+        ({"status": 70, "errors": b"xfrustum: error: bug\n"}, ["status-70"]),
+        ({"errors": b"Traceback (most recent call last):\nxfrustum: error: x\n"}, ["traceback"]),
+        ({"errors": b"libpng error: read\nxfrustum: error: x\n"}, ["foreign-words"]),
+        ({"errors": b""}, ["not-one-line"]),
+        ({"errors": b"xfrustum: error: a\x1b[31m\n"}, ["control-characters"]),
+        ({"peak_bytes": 3 << 30}, ["memory"]),
+        ({"left": left}, ["leftovers"]),
+        ({"left": left, "status": 0, "errors": b"xfrustum: note\n"}, []),
+    ]
+    for changes, found in cases:
+        assert list(findings(Outcome(**{**fine, **changes}), left, named=True)) == found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import doctest
 import importlib
 import inspect
@@ -127,13 +126,3 @@ def test_one_version_is_stated_everywhere() -> None:
     released = re.findall(r"^## \[(\d\S*)\]", (CHECKOUT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert citation is not None
     assert stated == citation.group(1) == released[0]
-
-
-def test_the_gallery_has_examples_with_titles_that_end_in_pictures() -> None:
-    examples = sorted((CHECKOUT / "docs" / "examples").glob("plot_*.py"))
-    assert len(examples) >= 8
-    for path in examples:
-        text = path.read_text(encoding="utf-8")
-        title = (ast.get_docstring(ast.parse(text)) or "").splitlines()
-        assert title[1] == "=" * len(title[0]), path.name
-        assert "\npicture\n" in text, path.name

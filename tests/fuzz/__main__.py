@@ -7,6 +7,7 @@ import argparse
 import hashlib
 import importlib
 import json
+import math
 import multiprocessing
 import os
 import random
@@ -108,11 +109,11 @@ def main(arguments: list[str] | None = None) -> int:
     found = not all(_is_valid(seed) for of_kind in seeds.values() for seed in of_kind)
     with multiprocessing.get_context("fork").Pool(chosen.jobs) as workers:
         for kind, of_kind in seeds.items():
-            start = time.monotonic()
+            start, total = time.monotonic(), sum(seed.share for seed in of_kind)
             work = [
                 (seed, range(first, min(first + BATCH, end)), chosen.keep)
-                for seed, count in _shares(of_kind, chosen.count)
-                for end in [chosen.seed + count]
+                for seed in of_kind
+                for end in [chosen.seed + math.ceil(chosen.count * seed.share / total)]
                 for first in range(chosen.seed, end, BATCH)
             ]
             counts: Counter[str] = Counter()
@@ -134,15 +135,6 @@ def _is_valid(seed: Seed) -> bool:
     if outcome.status not in (0, 1):
         print(f"{seed.name}: not valid itself: {outcome.errors!r:.300}", file=sys.stderr, flush=True)
     return outcome.status in (0, 1)
-
-
-def _shares(seeds: list[Seed], count: int) -> list[tuple[Seed, int]]:
-    """Divide a number of inputs among seeds, by their shares and without a rest."""
-    total, until, found = sum(seed.share for seed in seeds), 0, []
-    for seed in seeds:
-        first, until = until, until + seed.share
-        found.append((seed, count * until // total - count * first // total))
-    return found
 
 
 def import_everything() -> None:

@@ -21,7 +21,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 from PIL import Image
 
@@ -37,7 +36,7 @@ PATIENCE_S = 60.0  # seconds that a command may take to end after a signal
 RENDERER_S = 10.0  # within which a renderer ends by itself if the program that should end it was killed
 
 TEMPORARY = "temporary"  # name of the folder for temporary files, which commands must empty as well
-OUT, JUNIT = "out", "out.xml"  # names of what commands write: a folder, and a JUnit file
+OUT = "out"  # name of the folder that commands write
 PICTURES = {f"{i}x{j}.png": (0, 0, 20 + i + j) for i in range(3) for j in range(2)}
 
 
@@ -95,12 +94,11 @@ def victims(fuzz: Path) -> list[Victim]:
     report = (*xfrustum, "report", "scene.toml", "--near", "1,0.1", "--depth", "d24")
     plate = (*xfrustum, "plate", "scene.toml", "--near", "0.1", "--ids", "--block", "1x1", "--json")
     verify = (*xfrustum, "verify", "scene.toml", "--encoding", "triangle-id", "--apertures", "0,0;1,0;2,1")
-    judged = (*outputs, "--junit", JUNIT)
     return [
         Victim(name="report", arguments=(*report, *outputs)),
         Victim(name="plate", arguments=(*plate, *outputs), resumes=True),
-        Victim(name="verify", arguments=(*verify, "{i}x{j}.png", *judged), status=1),
-        Victim(name="verify-command", arguments=(*verify, "--command", renderer, *judged), status=1),
+        Victim(name="verify", arguments=(*verify, "{i}x{j}.png", *outputs), status=1),
+        Victim(name="verify-command", arguments=(*verify, "--command", renderer, *outputs), status=1),
         Victim(name="study", arguments=(str(fuzz / "small_study.py"), "study", "small", OUT), resumes=True),
     ]
 
@@ -128,9 +126,10 @@ def undisturbed(runs: list[Run]) -> Run:
 
 def left_files(folder: Path) -> dict[str, str]:
     """Return the hash of every file of a command's output, by name."""
-    found = [path for path in (*sorted((folder / OUT).rglob("*")), folder / JUNIT) if path.is_file()]
-    hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in found]
-    return {path.relative_to(folder).as_posix(): one for path, one in zip(found, hashes, strict=True)}
+    found = [path for path in sorted((folder / OUT).rglob("*")) if path.is_file()]
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in found
+    }
 
 
 def answers(pid: int) -> bool:
@@ -184,18 +183,15 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Run) -> tup
 
 def _left(victim: Victim, folder: Path, whole: Run) -> Iterator[str]:
     """Yield the names of files in sight that a killed command left neither whole nor absent."""
-    expected = {OUT, JUNIT, TEMPORARY, "scene.toml", *PICTURES}
+    expected = {OUT, TEMPORARY, "scene.toml", *PICTURES}
     yield from sorted(name for name in os.listdir(folder) if name not in expected and name[0] != ".")
     yield from (f"{TEMPORARY}/{name}" for name in os.listdir(folder / TEMPORARY) if name[0] != ".")
     if victim.resumes:
         return
     found = left_files(folder)
     for name, content in whole.files.items() if (folder / OUT).exists() else ():
-        same = name in found and content in ("", found[name])
-        if name != JUNIT and not (same and _is_whole(folder / name)):
+        if not (name in found and content in ("", found[name]) and _is_whole(folder / name)):
             yield f"{OUT} without a whole {name}"
-    if JUNIT in found and found[JUNIT] != whole.files[JUNIT]:
-        yield f"part of {JUNIT}"
 
 
 def _is_whole(path: Path) -> bool:
@@ -204,17 +200,13 @@ def _is_whole(path: Path) -> bool:
         return False
     if path.suffix == ".json":
         return bool(json.loads(path.read_bytes()))
-    if path.suffix == ".xml":
-        return bool(len(ElementTree.parse(path).getroot()))
     ends = {".html": b"</html>", ".parquet": b"PAR1"}
     return path.stat().st_size > 0 and path.read_bytes().rstrip().endswith(ends.get(path.suffix, b""))
 
 
 def _hidden(folder: Path) -> list[str]:
-    """Return the names of unfinished files, which begin with a dot, and of SQLite's journals."""
-    journals = ("-journal", "-wal", "-shm")
-    paths = sorted(path for path in folder.rglob("*") if path.name[0] == "." or path.name.endswith(journals))
-    return [path.relative_to(folder).as_posix() for path in paths]
+    """Return the names of unfinished files, which begin with a dot."""
+    return [path.relative_to(folder).as_posix() for path in sorted(folder.rglob(".*"))]
 
 
 def _again(victim: Victim, folder: Path, whole: Run) -> Iterator[str]:

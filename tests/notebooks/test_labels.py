@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tests.notebooks.test_shown import SETTINGS, small_scene
-from xfrustum import Eye, InputError, Rasterizer, Reference, compare_images, write_plate
-from xfrustum.reference.eye.view import EyeReference
+from xfrustum import InputError, Rasterizer, Reference, compare_images, write_plate
 from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
 xarray = pytest.importorskip(
@@ -72,19 +71,6 @@ def test_labelled_errors_have_the_signs_of_the_maps() -> None:
     assert labelled.displacement_rows.attrs == {"long_name": "true minus drawn place, down", "units": "px"}
     assert int(labelled.surface.sum()) == found.surface_wrong
     assert labelled.radiance_error.dims == ("v", "u", "rgb")
-
-
-def test_what_an_eye_sees_is_labelled_by_its_place_on_the_plate() -> None:
-    scene = small_scene()
-    eye = Eye(position=(5, 0, 600), resolution=(16, 12))
-    seen = EyeReference(scene).true_view(eye)
-    labelled = seen.to_xarray(scene.units)
-    assert dict(labelled.sizes) == {"v": 12, "u": 16, "rgb": 3, "xyz": 3}
-    assert [float(labelled[f"eye_{name}"]) for name in "xyz"] == [5, 0, 600]
-    assert labelled.eye_z.attrs["units"] == "mm"
-    # Row 0 is at the top: what is seen in the upper half lies above the line of sight through the middle.
-    upper = labelled.position[..., 1].where(labelled.v > 0.2)
-    assert float(upper.mean()) > float(labelled.position[..., 1].where(labelled.v < -0.2).mean())
 
 
 def test_without_xarray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,27 +49,3 @@ def test_the_cells_run_one_after_the_other(
 def test_the_line_of_the_page_is_the_line_of_the_scene() -> None:
     told = PAGE.partition("    Scene: ")[2].partition("\n\n")[0]
     assert f"Scene: {' '.join(told.split())}" == repr(open_scene("asymmetric-recentered"))
-
-
-@pytest.mark.slow
-def test_a_notebook_shows_pictures_and_tables(tmp_path: Path) -> None:
-    """A real notebook is executed by a real kernel, and its outputs are what Jupyter would show."""
-    nbformat = pytest.importorskip("nbformat", reason="needs the packages nbclient, nbformat and ipykernel")
-    client = pytest.importorskip("nbclient", reason="needs the packages nbclient, nbformat and ipykernel")
-    pytest.importorskip("ipykernel", reason="needs the packages nbclient, nbformat and ipykernel")
-    smaller = (
-        "import dataclasses, xfrustum, xfrustum.scenes\n"
-        "def open_scene(name):\n"
-        "    scene = xfrustum.scenes.open_scene(name)\n"
-        "    frustum = dataclasses.replace(scene.frustum, resolution=(48, 36))\n"
-        "    return dataclasses.replace(scene, frustum=frustum)\n"
-        "xfrustum.open_scene = open_scene\n"
-    )
-    cells = [nbformat.v4.new_code_cell(text) for text in (smaller, *PROGRAMS)]
-    notebook = nbformat.v4.new_notebook(cells=cells)
-    client.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    outputs = [output for cell in notebook.cells for output in cell.outputs]
-    results = [output.data for output in outputs if output.output_type == "execute_result"]
-    assert [sorted(one) for one in results] == [["image/png", "text/html", "text/plain"]] * 2
-    assert results[0]["text/plain"].startswith("Scene: 'asymmetric-recentered'")
-    assert "<pre" in results[1]["text/html"]
