@@ -59,10 +59,10 @@ def test_scenes_lists_every_builtin_scene_with_its_purpose(capsys: pytest.Captur
     assert [entry["name"] for entry in entries] == builtin.names()
 
 
-def test_compare_prints_the_object_of_the_contract(
+def test_compare_prints_the_object_of_the_contract_and_writes_a_picture_of_each_error(
     images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["compare", *images, "--json"]) == 0
+    assert main(["compare", *images, "--json", "--out", "errors"]) == 0
     printed = capsys.readouterr()
     numbers = one_object(printed.out)
     assert printed.err == ""
@@ -77,6 +77,9 @@ def test_compare_prints_the_object_of_the_contract(
         assert part["fraction"] == part["wrong"] / numbers["judged"]
     assert isinstance(numbers["displacement_px"], dict)
     assert list(numbers["displacement_px"]) == ["rms", "p50", "p95", "p99", "max"]
+    errors = ("displacement", "height", "radiance", "surface", "triangle")
+    names = sorted(path.name for path in Path("errors").iterdir())
+    assert names == ["comparison.json", *(f"{error}.png" for error in errors)]
 
 
 def test_compare_finds_a_scene_that_was_moved_with_its_images(
@@ -138,16 +141,6 @@ def test_without_its_scene_compare_leaves_surface_open_and_says_why(
     assert printed.err.count("\n") == 1
     assert main(["compare", *images]) == 0
     assert "not known" in capsys.readouterr().out
-
-
-def test_compare_writes_a_picture_of_each_error(
-    images: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["compare", *images, "--out", "errors"]) == 0
-    assert "wrong surface" in capsys.readouterr().out
-    names = sorted(path.name for path in Path("errors").iterdir())
-    errors = ("displacement", "height", "radiance", "surface", "triangle")
-    assert names == ["comparison.json", *(f"{error}.png" for error in errors)]
 
 
 def test_report_says_the_best_setting_and_where_the_page_is(

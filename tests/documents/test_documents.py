@@ -6,6 +6,7 @@ import doctest
 import importlib
 import inspect
 import re
+import runpy
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ PAGES = sorted(
 NAMES_PAGE = CHECKOUT / "docs" / "api" / "examples.md"
 INDEX = (CHECKOUT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
 PACKAGES = ("scenes", "reference", "raster", "compare")
+FIGURES = runpy.run_path(str(CHECKOUT / "scripts" / "draw_method_figures.py"))["FIGURES"]
 
 MADE_BY_THE_BUILD = ("docs/gallery/index.rst",)
 """Targets of links that `make docs` makes."""
@@ -126,3 +128,31 @@ def test_one_version_is_stated_everywhere() -> None:
     released = re.findall(r"^## \[(\d\S*)\]", (CHECKOUT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert citation is not None
     assert stated == citation.group(1) == released[0]
+
+
+def test_the_dockerfile_takes_the_steps_of_readme() -> None:
+    """No test builds the image; its steps are those of the Makefile, and its files where these put them."""
+    lines = [line for line in (CHECKOUT / "Dockerfile").read_text().splitlines() if line and line[0] != "#"]
+    makefile, readme = (CHECKOUT / "Makefile").read_text(), (CHECKOUT / "README.md").read_text()
+    *_, sources, copied, made, path, data, entry, _ = lines
+    assert (copied, made) == ("COPY . .", "RUN make setup")
+    assert "\nsetup: $(READY)" in makefile and "    make setup " in readme
+    # The command is where the Makefile puts it.
+    folder = sources.removeprefix("WORKDIR ")
+    assert path == f"ENV PATH={folder}/.venv/bin:$PATH" and "XFRUSTUM := .venv/bin/xfrustum\n" in makefile
+    assert entry == 'ENTRYPOINT ["xfrustum"]'
+    assert f'-v "$PWD:{data.removeprefix("WORKDIR ")}" xfrustum report' in readme
+    ignored = (CHECKOUT / ".dockerignore").read_text().split()
+    assert {".venv/", "build/", ".git/"} <= set(ignored)
+
+
+def test_the_tests_that_the_makefile_names_are_there() -> None:
+    for path, name in re.findall(r"(tests/[\w./]+)(?:::(\w+))?", (CHECKOUT / "Makefile").read_text()):
+        assert (CHECKOUT / path).exists(), path
+        assert not name or f"def {name}(" in (CHECKOUT / path).read_text(), name
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_a_figure_of_the_method_is_what_its_program_draws_and_the_page_shows_it(name: str) -> None:
+    assert (CHECKOUT / "docs" / "images" / name).read_text() == FIGURES[name]().document()
+    assert f"images/{name}" in (CHECKOUT / "docs" / "method.md").read_text()
