@@ -3,13 +3,12 @@
 Lengths are millimeters; the plate is 80 x 60 with 81 x 61 apertures, the reach 150 on both sides.
 """
 
-import math
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from xfrustum.scenes import Frustum, InputError, Plate, Scene, SceneObject
+from xfrustum.scenes import SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance, Material
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry import shapes
@@ -222,43 +221,3 @@ def plain() -> Appearance:
     """Return a material that shows the vertex colors as they are, without any light."""
     own_color = Material(ambient=(1.0, 1.0, 1.0), diffuse=_BLACK)
     return Appearance(materials=MappingProxyType({"plain": own_color}), lights=())
-
-
-GLOBE_REACH = 100.0  #: reach on both sides, scene units; every globe lies within it
-
-#: Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind.
-GLOBES = (
-    ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
-    ((12.0, -12.0, 60.0), (11.0, 11.0, 11.0)),
-    ((9.0, 2.0, 0.0), (6.0, 6.0, 40.0)),
-    ((-16.0, -8.0, -50.0), (13.0, 13.0, 13.0)),
-    ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
-)
-
-MAX_FACTOR_RATIO = 2.5  #: largest ratio of sectors to rings: a number whose factors differ more is refused
-
-
-def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
-    """Return closed globes before, across and behind the plate, seen through an aperture at the origin.
-
-    They have exactly that number of triangles; with m sectors or bands a silhouette is off by at most 1 -
-    cos(pi / m) of a semi-axis. Raises InputError where no globe has that many.
-    """
-    # A product of sectors, and of rings of vertices between the poles, as even as it can be.
-    product, rest = divmod(triangles, 2 * len(GLOBES))
-    factors = range(2, math.isqrt(max(product, 0)) + 1) if not rest else range(0)
-    rings = max((n for n in factors if product % n == 0), default=0)
-    if not rings or product > MAX_FACTOR_RATIO * rings**2:
-        raise InputError(
-            f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "
-            "32000 or 100000"
-        )
-    unit, faces = shapes.ball(0.5, rings + 1, product // rings)
-    objects = tuple(
-        shapes.as_object("globe", (2.0 * np.array(semi_axes) * unit + np.array(center), faces))
-        for center, semi_axes in GLOBES
-    )
-    fov = math.radians(60)
-    frustum = Frustum(resolution=resolution, reach=(GLOBE_REACH, GLOBE_REACH), fov=(fov, fov))
-    plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
-    return Scene(name=f"globes of {triangles} triangles", plate=plate, frustum=frustum, objects=objects)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.llvm import array_device, mitsuba_backend
 from xfrustum.reports.common.outputs import json_ready
 from xfrustum.research import benchmarks, table1
+from xfrustum.research.benchmarks import GLOBE_REACH, GLOBES, globes
 from xfrustum.research.table1 import PAPER, mirrored, tessellated_car
 from xfrustum.scenes import NOTHING, HogelImage, InputError
 from xfrustum.scenes.library import builtin
@@ -128,6 +130,27 @@ def test_all_contestants_for_the_truth_answer_for_the_same_lines() -> None:
     if "mitsuba" in found:
         met = found["mitsuba"]().prim_index.numpy()
         np.testing.assert_array_equal(met.reshape(30, 40)[same], image.triangle[same])
+
+
+@pytest.mark.parametrize("triangles", [1000, 100_000])
+def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(triangles: int) -> None:
+    scene = globes(triangles)
+    assert len(scene.faces) == triangles
+    # There are neither slivers without area nor triangles beyond the reach.
+    assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
+    assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
+    ends = [np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist() for one in scene.objects]
+    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
+    for part, (center, semi_axes) in zip(scene.objects, GLOBES, strict=True):
+        radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
+        # The unit globe's coordinates are rounded to 1e-6 of its diameter.
+        np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
+
+
+@pytest.mark.parametrize("triangles", [0, 10, 9999, 10_010, 10_000_001])
+def test_a_number_that_globes_cannot_share_evenly_is_refused(triangles: int) -> None:
+    with pytest.raises(InputError, match="cannot be shared"):
+        globes(triangles)
 
 
 # Table 1 of the paper, on a car in its numbers of triangles

@@ -6,17 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.appearance import DEFAULT_LIGHT, DEFAULT_MATERIAL
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import SHAPES, build_shape, refine
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.targets import (
-    GLOBE_REACH,
-    GLOBES,
-    globes,
-)
 
 
 def areas(triangles: Floats) -> Floats:
@@ -94,24 +89,3 @@ def test_the_other_scenes_have_the_default_look_and_ask_for_nothing(name: str) -
     assert (scene.sampling, scene.transport) == (Sampling(), Transport())
     assert set(scene.materials) <= {DEFAULT_MATERIAL}
     assert scene.surface.vertex_normals is None
-
-
-@pytest.mark.parametrize("triangles", [1000, 100_000])
-def test_globes_have_exactly_as_many_triangles_as_they_say_on_the_same_ellipsoids(triangles: int) -> None:
-    scene = globes(triangles, (8, 8))
-    assert len(scene.faces) == triangles
-    # There are neither slivers without area nor triangles beyond the reach.
-    assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
-    assert np.abs(scene.vertices[:, 2]).max() < GLOBE_REACH
-    ends = [np.sign([one.vertices[:, 2].min(), one.vertices[:, 2].max()]).tolist() for one in scene.objects]
-    assert ends == [[1, 1], [1, 1], [-1, 1], [-1, -1], [-1, -1]], "before, across and behind the plate"
-    for part, (center, semi_axes) in zip(scene.objects, GLOBES, strict=True):
-        radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
-        # The unit globe's coordinates are rounded to 1e-6 of its diameter.
-        np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
-
-
-@pytest.mark.parametrize("triangles", [0, 10, 9999, 10_010, 10_000_001])
-def test_a_number_that_globes_cannot_share_evenly_is_refused(triangles: int) -> None:
-    with pytest.raises(InputError, match="cannot be shared"):
-        globes(triangles, (8, 8))

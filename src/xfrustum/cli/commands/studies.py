@@ -107,7 +107,7 @@ def judge(asked: _Judge) -> None:
 
     count = asked.triangles or (None if opened else 1_000_000)
     opened = opened or [options.open_scene(name) for name in benchmarks.default_scenes()]
-    opened += [] if count is None else [benchmarks.globes_through_a_plate(count)]
+    opened += [] if count is None else [benchmarks.globes(count)]
     _measured(asked, "judge", opened, resolutions=asked.resolution, hogels=asked.hogels, repeat=asked.repeat)
 
 
