@@ -108,6 +108,7 @@ class CostReport(Shown):
                     {
                         "renderer": one.renderer,
                         "label": one.label,
+                        "family": one.family,
                         **one.configuration,
                         "error": {
                             "displacement_p99_px": one.displacement_p99_px,
@@ -194,15 +195,11 @@ def cost(
             seconds = _seconds(timed, repeat, bar.update)
     options = [
         Option(
-            renderer=way.renderer,
-            label=way.label,
-            family=way.family,
-            configuration={"family": way.family, **way.configuration},
             displacement_p99_px=p99,
             surface_fraction=wrong,
-            **{name: Timing.of(values) for name, values in taken.items()},
+            **(vars(way) | {name: Timing.of(values) for name, values in taken.items()}),
         )
-        for way, (p99, wrong), taken in zip(timed, errors, seconds, strict=True)
+        for (way, _), (p99, wrong), taken in zip(timed, errors, seconds, strict=True)
     ]
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
@@ -221,20 +218,22 @@ _Error = tuple[int, tuple[float, float]]  #: number of a way, its displacement (
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Way:
-    """One way to make a picture; see `Option`."""
+class Way:
+    """One way to make a picture."""
 
     renderer: str
     label: str
-    family: str
-    make: Callable[[], HogelImage | Drawn]
+    family: str  #: group of options that it belongs to: a depth buffer, or whatever else was varied
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _errors(ways: Mapping[Aperture, list[_Way]], reference: Reference) -> Iterator[_Error]:
+_Made = tuple[Way, Callable[[], HogelImage | Drawn]]  #: a way, and what makes a picture so
+
+
+def _errors(ways: Mapping[Aperture, list[_Made]], reference: Reference) -> Iterator[_Error]:
     """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
 
-    def error(number: int, way: _Way, truth: HogelImage, image: HogelImage) -> _Error:
+    def error(number: int, way: Way, truth: HogelImage, image: HogelImage) -> _Error:
         judged = compare_images(truth, image, reference, radiance=False)
         assert judged.surface is not None, "the reference has the scene at hand"
         p99 = displacement_p99(judged) if way.renderer == "raster" else 0.0
@@ -243,8 +242,8 @@ def _errors(ways: Mapping[Aperture, list[_Way]], reference: Reference) -> Iterat
     def tasks(pool: ThreadPoolExecutor) -> Iterator[Future[tuple[int, tuple[float, float]]]]:
         for aperture, those in ways.items():
             truth = reference.trace(aperture)
-            for number, way in enumerate(those):
-                made = way.make()
+            for number, (way, make) in enumerate(those):
+                made = make()
                 image = made.image if isinstance(made, Drawn) else made
                 yield pool.submit(error, number, way, truth, image)
 
@@ -253,13 +252,13 @@ def _errors(ways: Mapping[Aperture, list[_Way]], reference: Reference) -> Iterat
         yield from in_order(tasks(pool), most)
 
 
-def _seconds(ways: list[_Way], repeat: int, done: Callable[[], object]) -> list[dict[str, list[float]]]:
+def _seconds(ways: list[_Made], repeat: int, done: Callable[[], object]) -> list[dict[str, list[float]]]:
     """Return the repeated times of each way by their names in `Option`; all take turns."""
     seconds: list[dict[str, list[float]]] = [defaultdict(list) for _ in ways]
     for _ in range(repeat):
-        for way, taken in zip(ways, seconds, strict=True):
+        for (_, make), taken in zip(ways, seconds, strict=True):
             begun = time.perf_counter()
-            made = way.make()
+            made = make()
             taken["time_s"].append(time.perf_counter() - begun)
             if isinstance(made, Drawn):
                 taken["gpu_s"].append(made.times["draw"].gpu_s)
@@ -268,13 +267,13 @@ def _seconds(ways: list[_Way], repeat: int, done: Callable[[], object]) -> list[
     return seconds
 
 
-def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[_Way]:
+def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[_Made]:
     """Yield nears with depth buffers and mappings, slabs, cameras without an offset, samples, effects."""
     reach, units = scene.frustum.longest_reach, scene.units
 
     def way(
         settings: DoubleFrustum, family: str | None = None, samples: int = 1, effects: str = "auto"
-    ) -> _Way:
+    ) -> _Made:
         drawer = drawers[effects]
         label = (
             f"raster, near {digits(settings.near)} {units} ({digits(settings.near / reach)} of the reach) "
@@ -290,7 +289,7 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
             label += ", all effects"
         names = ("near", "depth", "mapping", "slabs", "offset")
         sampling = replace(scene.sampling, aperture=samples)
-        return _Way(
+        described = Way(
             renderer="raster",
             label=label,
             family=family or settings.depth_label,
@@ -299,8 +298,8 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
                 "aperture_samples": samples,
                 "effects": sorted(drawer.effects_for(settings), key=list(Effect).index),
             },
-            make=partial(drawer.draw, aperture, settings, normals=False, sampling=sampling),
         )
+        return described, partial(drawer.draw, aperture, settings, normals=False, sampling=sampling)
 
     for depth, mapping in DEPTHS:
         for share in NEARS_PER_REACH:
@@ -320,18 +319,18 @@ def _drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> 
         yield way(usual, "all effects", effects="all")
 
 
-def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_Way]:
+def _traced(aperture: Aperture, tracers: Mapping[str, Reference]) -> Iterator[_Made]:
     """Yield each tracer alone, and the certified truth."""
     for name, reference in tracers.items():
         label = f"{name} alone, float32, nothing proven"
-        yield _Way(renderer=name, label=label, family=name, make=partial(reference.propose, aperture))
-    yield _Way(
+        yield Way(renderer=name, label=label, family=name), partial(reference.propose, aperture)
+    truth = Way(
         renderer="certified",
         label="the certified truth",
         family="certified truth",
         configuration={"certified": True},
-        make=partial(tracers["embree"].trace, aperture),
     )
+    yield truth, partial(tracers["embree"].trace, aperture)
 
 
 COLUMNS = ("ms", "from", "to", "99 %, px", "wrong")  #: heads of `Option.cells` but the first
@@ -343,13 +342,9 @@ MAX_NAMED_OPTIONS = 3  #: largest number of options that a sentence names one by
 
 
 @dataclass(frozen=True, kw_only=True)
-class Option:
+class Option(Way):
     """One way to make a picture: its error and its time."""
 
-    renderer: str
-    label: str
-    family: str  #: group of options that it belongs to: a depth buffer, or whatever else was varied
-    configuration: Mapping[str, Any]
     displacement_p99_px: float
     surface_fraction: float  #: share of judged pixels with the wrong surface
     #: Seconds of a whole picture with read-back, over repetitions; and of these in which the device drew, and
