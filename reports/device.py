@@ -37,12 +37,20 @@ def table(measured: Measured) -> str:
     found = measured.as_json()
     tried = found["tried"]
     pixels = f"{tried['triangles']} triangles, {tried['pixels']:,} pixels"
-    snapped = "snapped" if found["snaps_depth"] else "unsnapped"
+    noise = "?" if found["plane_noise"] is None else f"{found['plane_noise']:.2f}"
+    planes = f"from {'' if found['snaps_depth'] else 'un'}snapped vertices, {noise} roundings a pixel"
     bits, filtered = found["subpixel_bits"], found["filter_bits"]
+    edges, cuts = f"{tried['edges_in_window']} triangles", found["cuts"]
+    sides = "none" if (begins := found["cut_from_px"]) is None else f"from {begins:.4g} px on"
+    cut = f"{cuts['differ']:,} pixels differ, at most {cuts['farthest_px']:.2g} px from the exact cut"
     rows = [
         ("measured", "", "tried"),
         ("subpixel bits", f"{bits}, vertices snapped to 1/{2**bits} px", f"{tried['edges']} triangles"),
-        ("depth planes", f"from {snapped} vertices", pixels),
+        ("places in the window", _least(found["viewport"]), edges),
+        ("pixel centers on edges are of the", _least(found["ties"]), edges),
+        ("cut at the window's sides", sides, f"up to {tried['reach_px']:,.0f} px from its middle"),
+        ("cut by near and far plane", cut, f"{cuts['pixels']:,} pixels"),
+        ("depth planes", planes, pixels),
     ]
     for name, steps in found["depth"].items():
         unit = "steps of 2^-24" if name == "d32f" else "steps"
@@ -67,6 +75,13 @@ def table(measured: Measured) -> str:
         ("these bounds, relative to those of any device", smaller, ""),
     ]
     return f"{found['renderer']}, OpenGL {found['version']}\n{aligned(rows, str.ljust)}"
+
+
+def _least(counts: dict[str, int]) -> str:
+    """Return the names with the fewest pixels that differ, and how many that are."""
+    least = min(counts.values())
+    names = " or ".join(name for name, count in counts.items() if count == least)
+    return f"{names} ({least:,} pixels differ)"
 
 
 def _steps(steps: tuple[float, float]) -> str:

@@ -152,6 +152,7 @@ def table(
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
+    lines.append(f"rounding by the model of {made.device_model}")
     draw = plate_command(scene, settings) if made.plate else raster_command(scene, apertures[0], settings)
     return "\n".join([*lines, _answer(made, apertures, requirement, exceeded), "", draw])
 

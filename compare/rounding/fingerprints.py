@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -36,9 +37,17 @@ Measured were 1.01 (H100) and 2.00 (llvmpipe)."""
 LEAST_OF_PLANE = 20
 """Pixels of a triangle from which on a plane through their depths, three unknowns, leaves enough of them."""
 
-SNAP_DOUBT = 2.0**-12
-"""Distance in pixels from an edge within which coverage does not count. Float32 places a corner that is up to
-40 pixels from the middle within 2^-18; the rest is for ties."""
+NEAREST_EVEN = "nearest, half to even"
+ROUNDED: dict[str, Callable[[Floats], Floats]] = {
+    NEAREST_EVEN: np.round,
+    "nearest, half up": lambda places: np.floor(places + 0.5),
+    "nearest, half down": lambda places: np.ceil(places - 0.5),
+    "cut off": np.floor,
+}
+"""Ways to round places in the window to the subpixel grid."""
+
+TIES = ("left and bottom", "left and top", "right and bottom", "right and top")
+"""Rules for pixel centers on an edge: on which sides of a triangle they are its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,16 +91,55 @@ class Measured:
         return next((KNOWN[name] for name in names), self.model)
 
     @cached_property
-    def coverage_differs(self) -> dict[int, int]:
-        """Pixels that other triangles cover than those whose corners are snapped to so many bits."""
-        return {bits: self._coverage_differs(bits) for bits in range(MOST_SUBPIXEL_BITS + 1)}
-
-    @cached_property
     def subpixel_bits(self) -> int:
         """Bits of the grid that explains coverage best, but no more than the device says that it has."""
-        said = int(self.fingerprint.device["subpixel_bits"])
-        counts = {bits: count for bits, count in self.coverage_differs.items() if bits <= said}
+        said = min(int(self.fingerprint.device["subpixel_bits"]), MOST_SUBPIXEL_BITS)
+        counts = {bits: min(self._differs(bits, NEAREST_EVEN).values()) for bits in range(said + 1)}
         return min(counts, key=lambda bits: (counts[bits], -bits))
+
+    @cached_property
+    def viewport(self) -> dict[str, int]:
+        """Pixels that differ from corners rounded to the grid in each way, by the best rule of ties."""
+        return {name: min(self._differs(self.subpixel_bits, name).values()) for name in ROUNDED}
+
+    @cached_property
+    def ties(self) -> dict[str, int]:
+        """Pixels that differ by each rule of ties that is among the best, corners rounded in the best way."""
+        counts = self._differs(self.subpixel_bits, min(self.viewport, key=self.viewport.__getitem__))
+        return {rule: count for rule, count in counts.items() if count == min(counts.values())}
+
+    @cached_property
+    def cut_from_px(self) -> float | None:
+        """Least distance from the window's middle of a corner whose triangle is cut at the sides, pixels.
+
+        A cut makes corners, which are snapped, so that pixels beside its edges differ from those of the whole
+        triangle. None where no triangle is cut.
+        """
+        whole = self._covers(self.subpixel_bits, NEAREST_EVEN)[next(iter(self.ties))]
+        cut = self._reach[(whole != self.fingerprint.covered).any(axis=(1, 2))]
+        return float(cut.min()) if len(cut) else None
+
+    @cached_property
+    def cuts(self) -> dict[str, float]:
+        """How near and far plane cut: pixels a pixel inside of triangles that they cut, and which differ.
+
+        `farthest_px` is how far the farthest of these lies from the exact cut.
+        """
+        planes, drawn = self._planes, self.fingerprint.drawn
+        which, points, _ = self._stored(DepthFormat.D32F, np.zeros_like(drawn) | ~planes.uncut[:, None, None])
+        slopes = np.linalg.norm(planes.weights[..., :2], axis=-1) * 2 / SIZE
+        sides = np.einsum("knc,nc->kn", planes.weights[:, which], points)
+        inside = (sides > slopes[:, which]).all(axis=0)
+        which, points, drawn = which[inside], points[inside], drawn[~planes.uncut].ravel()[inside]
+        depth, slope = planes.exact(which, points), planes.gradient[which, :2] * 2 / SIZE
+        beyond = np.maximum(-depth, depth - 1)
+        differ = drawn != (beyond <= 0)
+        farthest = np.abs(beyond)[differ] / np.linalg.norm(slope[differ], axis=1)
+        return {
+            "pixels": len(which),
+            "differ": int(differ.sum()),
+            "farthest_px": float(farthest.max(initial=0)),
+        }
 
     @cached_property
     def snaps_depth(self) -> bool:
@@ -204,11 +252,18 @@ class Measured:
             "snaps_depth": self.snaps_depth,
             "depth": depths,
             "filter_bits": self.filter_bits,
+            "plane_noise": self.plane_noise if np.isfinite(self.plane_noise) else None,
+            "ties": self.ties,
+            "viewport": self.viewport,
+            "cut_from_px": self.cut_from_px,
+            "cuts": self.cuts,
             "varyings": self.varyings(),
             "tried": {
                 "triangles": len(self.fingerprint.vertices),
                 "pixels": int(self.fingerprint.drawn.sum()),
                 "edges": len(self.fingerprint.edge_vertices),
+                "edges_in_window": int((self._reach <= SIZE / 2).sum()),
+                "reach_px": float(self._reach.max()),
                 "written": {d.value: len(wrote) for d, (wrote, _) in self.fingerprint.written.items()},
                 "filtered": len(self.fingerprint.filtered),
             },
@@ -280,22 +335,39 @@ class Measured:
         sixteenths = np.ceil(np.array([-low, high]) / SIXTEENTH - 2.0**-10) * SIXTEENTH
         return min(-0.5, -float(sixteenths[0])), max(0.5, float(sixteenths[1]))
 
-    def _coverage_differs(self, bits: int) -> int:
-        """Return at how many pixels coverage is not that of corners snapped to so many bits, but for ties."""
-        grid = 2.0**bits
-        corners = self.fingerprint.edge_vertices[..., :2].astype(np.float64)
-        places = np.round((corners + 1) / 2 * SIZE * grid) / grid
+    @cached_property
+    def _reach(self) -> Floats:
+        """(E,) distances of the farthest corners from the window's middle along an axis, pixels."""
+        return np.asarray(np.abs(self.fingerprint.edge_vertices[..., :2]).max(axis=(1, 2)) * (SIZE / 2))
+
+    def _differs(self, bits: int, rounding: str) -> dict[str, int]:
+        """Return by each rule of ties at how many pixels coverage is not that of corners snapped so.
+
+        Triangles that reach out of the window are left out: some devices cut them at its border.
+        """
+        whole, covered = self._reach <= SIZE / 2, self.fingerprint.covered
+        return {
+            rule: int((one != covered)[whole].sum()) for rule, one in self._covers(bits, rounding).items()
+        }
+
+    def _covers(self, bits: int, rounding: str) -> dict[str, Mask]:
+        """Return by each rule of ties which pixels (E, 64, 64) triangles with corners snapped so cover.
+
+        Places are multiples of a grid, and products of them have at most 53 bits, so that all is exact.
+        """
+        corners, grid = self.fingerprint.edge_vertices[..., :2].astype(np.float64), 2.0**bits
+        places = ROUNDED[rounding]((corners + 1) / 2 * SIZE * grid) / grid
         rows, columns = np.mgrid[0:SIZE, 0:SIZE] + 0.5
-        inside, doubtful = np.ones((2, len(places), SIZE, SIZE), dtype=np.bool_)
-        doubtful[:] = False
         (x, y), (right, up) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
-        turned = np.sign(x * up - y * right)
+        turned = np.sign(x * up - y * right)[:, None]
+        found = dict.fromkeys(TIES, np.broadcast_to(turned[..., None] != 0, self.fingerprint.covered.shape))
         for i in range(3):
-            one, along = places[:, i], places[:, (i + 1) % 3] - places[:, i]
-            x, y = (one[:, k, None, None] for k in range(2))
-            side = along[:, 0, None, None] * (rows - y) - along[:, 1, None, None] * (columns - x)
-            side = side * turned[:, None, None]
-            inside &= side > 0
-            doubtful |= np.abs(side) <= SNAP_DOUBT * np.linalg.norm(along, axis=1)[:, None, None]
-        solid = (turned != 0)[:, None, None]
-        return int(((inside != self.fingerprint.covered) & ~doubtful & solid).sum())
+            one, along = places[:, i], (places[:, (i + 1) % 3] - places[:, i]) * turned
+            (x, y), (right, up) = one.T[:, :, None, None], along.T[:, :, None, None]
+            side = right * (rows - y) - up * (columns - x)
+            # Counter-clockwise, with rows that count up: left sides go down, and those at the bottom right.
+            for rule in TIES:
+                left, bottom = (up < 0) == ("left" in rule), (right > 0) == ("bottom" in rule)
+                owns = np.where(up != 0, left, bottom)
+                found[rule] = found[rule] & ((side > 0) | ((side == 0) & owns))
+        return found

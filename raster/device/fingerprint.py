@@ -23,7 +23,8 @@ from xfrustum.scenes.arrays import Mask, Singles
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 SIZE = 64  #: pixels along each side of what is drawn
-TRIANGLES, EDGES = 240, 160  #: triangles whose depth is looked at, and those whose coverage is
+TRIANGLES, EDGES = 240, 160  #: triangles whose depth is looked at, and first ones of those whose coverage is
+UPRIGHT, FARTHEST = 60, 23  #: triangles with sides along rows and columns; the largest have 2^23 pixels
 SEED = 11  #: of the random triangles; the recorded fingerprints have the same ones
 EMPTY = -9.0  #: what pixels hold at which no fragment was drawn
 
@@ -126,10 +127,27 @@ def fingerprint_triangles() -> Iterator[tuple[Singles, Singles]]:
 
 
 def edge_triangles() -> Iterator[Singles]:
-    """Yield corners (3, 4) at pixel centers, so that ties decide, and at odd multiples of 1/512 pixel."""
+    """Yield corners (3, 4) at pixel centers, so that ties decide, and at odd multiples of 1/512 pixel.
+
+    Then some with two sides along rows and columns, half a subpixel beside their centers, with 8 bits or 4,
+    so that many pixels show how corners are rounded; and some of up to 2^23 pixels.
+    """
     rng = np.random.default_rng(SEED)
-    for k in range(EDGES):
-        at = rng.integers(-40 * 512, 40 * 512, (3, 2)) / 512 if k % 2 else rng.integers(-40, 40, (3, 2)) + 0.5
+    places = [
+        rng.integers(-40 * 512, 40 * 512, (3, 2)) / 512 if k % 2 else rng.integers(-40, 40, (3, 2)) + 0.5
+        for k in range(EDGES)
+    ]
+    for _ in range(UPRIGHT):
+        beside = rng.choice((0, 2.0**-9, -(2.0**-9), 2.0**-5, -(2.0**-5)), (2, 2))
+        (left, right), (bottom, top) = np.sort(rng.integers(-31, 31, (2, 2)) + 0.5 + beside)
+        places.append(np.array([(left, bottom), (right, bottom), (left, top)])[:: rng.choice((-1, 1))])
+        places[-1] *= rng.choice((-1, 1))
+    for doubled in range(6, FARTHEST + 1):
+        # One side runs through the window, the third corner lies as far away.
+        along = rng.integers(-(2**doubled), 2**doubled, 2)
+        near = rng.integers(-20, 20, 2)
+        places += [np.array([near - along, near + along, sign * along[::-1]]) for sign in (-1, 1)]
+    for at in places:
         corners = np.ones((3, 4), np.float32)
         corners[:, :2], corners[:, 2] = at / (SIZE / 2), 0
         yield corners

@@ -109,12 +109,28 @@ H100 = DeviceModel(
 )
 """NVIDIA H100, driver 580.159.04, as measured in November 2026."""
 
+QUADS_OF_A_SPAN = 16
+"""Blocks of two by two pixels that softpipe steps through with one gradient of D16, in whole steps."""
+
+SOFTPIPE = DeviceModel(
+    name="softpipe",
+    subpixel_bits=4,
+    snaps_depth=False,
+    # Depths are cut off; in D16 the gradient is, too, by less than a step for each block but a span's first.
+    d16=(-1.0 - (QUADS_OF_A_SPAN - 1), QUADS_OF_A_SPAN - 1.0),
+    d24=(-1.0, 0.0),
+)
+"""Mesa's renderer of reference, OpenGL 3.3, as measured; no way to snap that is tried explains coverage."""
+
 FEWEST_SUBPIXEL_BITS = 4
 """Fewest subpixel bits that OpenGL allows (GL_SUBPIXEL_BITS): every rasterizer has at least so many."""
 
 
 def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
-    """Return the model of a device that nobody has measured: it may store the step below, or that above."""
+    """Return the model of a device that nobody has measured: it may store the step below, or that above.
+
+    It holds where the depth of each pixel is found by itself: not for the D16 of softpipe.
+    """
     wide = -1.0, 1.0
     return DeviceModel(
         name=f"any device with {subpixel_bits} subpixel bits",
@@ -126,7 +142,7 @@ def safe_model(subpixel_bits: int = FEWEST_SUBPIXEL_BITS) -> DeviceModel:
     )
 
 
-KNOWN = {"llvmpipe": LLVMPIPE, "NVIDIA H100": H100}
+KNOWN = {"llvmpipe": LLVMPIPE, "softpipe": SOFTPIPE, "NVIDIA H100": H100}
 """Models by a part of the renderer's name (GL_RENDERER)."""
 
 

@@ -2,7 +2,10 @@
 
 import json
 import math
+import os
 import re
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,11 +14,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests import device_report
 from tests.support.scene_file import film, part
 from tests.support.views import SHARED
 from xfrustum.cli.main import main
 from xfrustum.raster.device import context
-from xfrustum.scenes.model.device_model import H100, DeviceModel
+from xfrustum.scenes.model.device_model import H100, DeviceModel, safe_model
 
 
 def test_the_device_at_hand_is_measured_and_its_model_is_written(
@@ -33,6 +37,18 @@ def test_the_device_at_hand_is_measured_and_its_model_is_written(
     path = tmp_path / "measured" / "device.json"
     assert json.loads(path.read_text()) == found
     assert DeviceModel.read(path).subpixel_bits == found["subpixel_bits"]
+
+
+def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
+    """It has OpenGL 3.3 alone. The bounds of a device that nobody knows do not hold for its D16."""
+    asked = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]
+    environment = os.environ | {"GALLIUM_DRIVER": "softpipe", "LIBGL_ALWAYS_SOFTWARE": "1"}
+    found = json.loads(subprocess.run(asked, env=environment, capture_output=True, check=True).stdout)
+    if found["renderer"] != "softpipe":
+        pytest.skip(f"Mesa has no softpipe here: {found['renderer']} drew")
+    assert found["model"]["name"] == "softpipe"
+    assert all(one["within"] == one["pixels"] for one in found["within"].values())
+    assert found["depth"]["d16"]["interpolated_steps"][1] > safe_model(4).d16[1]
 
 
 def test_the_devices_of_egl_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,6 +81,23 @@ def test_a_recording_is_explained_by_the_model_of_its_device(
         assert (answer["unexplained"] > 0) == (name == "shifted")
 
 
+def test_the_report_of_a_device_counts_tests_and_says_what_there_was_no_time_for(tmp_path: Path) -> None:
+    log, session = tmp_path / "tests.xml", device_report.Session(limit_s=0.0)
+    cases = '<testcase/><testcase><skipped message="no card"/></testcase>'
+    failed = '<testcase classname="tests.a" name="b"><failure message="1 == 2&#10;more"/></testcase>'
+    log.write_text(f"<testsuites><testsuite>{cases}{failed}</testsuite></testsuites>")
+    assert device_report.counted("all", log) == [
+        "- all: 1 passed, 1 failed, 1 skipped",
+        "  - failed: tests.a::b: 1 == 2",
+        "  - skipped 1: no card",
+    ]
+    assert not device_report.device(session, tmp_path)
+    device_report.tests(session, card=False)
+    told = session.text()
+    assert all(f"- pytest {words}: there was no time left" in told for _, words in device_report.TESTS)
+    assert "tests of the truth on CUDA: the device that draws is no card" in told
+
+
 def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -79,8 +112,12 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
         (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1),
         (f"conformance judge {tmp_path / 'none'} --case L0-behind", 0),
     ):
-        assert main([*words.split(), "--device", str(path), "--json", "--quiet"]) == status
+        asked = [*words.split(), "--device", str(path), "--quiet"]
+        assert main([*asked, "--json"]) == status
         assert json.loads(capsys.readouterr().out)["device_model"] == "NVIDIA H100"
+        if "conformance" not in words:
+            assert main(asked) == status
+            assert "by the model of NVIDIA H100\n" in capsys.readouterr().out
 
 
 NO_MODELS: tuple[dict[str, Any], ...] = (

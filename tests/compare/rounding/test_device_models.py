@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import SHARED
-from xfrustum.compare.rounding.fingerprints import Measured, Within
+from xfrustum.compare.rounding.fingerprints import NEAREST_EVEN, Measured, Within
 from xfrustum.compare.rounding.planes import Planes
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.device.fingerprint import Fingerprint, draw_fingerprint
@@ -91,9 +91,26 @@ def test_varyings_and_weights_of_the_card_are_out_of_the_bounds_of_an_exact_devi
     assert measured.filtered_within(LLVMPIPE).within == 0
 
 
+def test_coverage_tells_how_corners_are_rounded_and_ties_are_broken(
+    recorded: tuple[Measured, DeviceModel],
+) -> None:
+    """The recorded triangles have ties on the left and right alone; near and far plane cut exactly."""
+    measured, known = recorded
+    assert measured.viewport[NEAREST_EVEN] == 0
+    assert measured.ties == {"left and bottom": 0, "left and top": 0}
+    assert measured.cuts["pixels"] > 20_000
+    assert measured.cuts["differ"] == 0
+    # llvmpipe cuts at the window's border, 32 pixels from its middle, and the card does not up to 40.
+    cut = measured.cut_from_px
+    assert cut is None if known == H100 else cut is not None and 32 < cut < 33
+
+
 def test_the_device_at_hand_draws_as_its_model_says() -> None:
     with Rasterizer(open_scene("car")) as rasterizer, rasterizer._context:
         measured = Measured(draw_fingerprint(rasterizer._context, rasterizer.device))
+    # Sides half a subpixel beside centers tell half to even from half up, which random triangles do not.
+    assert [name for name, count in measured.viewport.items() if not count] == [NEAREST_EVEN]
+    assert list(measured.ties.values()) == [0]
     for depth in DepthFormat:
         assert share(measured.within(rasterizer.model, depth)) == 1.0
         assert share(measured.within(measured.model, depth)) == 1.0
