@@ -238,20 +238,23 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
     assert spread.max == pytest.approx(shift, abs=0.01)
 
 
-def test_geometry_passes_another_shading_that_colors_fail(hogels: Hogels) -> None:
-    two: dict[str, Any] = {"apertures": [(0, 0), (1, 1)]}
-    by_color = verified(hogels["right"], headlight, **two)
-    geometry = verified(hogels["right"], headlight, compare="geometry", **two)
-    assert not by_color.passed
+def test_geometry_passes_another_shading_and_fails_what_is_rolled(hogels: Hogels) -> None:
+    two: dict[str, Any] = {"apertures": [(0, 0), (1, 1)], "compare": "geometry"}
+    geometry = verified(hogels["right"], headlight, **two)
     assert geometry.passed
-    assert by_color.summary()["compared"] == "color"
     assert geometry.summary()["compared"] == "geometry"
-    assert "colors to within 0.00902" in by_color.judged
     assert "where outlines run" in geometry.judged
     assert geometry.checks[0].figure == "wrong outlines"
-    two["compare"] = "geometry"
     rolled = verified(hogels["right"], lambda image: np.roll(headlight(image), 1, axis=0), **two)
     assert all(hogel.verdict == "fail" for hogel in rolled.hogels)
+
+
+@pytest.mark.slow
+def test_colors_fail_another_shading(hogels: Hogels) -> None:
+    by_color = verified(hogels["right"], headlight, apertures=[(0, 0), (1, 1)])
+    assert not by_color.passed
+    assert by_color.summary()["compared"] == "color"
+    assert "colors to within 0.00902" in by_color.judged
 
 
 def test_limits_that_cannot_be_meant_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -428,15 +428,10 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
 
 def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
     scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
-    found = {
-        device: plan(scene, [scene.plate.middle], Requirement(device=device), buffer)
-        for device in (None, safe_model())
-    }
-    for device, made in found.items():
-        assert made.settings is not None and made.predicted is not None
-        steps = 1 if device is None else 2
-        nearest = traced(scene).separation(made.settings)
-        assert made.predicted.separation == pytest.approx(steps * nearest, rel=0.01)
+    made = plan(scene, [scene.plate.middle], Requirement(device=safe_model()), buffer)
+    assert made.settings is not None and made.predicted is not None
+    # Two of its steps are one of those that a device takes which stores the nearest.
+    assert made.predicted.separation == pytest.approx(2 * traced(scene).separation(made.settings), rel=0.01)
     whole = PlatePlanner(
         reference=Reference(scene),
         scouted=scout(scene),
