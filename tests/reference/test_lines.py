@@ -38,19 +38,6 @@ def film_corner(pencil: Pencil, u: int, v: int, s: float) -> Floats:
     return np.array(pencil.center) + s * np.array([x, y, -1.0])
 
 
-@pytest.mark.parametrize("aperture", APERTURES)
-@pytest.mark.parametrize("screen", SCREENS)
-def test_the_screen_fills_the_film_of_every_aperture(screen: Screen, aperture: Aperture) -> None:
-    """The image of a screen in front of the plate is mirrored in both axes."""
-    pencil = crossed_frustum(recentered(screen), aperture)
-    mirror = -1 if screen.height > 0 else 1
-    for u in (-1, 1):
-        for v in (-1, 1):
-            corner = np.array(screen.center) + mirror * np.array([u, v]) * np.array(screen.size) / 2
-            found = film_corner(pencil, u, v, -screen.height)
-            np.testing.assert_allclose(found, [*corner, screen.height], rtol=0, atol=1e-11)
-
-
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "car-recentered"])
 def test_every_line_passes_through_the_aperture_with_the_slopes_of_the_design(name: str) -> None:
     scene = view(name, (33, 20))

@@ -26,12 +26,16 @@ def share(found: Within) -> float:
     return found.within / found.pixels
 
 
-@pytest.fixture(scope="module", params=sorted(MODELS))
-def recorded(request: pytest.FixtureRequest) -> tuple[Measured, DeviceModel]:
-    path = RECORDED / f"{request.param}-fingerprint.npz"
+def measured_on(device: str) -> Measured:
+    path = RECORDED / f"{device}-fingerprint.npz"
     if not path.exists():
         pytest.skip(f"needs ../shared/data/devices/{path.name}, beside the checkout")
-    return Measured(Fingerprint.read(path)), MODELS[request.param]
+    return Measured(Fingerprint.read(path))
+
+
+@pytest.fixture(scope="module", params=sorted(MODELS))
+def recorded(request: pytest.FixtureRequest) -> tuple[Measured, DeviceModel]:
+    return measured_on(request.param), MODELS[request.param]
 
 
 def test_a_recorded_fingerprint_measures_the_known_model(recorded: tuple[Measured, DeviceModel]) -> None:
@@ -52,17 +56,11 @@ def test_all_stored_depths_lie_within_the_bounds_of_their_device(
 
 
 def test_a_device_that_does_not_snap_depth_has_half_the_bounds_of_one_that_nobody_knows() -> None:
-    path = RECORDED / "llvmpipe-fingerprint.npz"
-    if not path.exists():
-        pytest.skip("needs ../shared/data/devices, beside the checkout")
-    assert Measured(Fingerprint.read(path)).within(LLVMPIPE).share_of_safe < 0.6
+    assert measured_on("llvmpipe").within(LLVMPIPE).share_of_safe < 0.6
 
 
 def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_not_snap_them() -> None:
-    path = RECORDED / "h100-fingerprint.npz"
-    if not path.exists():
-        pytest.skip("needs ../shared/data/devices, beside the checkout")
-    measured = Measured(Fingerprint.read(path))
+    measured = measured_on("h100")
     for depth in (DepthFormat.D24, DepthFormat.D32F):
         assert 1 - share(measured.within(LLVMPIPE, depth)) > 0.15
     # Half a step and no more is not how it stores D16.
@@ -82,10 +80,7 @@ def test_varyings_and_weights_of_a_filter_lie_within_the_bounds_of_their_device(
 
 
 def test_varyings_and_weights_of_the_card_are_out_of_the_bounds_of_an_exact_device() -> None:
-    path = RECORDED / "h100-fingerprint.npz"
-    if not path.exists():
-        pytest.skip("needs ../shared/data/devices, beside the checkout")
-    measured = Measured(Fingerprint.read(path))
+    measured = measured_on("h100")
     assert 1 - share(measured.varyings_within(LLVMPIPE)) > 0.1
     # The places are odd multiples of 2^-13: none is a multiple of 2^-8.
     assert measured.filtered_within(LLVMPIPE).within == 0

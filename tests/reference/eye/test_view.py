@@ -43,20 +43,23 @@ def checked_with_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeIm
     return count
 
 
-@pytest.mark.parametrize("name", ["asymmetric-recentered", "crossing"])
-def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str) -> None:
-    scene = coarse(view(name, (64, 48)))
-    eyes = EyeReference(scene)
-    assert checked_with_whole_hogels(scene, eyes.replay(EYE).shown, eyes.replayed(EYE), every=19) >= 100
+LARGE = replace(EYE, resolution=(160, 120), position=(-30.0, 12.0, 380.0))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["car", "asymmetric", "car-recentered", "crossing", "car-studio"])
-def test_replayed_views_have_the_pixels_of_many_whole_hogels(name: str) -> None:
-    scene = view(name, (96, 96))
+@pytest.mark.parametrize(
+    ("name", "eye", "every"),
+    [
+        *((name, EYE, 19) for name in ("asymmetric-recentered", "crossing")),
+        *(
+            pytest.param(name, LARGE, 41, marks=pytest.mark.slow)
+            for name in ("car", "asymmetric", "car-recentered", "crossing", "car-studio")
+        ),
+    ],
+)
+def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str, eye: Eye, every: int) -> None:
+    scene = view(name, (96, 96)) if eye is LARGE else coarse(view(name, (64, 48)))
     eyes = EyeReference(scene)
-    eye = replace(EYE, resolution=(160, 120), position=(-30.0, 12.0, 380.0))
-    assert checked_with_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every=41) > 200
+    assert checked_with_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every) >= 100
 
 
 def exact_ray(scene: Scene, eye: Eye, column: int, row: int) -> tuple[list[Fraction], list[Fraction]]:
@@ -136,16 +139,18 @@ def assert_rays_meet_what_brute_force_finds(scene: Scene, eye: Eye, rays: int) -
         assert replayed.triangle[row, column] == met
 
 
-def test_rays_see_what_brute_force_in_rationals_finds() -> None:
-    assert_rays_meet_what_brute_force_finds(view("asymmetric", (64, 48)), EYE, rays=20)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["crossing", "asymmetric", "asymmetric-recentered"])
-def test_many_rays_see_what_brute_force_in_rationals_finds(name: str) -> None:
-    assert_rays_meet_what_brute_force_finds(
-        view(name, (96, 96)), replace(EYE, resolution=(120, 90)), rays=500
-    )
+@pytest.mark.parametrize(
+    ("name", "size", "rays"),
+    [
+        ("asymmetric", (64, 48), 20),
+        *(
+            pytest.param(name, (96, 96), 500, marks=pytest.mark.slow)
+            for name in ("crossing", "asymmetric", "asymmetric-recentered")
+        ),
+    ],
+)
+def test_rays_see_what_brute_force_in_rationals_finds(name: str, size: tuple[int, int], rays: int) -> None:
+    assert_rays_meet_what_brute_force_finds(view(name, size), replace(EYE, resolution=(120, 90)), rays)
 
 
 def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> None:
