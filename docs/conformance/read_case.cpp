@@ -82,6 +82,25 @@ int main(int argc, char** argv) {
             faces.push_back(f);
         }
     }
+    // What two cameras a step away from the plate cannot show of the true frustum is not claimed: triangles nearer
+    // to the plate than the step, and films that are wider than the scene already at that distance.
+    for (const Json& aperture : cameras["apertures"].list)
+        for (const Json& pass : aperture["passes"].list) {
+            const auto &center = aperture["center"].list, &half = pass["half_extent"].list;
+            double near = pass["near"].number, extent = 0;
+            bool claimed = true;
+            for (const auto& v : vertices)
+                for (int axis : {0, 1}) extent = std::max(extent, std::abs(v[axis] - center[axis].number));
+            for (const auto& f : faces) {
+                double height = 0;
+                for (int i : f) height = std::max(height, std::abs(vertices[i][2]));
+                claimed = claimed && !(0 < height && height < near);
+            }
+            claimed = claimed && std::max(half[0].number, half[1].number) * near <= extent;
+            if (claimed || asked["near"].text != "null") continue;
+            std::ofstream(out + "/unsupported") << "surfaces nearer to the plate than the cameras' step\n";
+            return 0;
+        }
     int width = (int)asked["resolution"].list[0].number, height = (int)asked["resolution"].list[1].number;
     for (const Json& aperture : cameras["apertures"].list) {
         std::vector<int> shown(width * height, 0);

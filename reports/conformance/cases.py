@@ -208,12 +208,9 @@ class Archive:
         """Unpack the truth of each hogel of a case; InputError where the archive has another one."""
         reference, truths = Reference(scene), []
         try:
-            with np.load(io.BytesIO(_content(self.path, f"truths/{case.name}.npz"))) as packed:
-                for number, aperture in enumerate(case.apertures(scene)):
-                    prefix = f"{number}_"
-                    arrays = {
-                        name.removeprefix(prefix): packed[name] for name in packed if name.startswith(prefix)
-                    }
+            for number, aperture in enumerate(case.apertures(scene)):
+                content = _open_archive(self.path).read(f"truths/{case.name}/{number}.npz")
+                with np.load(io.BytesIO(content)) as arrays:
                     truths.append(restored(scene, reference.camera(aperture), arrays))
         except (ValueError, KeyError, OSError, IndexError, zipfile.BadZipFile) as error:
             raise InputError(
@@ -240,10 +237,6 @@ def _open_archive(path: Path) -> zipfile.ZipFile:
     return found
 
 
-def _content(path: Path, name: str) -> bytes:
-    return _open_archive(path).read(name)
-
-
 def open_archive(path: Path) -> Archive:
     """Return an archive; InputError where the file is none of this suite."""
     _open_archive(path)
@@ -268,13 +261,9 @@ def export(cases: Sequence[Case], out: Path, told: Callable[[Case], object] = la
                     write_case(case, scene, folder.path)
                     for file in sorted(folder.path.iterdir()):
                         add(f"cases/{case.name}/{file.name}", file.read_bytes())
-                arrays = {
-                    f"{number}_{name}": values
-                    for number, truth in enumerate(traced(case, scene))
-                    for name, values in stored(truth).items()
-                }
-                buffer = io.BytesIO()
-                np.savez(buffer, **arrays)  # type: ignore[arg-type]  # names are no options
-                add(f"truths/{case.name}.npz", buffer.getvalue())
+                for number, truth in enumerate(traced(case, scene)):
+                    buffer = io.BytesIO()
+                    np.savez(buffer, **stored(truth))  # type: ignore[arg-type]  # names are no options
+                    add(f"truths/{case.name}/{number}.npz", buffer.getvalue())
                 told(case)
     return path

@@ -37,7 +37,7 @@ from xfrustum.scenes.arguments import real
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.files.exr import write_planes
-from xfrustum.scenes.files.foreign_images import Encoding, Reading, read_foreign
+from xfrustum.scenes.files.foreign_images import Encoding, bytes_of, read_foreign
 from xfrustum.scenes.model.device_model import DeviceModel
 
 PARTS = "conformance.parquet"
@@ -66,6 +66,8 @@ class Verdict:
     verdict: str  #: `pass`, `fail` or `unsupported`
     cause: str | None = None  #: names of faults, or what else is wrong; of what is unsupported, the reason
     words: tuple[str, ...] = ()  #: what is wrong, in sentences
+    #: By fault, others that show the same images of this case: its level decides (`agreed`)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     hogels: int = 0
     pixels: Pixels = field(default_factory=Pixels)
     pictures: dict[str, str] = field(default_factory=dict)  #: truth, image and error of the worst hogel
@@ -198,9 +200,7 @@ def write_hogel(case: Case, out: Path, index: tuple[int, int], drawn: Any) -> No
         planes = {name: drawn[..., place].astype(np.float32) for place, name in enumerate("RGB")}
         write_planes(path.with_suffix(".exr"), planes)
         return
-    packed = drawn.astype(np.int64)
-    rgb = np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
-    Image.fromarray(rgb).save(path.with_suffix(".png"))
+    Image.fromarray(bytes_of(drawn)).save(path.with_suffix(".png"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,6 +267,7 @@ class Trial:
         return {
             "cause": ", ".join(dict.fromkeys(fault.fault for fault in faults)) or "unexplained",
             "words": tuple(fault.words for fault in faults) or guesses,
+            "alternatives": {fault.fault: fault.alternatives for fault in faults if fault.alternatives},
             "pictures": {name: worst[name] for name in ("truth", "image", "error") if name in worst},
         }
 
@@ -382,17 +383,23 @@ a case with few surfaces may be explained by a fault that the others do not have
 
 
 def agreed(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
-    """Return verdicts whose causes are those that the cases of a level agree on; others become guesses."""
+    """Return verdicts whose causes are those that the cases of a level agree on; others become guesses.
+
+    A case that cannot tell faults apart counts for each, and is given the one that most cases admit.
+    """
     found = []
     for one in verdicts:
         known = [
-            set(other.cause.split(", "))
+            {*other.faults}.union(*other.alternatives.values())
             for other in verdicts
-            if other.level == one.level and other.faults and other.cause is not None
+            if other.level == one.level and other.faults
         ]
-        stands = [
-            name for name in one.faults if sum(name in some for some in known) >= MIN_AGREEING * len(known)
-        ]
+
+        def admitting(name: str, known: Sequence[set[str]] = known) -> int:
+            return sum(name in some for some in known)
+
+        told = [max((name, *one.alternatives.get(name, ())), key=admitting) for name in one.faults]
+        stands = [name for name in dict.fromkeys(told) if admitting(name) >= MIN_AGREEING * len(known)]
         if one.faults and not stands:
             words = tuple(f"perhaps {told}" for told in one.words)
             found.append(replace(one, cause="unexplained", words=words))
@@ -405,5 +412,4 @@ def encoded_truth(case: Case, truth: HogelImage) -> Any:
     """Return what a right renderer would write: numbers plus one (H, W), or linear radiance (H, W, 3)."""
     if case.colored:
         return truth.color
-    numbers = truth.triangle if case.asked == "triangle-id" else truth.object
-    return Reading(encoding=Encoding(case.asked)).stored(numbers)
+    return (truth.triangle if case.asked == "triangle-id" else truth.object) + 1

@@ -20,7 +20,7 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.disk.input_files import check_allowed
 from xfrustum.scenes.files import layouts, plate_files
-from xfrustum.scenes.files.foreign_images import Encoding, Reading
+from xfrustum.scenes.files.foreign_images import Encoding, Reading, bytes_of
 from xfrustum.scenes.files.pictures import BYTE_LEVELS
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
@@ -144,7 +144,7 @@ def packed(triangle: Numbers) -> Bytes:
     number = triangle.astype(np.int64) + 1
     if number.max(initial=0) >= 1 << 24:
         raise InputError("numbers of triangles above 16,777,214 do not fit into pictures of 8 bits")
-    return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
+    return bytes_of(number)
 
 
 ZARR, ZARR_SUFFIX = "zarr", ".zarr"

@@ -84,9 +84,10 @@ class Case:
 
         file = FOLDER / "scenes" / f"{self.scene}.toml"
         scene = open_scene(file if file.exists() else self.scene)
-        if self.resolution is None:
-            return scene
-        return replace(scene, frustum=replace(scene.frustum, resolution=self.resolution))
+        # Meshes are named by their paths: a suite has the same names wherever it is installed.
+        objects = tuple(replace(one, name=Path(one.name).name) for one in scene.objects)
+        resolution = self.resolution or scene.frustum.resolution
+        return replace(scene, objects=objects, frustum=replace(scene.frustum, resolution=resolution))
 
     def apertures(self, scene: Scene) -> list[Aperture]:
         """Return the apertures that are asked for."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from xfrustum.scenes import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.appearance.display import decoding_curve, encoding_curve
-from xfrustum.scenes.arrays import Bytes, Numbers, Singles
+from xfrustum.scenes.arrays import Bytes, Indices, Numbers, Singles
 from xfrustum.scenes.disk.input_files import head_of
 from xfrustum.scenes.files.exr import MAGIC, read_image
 from xfrustum.scenes.files.pictures import read_rgb
@@ -152,8 +152,12 @@ def stored_rgb(image: HogelImage) -> Bytes:
     """Return the bytes (H, W, 3) that a picture stores; for other images, those of their numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
-    packed = stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID))
-    return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
+    return bytes_of(stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID)))
+
+
+def bytes_of(integers: Numbers | Indices) -> Bytes:
+    """Return integers (..) below 2^24 as pixels (.., 3): 65536 red + 256 green + blue."""
+    return np.stack((integers >> 16 & 255, integers >> 8 & 255, integers & 255), axis=-1).astype(np.uint8)
 
 
 def radiance(rgb: Bytes, encoding: Encoding) -> Singles:

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from xfrustum.reports.conformance.run import Contestant, Trial, Verdict, agreed
 from xfrustum.scenes.conformance.suite import chosen
 
-MISNAMED = ("farthest",)
-"""Wrong renderers of which no known fault is true; what is named for one of their cases is not."""
-
 TRIED = {
     "L0": (
         *("L0-both-sides", "L0-order", "L0-half-over-half", "L0-farthest-wins", "L0-nearest-wins"),
