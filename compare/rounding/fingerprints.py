@@ -74,7 +74,7 @@ class Measured:
     @cached_property
     def model(self) -> DeviceModel:
         """The model of the device, by measurement alone."""
-        fixed = {depth.value: self._stored_range(depth) for depth in FIXED}
+        fixed = {depth.value: self.stored_range(depth) for depth in FIXED}
         return DeviceModel(
             name=self.fingerprint.device["renderer"],
             subpixel_bits=self.subpixel_bits,
@@ -319,7 +319,7 @@ class Measured:
         planes = self._snapped if snapped else self._planes
         return np.asarray((stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING))
 
-    def _stored_range(self, depth: DepthFormat) -> Range:
+    def stored_range(self, depth: DepthFormat) -> Range:
         """Return how float32 depths are stored, to sixteenths of a step: those that fragments have are known.
 
         The product with the number of steps is rounded in float32 first, which is no part of this.
