@@ -192,6 +192,7 @@ class EffectsPlan(Shown):
         kinds = ("surfaces", "reflections") if Effect.REFLECTION in used else ("surfaces",)
         found = {
             "scene": {"name": scene.name, "hash": scene.content_hash},
+            "units": scene.units,
             "aperture": self.aperture.index,
             "effects": effects,
             "objects": objects,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,10 +22,13 @@ from xfrustum.compare.diagnosis.geometry_fit import (
     interval_alone,
     outside_px,
 )
+from xfrustum.compare.diagnosis.registration import DERIVATIVE_STEP_PX, fit_drawn, px_per_unit
 from xfrustum.compare.diagnosis.scene_faults import MAX_PART_NOISE_PX, MIN_PART_CLAIMS, Guess
 from xfrustum.compare.renderer_model.conventions import UPRIGHT
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Index, places, smallest_named
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 if TYPE_CHECKING:  # it tests what is found here
     from xfrustum.compare.diagnosis.diagnosis import Evidence
@@ -162,15 +166,13 @@ def _with_odd_lines(evidence: Evidence, claims: Claims | None, fit: GeometryFit)
 
 
 def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -> Guess | None:
-    """Return a guess in which each aperture has an offset of its own, fitted to the claims of its hogel."""
+    """Return a guess in which each aperture has its own offset, fitted to its hogel's claims or picture."""
     scene, nominal, offsets = evidence.reference.scene, evidence.nominal, dict[Index, tuple[float, float]]()
-    if claims is None:
-        return None
     unmoved = {"pitch": nominal.pitch, "aperture_offset": nominal.aperture_offset}
     model = replace(fit.model, **unmoved, scene_offset=nominal.scene_offset)  # type: ignore[arg-type]
     # What all apertures share has one value under which all hogels' claims hold, each with its own offset.
     shared = [name for name in SHARED_GROUPS if getattr(model, name) != getattr(nominal, name)]
-    if shared:
+    if shared and claims is not None:
         free = (*shared, "aperture-offset")
         each = [claims.chosen((claims.hogel == one).all(axis=1)) for one in np.unique(claims.hogel, axis=0)]
         fits = [fit_alone(of.thinned(MAX_FITTED_CLAIMS // 2), model, free) for of in each]
@@ -182,20 +184,50 @@ def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
     smallest = float(smallest_named(scene)[places("aperture-offset")].max())
     for image in evidence.images:
         index = image.camera.aperture.index
-        mine = claims.chosen((claims.hogel == index).all(axis=1)).thinned(MAX_FITTED_CLAIMS // 2)
-        if len(mine) < MIN_PART_CLAIMS:
-            continue
-        found = fit_alone(mine, model, ("aperture-offset",))
-        if float((outside_px(mine, found, np.inf) > MAX_PART_NOISE_PX).mean()) > 1 - MIN_HELD_FRACTION:
-            return None
-        x, y = np.subtract(found.aperture_offset, model.aperture_offset).tolist()
+        if claims is None:
+            alone = evidence.of([image])
+            if not outlying(alone, model):
+                continue
+            moved = partial(_moved, model)
+            values = fit_drawn(alone, moved, np.zeros(2))
+            if not alone.explains(moved(values)):
+                return None
+            # Pictures place outlines less finely than claims do.
+            told = float((DERIVATIVE_STEP_PX / px_per_unit(alone, moved, values)).max())
+            smallest, (x, y) = max(smallest, told), values.tolist()
+        else:
+            mine = claims.chosen((claims.hogel == index).all(axis=1)).thinned(MAX_FITTED_CLAIMS // 2)
+            if len(mine) < MIN_PART_CLAIMS:
+                continue
+            found = fit_alone(mine, model, ("aperture-offset",))
+            if float((outside_px(mine, found, np.inf) > MAX_PART_NOISE_PX).mean()) > 1 - MIN_HELD_FRACTION:
+                return None
+            x, y = np.subtract(found.aperture_offset, model.aperture_offset).tolist()
         if np.hypot(x, y) > smallest:
             offsets[model.order.index(index, scene.plate.hogels)] = (x, y)
-    if not offsets:
+    apertures = [model.answers(scene, image.camera.aperture) for image in evidence.images]
+    there = {one.index for one in apertures}
+    if not offsets or (claims is None and _of_one_rule(apertures, offsets, smallest)):
         return None
-    there = {model.answers(scene, image.camera.aperture).index for image in evidence.images}
     fault = _jitter(scene, offsets, there, smallest)
     return replace(fit, model=replace(model, offsets=tuple(offsets.items()))), (fault,)
+
+
+def _moved(model: DrawnModel, offset: Floats) -> DrawnModel:
+    return replace(model, aperture_offset=(float(offset[0]), float(offset[1])))
+
+
+def _of_one_rule(
+    apertures: Sequence[Aperture], offsets: dict[Index, tuple[float, float]], smallest: float
+) -> bool:
+    """Return whether offsets of apertures are those of all apertures moved, or farther apart."""
+    moves = np.array([offsets.get(one.index, (0.0, 0.0)) for one in apertures])
+    for along, place in zip(moves.T, np.array([(one.x, one.y) for one in apertures]).T, strict=True):
+        terms = np.stack((np.ones_like(place), place), axis=1)
+        left = along - terms @ np.linalg.lstsq(terms, along)[0]
+        if np.abs(left).max() > smallest:
+            return False
+    return True
 
 
 def _jitter(

@@ -18,9 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from xfrustum.compare.diagnosis import geometry_fit
 from xfrustum.compare.diagnosis.faults import Fault, moved_words
+from xfrustum.compare.diagnosis.registration import fit_drawn
 from xfrustum.compare.renderer_model.changed_scene import Matrix, SceneChange, changed, middle_of
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import SMALLEST_SHIFT_PX, DrawnModel, places, smallest_named
+from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
@@ -61,7 +63,12 @@ MAX_PART_NOISE_PX = SMALLEST_SHIFT_PX
 
 # Turns, in degrees, about each axis from which fits start, and smallest turn and factor that have a name.
 START_TURNS = (0.0, -150.0, -90.0, -45.0, -15.0, 15.0, 45.0, 90.0, 150.0, 180.0)
+TURNS = [np.eye(3)[axis] * np.radians(angle) for axis in range(3) for angle in START_TURNS]
 SMALLEST_TURN_DEG = 0.05
+
+# Factors of an object's size from which fits to pictures start; and the largest numbers of objects that are
+# fitted to pictures, and of these: one hogel and another tell how far away an object is.
+START_FACTORS, MAX_DRAWN_OBJECTS, MAX_DRAWN_HOGELS = (1.0, 0.25, 0.5, 0.7, 1.4, 2.0, 4.0), 3, 2
 
 # Numbers of a change: a move (3), a turn (3), the logarithm of a factor (1). The simplest kinds come first.
 MOVE, TURN, SIZE = slice(0, 3), slice(3, 6), slice(6, 7)
@@ -108,9 +115,11 @@ def _with_objects(
             words = f"{_called(scene, number)} is missing: it is not drawn"
             faults.append(Fault(fault=OBJECT_MISSING, value=_called(scene, number), words=words))
             model = without
-    for number in _off_by_themselves(claims, model) if claims is not None else ():
-        assert claims is not None
-        change = _fitted(claims.chosen(claims.part == number), model, number)
+    for number in _wrong_objects(evidence, model) if claims is None else _off_by_themselves(claims, model):
+        if claims is None:
+            change = _fitted_to_pictures(evidence, model, number)
+        else:
+            change = _fitted(claims.chosen(claims.part == number), model, number)
         moved = model if change is None else replace(model, changes=(*model.changes, change))
         if change is not None and evidence.pays(moved, model):
             faults.append(_fault(scene, change))
@@ -125,6 +134,43 @@ def _off_by_themselves(claims: geometry_fit.Claims, model: DrawnModel) -> list[i
     odd = np.bincount(which, off) / counts >= geometry_fit.MIN_SPOILED_FRACTION
     wanted = odd & (counts >= MIN_PART_CLAIMS)
     return numbers[wanted].tolist()[:MAX_TRIED_OBJECTS] if not odd.all() else []
+
+
+def _wrong_objects(evidence: Evidence, model: DrawnModel) -> list[int]:
+    """Return the objects that most wrong pixels of pictures show, or should show."""
+    reference = changed(evidence.reference, model.changes)
+    counts = np.zeros(len(reference.scene.objects) + 1, dtype=np.int64)
+    for image, wrong in zip(evidence.tested, evidence.mask(model), strict=True):
+        answer = trace_drawn(reference, model, model.answers(reference.scene, image.camera.aperture))
+        for objects in (model.applied(answer.object), image.object):
+            counts += np.bincount(objects[wrong] + 1, minlength=len(counts))[: len(counts)]
+    order = np.argsort(-counts[1:], kind="stable").tolist()
+    return [number for number in order if counts[number + 1]][:MAX_DRAWN_OBJECTS]
+
+
+def _fitted_to_pictures(evidence: Evidence, model: DrawnModel, number: int) -> SceneChange | None:
+    """Return the simplest change of an object under which pictures are as drawn; None where there is none."""
+    odd = sorted(evidence.tested, key=lambda one: -evidence.of([one]).wrong(model))[:MAX_DRAWN_HOGELS]
+    few = evidence.of(odd)
+
+    def of(values: Floats) -> DrawnModel:
+        return replace(model, changes=(*model.changes, _change(number, values)))
+
+    starts = [np.append(np.zeros(6), np.log(factor)) for factor in START_FACTORS]
+    starts += [np.concatenate((np.zeros(3), turn, np.zeros(1))) for turn in TURNS]
+    whole = fit_drawn(few, of, min(starts, key=lambda start: few.wrong(of(start))), roughly=True)
+    if few.wrong(of(whole)) > few.wrong(model) / 2:
+        return None
+    for kind in KINDS_OF_CHANGE:
+        places = np.eye(7)[np.concatenate([np.arange(7)[numbers] for numbers in kind])]
+
+        def only(values: Floats, places: Floats = places) -> DrawnModel:
+            return of(values @ places)
+
+        values = fit_drawn(few, only, places @ whole)
+        if evidence.explains(only(values)):
+            return _change(number, values @ places)
+    return None
 
 
 def _without_one_object(
@@ -164,12 +210,11 @@ def _fitted(claims: geometry_fit.Claims, model: DrawnModel, number: int) -> Scen
     def failing(of: geometry_fit.Claims, values: Floats) -> Floats:
         return geometry_fit.outside_px(_changed_claims(of, _change(number, values)), model, cap)
 
-    turns = [np.eye(3)[axis] * np.radians(angle) for axis in range(3) for angle in START_TURNS]
     for kind in KINDS_OF_CHANGE:
         free = np.concatenate([np.arange(7)[numbers] for numbers in kind])
         starts = [np.zeros(7)]
         if TURN in kind:
-            starts = [np.concatenate((np.zeros(3), turn, np.zeros(1))) for turn in turns]
+            starts = [np.concatenate((np.zeros(3), turn, np.zeros(1))) for turn in TURNS]
             starts = sorted(starts, key=lambda start: float(failing(few, start).mean()))[:4]
         for start in starts:
             values = start.copy()

@@ -28,6 +28,7 @@ from xfrustum.reference.lines.triangles import distance_to_triangles, facing, pl
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
+from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Frustum, Screen
@@ -207,7 +208,8 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     scene = _with_normals(scene, model.normals)
 
     def radiance(lit: Scene) -> Singles:
-        shader, position = Shader(lit), answer.position.astype(np.float64)
+        # To decide which effects the scene calls for takes as long as to draw, and changes no color.
+        shader, position = Shader(lit, ALL_EFFECTS), answer.position.astype(np.float64)
         return shader.picture(answer.triangle, position, directions).astype(np.float32)
 
     color = radiance(scene)

@@ -181,7 +181,7 @@ SLIPS: dict[str, Slip] = {
     # Through a centered frustum the pictures are those of mirrored films in a mirrored order.
     "x-negated": Slip(
         words="x is negated",
-        names="axes orientation aperture-order",
+        names="axes-exchanged orientation aperture-order",
         world=axes((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ),
     "front-flipped": Slip(

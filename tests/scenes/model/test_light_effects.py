@@ -194,7 +194,8 @@ def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.Captu
 def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
     plan = explain(scene(), settings=DoubleFrustum(near=0.1))
-    told = plan.summary()["depths"]
+    told, units = plan.summary()["depths"], plan.summary()["units"]
+    assert units == plan.scene.units
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
     # The sheet lies between two bins, and belongs to the inner one.
     [row] = told["rows"]
