@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,9 @@ from xfrustum.raster.device.context import (
 )
 from xfrustum.raster.device.fingerprint import draw_fingerprint
 from xfrustum.reports.common.outputs import progress_bar, write_files
-from xfrustum.scenes.model.device_model import DeviceModel
+from xfrustum.scenes.disk.durable import write_file
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.device_model import DeviceModel, kept_at
 from xfrustum.scenes.notebook import aligned, percent
 
 DATA = "device.json"
@@ -24,11 +28,20 @@ FILES = (DATA,)
 
 
 def measure_device() -> Measured:
-    """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3."""
+    """Draw the fingerprint of the device that EGL gives, and measure it; InputError without OpenGL 3.3.
+
+    A device that is not known is kept (`kept_at`), so that other commands explain by its measured model.
+    """
     with open_context(OLDEST_VERSION) as context:
         names = describe(context)
         measured = Measured(draw_fingerprint(context, names))
     context.release()
+    if measured.known == measured.model:
+        kept = kept_at(names)
+        # Without a folder to keep it in, other commands take the model that holds for any device.
+        with suppress(OSError, InputError):
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_file(kept, json.dumps(measured.as_json()).encode())
     return measured
 
 

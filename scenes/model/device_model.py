@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -146,10 +148,20 @@ KNOWN = {"llvmpipe": LLVMPIPE, "softpipe": SOFTPIPE, "NVIDIA H100": H100}
 """Models by a part of the renderer's name (GL_RENDERER)."""
 
 
+def kept_at(device: Mapping[str, str]) -> Path:
+    """Return where `xfrustum device` keeps what it measured of a device that is not known, by its names."""
+    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no home is no error
+    names = f"{device['renderer']}\n{device.get('version', '')}"
+    return Path(cache) / "xfrustum" / f"device-{sha256(names.encode()).hexdigest()[:16]}.json"
+
+
 def model_of(device: Mapping[str, str]) -> DeviceModel:
-    """Return the model of a device by its names: a known one, else one that holds for any."""
+    """Return the model of a device by its names: a known one, one kept, or one that holds for any."""
     bits = int(device["subpixel_bits"])
     for name, model in KNOWN.items():
         if name in device["renderer"] and model.subpixel_bits == bits:
             return model
-    return safe_model(bits)
+    try:
+        return DeviceModel.read(kept_at(device))
+    except InputError:
+        return safe_model(bits)

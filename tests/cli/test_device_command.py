@@ -19,6 +19,7 @@ from tests.support.scene_file import film, part
 from tests.support.views import SHARED
 from xfrustum.cli.main import main
 from xfrustum.raster.device import context
+from xfrustum.scenes.model import device_model
 from xfrustum.scenes.model.device_model import H100, DeviceModel, safe_model
 
 
@@ -37,6 +38,25 @@ def test_the_device_at_hand_is_measured_and_its_model_is_written(
     path = tmp_path / "measured" / "device.json"
     assert json.loads(path.read_text()) == found
     assert DeviceModel.read(path).subpixel_bits == found["subpixel_bits"]
+
+
+def test_a_device_that_is_not_known_is_measured_once_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for name in tuple(device_model.KNOWN):
+        monkeypatch.delitem(device_model.KNOWN, name)
+    opened = context.open_context(context.OLDEST_VERSION)
+    names = context.describe(opened)
+    opened.release()
+    safe = safe_model(int(names["subpixel_bits"]))
+    assert device_model.model_of(names) == safe
+    assert main(["device", "--json", "--quiet"]) == 0
+    measured = json.loads(capsys.readouterr().out)["model"]
+    assert json.loads(json.dumps(device_model.model_of(names).as_json())) == measured
+    assert device_model.model_of(names | {"version": "of tomorrow"}) == safe
+    device_model.kept_at(names).write_text("damaged")
+    assert device_model.model_of(names) == safe
 
 
 def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
