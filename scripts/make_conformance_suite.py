@@ -104,8 +104,6 @@ class Maker:
         for table in self.cases:
             table.setdefault("hogels", None)
             given = dict(table, hogels=tuple(map(tuple, table["hogels"] or ((0, 0),))))
-            given |= {"depth": suite.DepthFormat(given.get("depth", "d32f"))}
-            given |= {"mapping": suite.DepthMapping(given.get("mapping", "reversed"))}
             case = suite.Case(**given)
             opened = case.open()
             if table["hogels"] is None:

@@ -59,6 +59,11 @@ class Case:
     digest: str = ""  #: of the truth: triangles and ties of all hogels
     radiance: float | None = None  #: mean of the true colors
 
+    def __post_init__(self) -> None:
+        """Take the members of enumerations by their names too."""
+        object.__setattr__(self, "depth", DepthFormat(self.depth))
+        object.__setattr__(self, "mapping", DepthMapping(self.mapping))
+
     @property
     def colored(self) -> bool:
         """Whether colors are asked for, as cases about light do; all others ask for numbers."""
@@ -107,9 +112,7 @@ def cases() -> tuple[Case, ...]:
     for table in tables:
         lists = {name: tuple(value) for name, value in table.items() if isinstance(value, list)}
         lists["hogels"] = tuple((i, j) for i, j in table["hogels"])
-        kinds = {"depth": DepthFormat, "mapping": DepthMapping}
-        named = {name: kind(table[name]) for name, kind in kinds.items() if name in table}
-        found.append(Case(**table | lists | named))
+        found.append(Case(**table | lists))
     return tuple(found)
 
 

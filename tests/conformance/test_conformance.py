@@ -26,6 +26,7 @@ from xfrustum.reports.conformance.statement import FILES, Statement, write_state
 from xfrustum.scenes.conformance.suite import LEVELS, Case, cases, chosen
 from xfrustum.scenes.model.device_model import LLVMPIPE
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 RIGHT = Contestant(python="tests.conformance.renderers:draw")
 FEW = ("L0-both-sides", "L0-order", "L0-placed")
@@ -49,6 +50,8 @@ def test_the_suite_has_some_120_cases_in_all_levels() -> None:
     assert {case.level for case in cases()} == set(LEVELS)
     assert len({case.name for case in cases()}) == len(cases())
     assert all(case.why and case.digest and case.hogels for case in cases())
+    # Texts in place of members would compare equal, and be judged as another depth buffer.
+    assert type(Case(**vars(of("L0-behind")) | {"mapping": "gl"}).mapping) is DepthMapping
 
 
 @pytest.mark.parametrize("name", ["L0-behind", "L1-harbor-middle", "L3-attic-2", "L6-coincident-copies"])

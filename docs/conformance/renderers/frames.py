@@ -14,7 +14,7 @@ import numpy as np
 from xfrustum.compare.attribution.recorded import read_frames
 from xfrustum.compare.judging.conformance import Pixels, judged, trace
 from xfrustum.reference import Reference
-from xfrustum.scenes import DepthFormat, DepthMapping, HogelImage
+from xfrustum.scenes import HogelImage
 from xfrustum.scenes.conformance.suite import CLOSE_NEAR, Case
 from xfrustum.scenes.model.device_model import model_of
 
@@ -29,7 +29,7 @@ def main() -> None:
         column, row = map(int, place.split(","))
         case = Case(
             name=frame.name, level="L2", scene=name, hogels=((column, row),), asked="triangle-id", why="",
-            resolution=(width, height), depth=DepthFormat(depth), mapping=DepthMapping(mapping),
+            resolution=(width, height), depth=depth, mapping=mapping,
         )  # fmt: skip
         scene = case.open()
         reference, aperture = Reference(scene), scene.plate.aperture(column, row)
