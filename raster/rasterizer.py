@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import FilmWindow, Pass, drawing_order
@@ -98,6 +99,8 @@ def largest_image() -> int:
     return int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
 
 
+SHOWN_CAMERAS = 2  #: pairs of cameras whose points are kept: a sweep begins with the next before one is done
+
 SINGLE_SAMPLE = Sampling()  #: the sampling with one point a pixel, seen through the middle of the aperture
 
 
@@ -130,6 +133,8 @@ class Rasterizer(ContextOwner):
         self.device = describe(self._context)
         self.model = model or model_of(self.device)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
+        #: Identities and points of the latest picture of some cameras, the latest last.
+        self._shown: dict[tuple[object, ...], tuple[NDArray[np.uint32], Singles]] = {}
         try:
             check_room(scene, self.device["renderer"], vertex_bytes=POSITION_BYTES)
         except InputError:
@@ -216,12 +221,10 @@ class Rasterizer(ContextOwner):
                 GL.glFlush()
                 self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             with timer.stage("read"):
+                identity = target.read_identity()
                 # The identity is zero where nothing was drawn.
-                triangle = np.asarray(target.read_identity()[..., 0].view(np.int32) - 1)
-                if self._positions is None or not passes:
-                    position = np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
-                else:
-                    position = self._positions.read(target, passes)
+                triangle = np.asarray(identity[..., 0].view(np.int32) - 1)
+                position = self._position(target, passes, identity)
                 seen = self._color(target, aperture, settings, sampling) if color else None
             times = timer.collect()
         image = HogelImage(
@@ -261,6 +264,27 @@ class Rasterizer(ContextOwner):
         one_of(aperture, Aperture, "aperture")
         one_of(settings, DoubleFrustum, "settings")
         settings.check_against(self.scene.frustum)
+
+    def _position(self, target: Target, passes: Sequence[Pass], identity: NDArray[np.uint32]) -> Singles:
+        """Return the surface points (H, W, 3) of what was drawn, NaN where nothing was.
+
+        Depth buffers change what the same cameras show at few pixels: the other points are those of the
+        picture before.
+        """
+        position = np.full((*identity.shape[:2], 3), np.nan, dtype=np.float32)
+        if self._positions is None or not passes:
+            return position
+        # Of a matrix, the row of depth does not matter here.
+        cameras = tuple((camera.clip_from_scene[[0, 1, 3]].tobytes(), camera.heights) for camera in passes)
+        changed = identity[..., 0] != 0
+        if before := self._shown.pop(cameras, None):
+            position, changed = before[1].copy(), (identity != before[0]).any(axis=-1)
+        pixels = np.flatnonzero(changed)
+        position.reshape(-1, 3)[pixels] = self._positions.read(target, passes, pixels).T
+        self._shown[cameras] = identity, position
+        if len(self._shown) > SHOWN_CAMERAS:
+            del self._shown[next(iter(self._shown))]
+        return position
 
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling

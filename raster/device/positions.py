@@ -1,4 +1,4 @@
-"""The surface point that each pixel shows, found by a compute pass over the triangle numbers."""
+"""The surface points that pixels show, found by a compute pass over the triangle numbers."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -9,13 +9,15 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.cameras import Pass
 from xfrustum.raster.device.programs import shader
-from xfrustum.scenes.arrays import Singles
+from xfrustum.scenes.arrays import Indices, Singles
 from xfrustum.scenes.model.scene import Scene
 
-GROUP = 16  #: pixels per side of a work group, as in position.comp
+GROUP = 256  #: pixels of a work group, as in position.comp
+
+MAX_GROUPS = 65535  #: number of work groups that every device runs at a time
 
 BYTES_PER_POINT = 12
-"""Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""
+"""Bytes of a point, three float32. Points are read in as many parts as they need storage blocks."""
 
 
 class Identified(Protocol):
@@ -37,36 +39,33 @@ class Positions:
         self._largest_block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
         self._vertices = context.buffer(scene.vertices.tobytes())
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
-        self._points: dict[tuple[int, int], moderngl.Buffer] = {}
         self._program = context.compute_shader(shader("position.comp"))
         self._program["nothing"] = float("nan")
 
-    def read(self, target: Identified, drawn: Sequence[Pass]) -> Singles:
-        """Return surface points (H, W, 3) of what was drawn, in scene units, NaN where nothing was."""
-        width, height = target.size
-        rows = max(1, min(height, self._largest_block // BYTES_PER_POINT // width))
-        if target.size not in self._points:
-            self._points[target.size] = self._context.buffer(reserve=BYTES_PER_POINT * rows * width)
-        points = self._points[target.size]
-        matrices = np.stack([camera.clip_from_scene.T for camera in drawn])
-        cameras = self._context.buffer(matrices.tobytes())
-        cuts = self._context.buffer(np.array([camera.heights for camera in drawn]).tobytes())
-        target.bind_identity(0)
-        for binding, buffer in enumerate((self._vertices, self._faces, points, cameras, cuts), start=1):
-            buffer.bind_to_storage_buffer(binding)
-        found = np.empty((height, width, 3), np.float32)
-        coordinates = np.moveaxis(found, -1, 0)
+    def read(self, target: Identified, drawn: Sequence[Pass], pixels: Indices) -> Singles:
+        """Return surface points (3, N) of what was drawn, in scene units, NaN where nothing was.
+
+        `pixels` (N,) are numbers of pixels, row by row from the top.
+        """
         program = self._program
-        for start in range(0, height, rows):
-            band = coordinates[:, start : start + rows]
-            high = band.shape[1]
-            program["first_row"], program["last_row"] = start, start + high - 1
-            program["count"] = high * width
-            program.run(-(-width // GROUP), -(-high // GROUP), 1)
+        most = min(self._largest_block // BYTES_PER_POINT, MAX_GROUPS * GROUP)
+        target.bind_identity(0)
+        found = np.empty((3, len(pixels)), np.float32)
+        for start in range(0, len(pixels), most):
+            part = pixels[start : start + most]
+            asked = self._context.buffer(part.astype(np.uint32).tobytes())
+            points = self._context.buffer(reserve=BYTES_PER_POINT * len(part))
+            for binding, buffer in enumerate((self._vertices, self._faces, points, asked), start=1):
+                buffer.bind_to_storage_buffer(binding)
+            program["count"] = len(part)
+            for number, camera in enumerate(drawn):
+                program["camera"], program["cuts"] = number, camera.heights
+                program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
+                program.run(-(-len(part) // GROUP))
             # The pass writes one coordinate of all points after the other.
             GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
-            read = np.frombuffer(points.read(size=band.nbytes), dtype=np.float32)
-            band[:] = read.reshape(band.shape)
-        cameras.release()
-        cuts.release()
+            read = np.frombuffer(points.read(), dtype=np.float32)
+            found[:, start : start + most] = read.reshape(3, -1)
+            points.release()
+            asked.release()
         return found

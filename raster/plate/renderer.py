@@ -295,7 +295,9 @@ class PlateRenderer(ContextOwner):
         if not wanted or aperture != self.scene.plate.aperture(*aperture.index):
             return None
         passes = self._passes(aperture)
+        width, height = slot.target.size
         if self._positions is None or not passes:
-            return np.full(slot.target.size[::-1], np.nan, dtype=np.float32)
+            return np.full((height, width), np.nan, dtype=np.float32)
+        points = self._positions.read(slot.target.layer(layer), passes, np.arange(height * width))
         # A copy, so that the other two coordinates can go.
-        return self._positions.read(slot.target.layer(layer), passes)[..., 2].copy()
+        return np.array(points[2].reshape(height, width))

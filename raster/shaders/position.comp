@@ -1,25 +1,25 @@
 #version 450 core
-// The surface point that each pixel shows: the triangle's plane where the camera's line through
-// the pixel's center meets it, by homogeneous barycentric coordinates in double precision.
+// The surface point that each of some pixels shows: the triangle's plane where the camera's line
+// through the pixel's center meets it, by homogeneous barycentric coordinates in double precision.
 //
 // Interpolating the point as a varying would do for a picture, not for a measurement: drivers
 // interpolate from plane equations in float32, some from snapped vertices, and on triangles that
 // are slivers in the image that is wrong by hundredths of a pixel (docs/adr/0005).
 
-layout(local_size_x = 16, local_size_y = 16) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform usampler2D identities;
 
 layout(std430, binding = 1) readonly buffer Vertices { double vertices[]; };
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };
 layout(std430, binding = 3) writeonly buffer Points { float points[]; };
-layout(std430, binding = 4) readonly buffer Cameras { dmat4 clip_from_scene[]; };
-layout(std430, binding = 5) readonly buffer Cuts { dvec2 heights[]; };  // lowest and highest z of each
+layout(std430, binding = 4) readonly buffer Pixels { uint pixels[]; };  // numbers, row by row from the top
 
+uniform uint camera;  // its number; points of other cameras are left as they are
+uniform dmat4 clip_from_scene;
+uniform vec2 cuts;      // lowest and highest z of the camera
 uniform float nothing;  // NaN
-uniform int count;      // of points: all x, then all y, then all z are written
-uniform int first_row;  // of the band, from the top
-uniform int last_row;
+uniform int count;      // of pixels: all x, then all y, then all z are written
 
 dvec3 corner(uint triangle, uint k) {
     uint first = 3u * faces[3u * triangle + k];
@@ -27,23 +27,22 @@ dvec3 corner(uint triangle, uint k) {
 }
 
 void main() {
+    int place = int(gl_GlobalInvocationID.x);
+    if (place >= count) return;
     ivec2 size = textureSize(identities, 0);
-    int column = int(gl_GlobalInvocationID.x);
-    int row = first_row + int(gl_GlobalInvocationID.y);
-    if (column >= size.x || row > last_row) return;
-    int place = (row - first_row) * size.x + column;
+    int number = int(pixels[place]);
     // OpenGL counts rows from the bottom.
-    ivec2 pixel = ivec2(column, size.y - 1 - row);
+    ivec2 pixel = ivec2(number % size.x, size.y - 1 - number / size.x);
 
     uvec2 identity = texelFetch(identities, pixel, 0).rg;
+    if (identity.g != camera) return;
     vec3 point = vec3(nothing);
     if (identity.r != 0u) {
-        dmat4 clip = clip_from_scene[identity.g];
         uint triangle = identity.r - 1u;
         dvec3 p0 = corner(triangle, 0u), p1 = corner(triangle, 1u), p2 = corner(triangle, 2u);
-        dvec3 c0 = (clip * dvec4(p0, 1.0)).xyw;
-        dvec3 c1 = (clip * dvec4(p1, 1.0)).xyw;
-        dvec3 c2 = (clip * dvec4(p2, 1.0)).xyw;
+        dvec3 c0 = (clip_from_scene * dvec4(p0, 1.0)).xyw;
+        dvec3 c1 = (clip_from_scene * dvec4(p1, 1.0)).xyw;
+        dvec3 c2 = (clip_from_scene * dvec4(p2, 1.0)).xyw;
         // The line of the pixel's center in homogeneous clip coordinates (x, y, w).
         dvec3 line = dvec3((2.0LF * dvec2(pixel) + 1.0LF) / dvec2(size) - 1.0LF, 1.0LF);
         dvec3 weight = dvec3(dot(line, cross(c1, c2)), dot(line, cross(c2, c0)), dot(line, cross(c0, c1)));
@@ -53,7 +52,6 @@ void main() {
         point = vec3(total != 0.0LF ? p0 + (weight.y * (p1 - p0) + weight.z * (p2 - p0)) / total : p0);
         // Subpixel rounding draws up to a fraction of a pixel beyond the cuts by near and far plane:
         // what is drawn there is the cut.
-        vec2 cuts = vec2(heights[identity.g]);
         point.z = clamp(point.z, cuts.x, cuts.y);
     }
     points[place] = point.x;

@@ -151,9 +151,14 @@ def images(resolution: tuple[int, int], block: int | None = None) -> tuple[Hogel
         return rasterizer.render(aperture, coarse), rasterizer.render(aperture, exact)
 
 
-def test_points_do_not_depend_on_the_number_of_parts() -> None:
+def test_points_depend_neither_on_the_number_of_parts_nor_on_pictures_before() -> None:
     whole = images((37, 23))
     assert np.count_nonzero(whole[0].triangle != whole[1].triangle) > 2 * 37
+    scene, camera = view("crossing", (37, 23)), whole[1].camera
+    with Rasterizer(scene) as rasterizer:
+        np.testing.assert_array_equal(
+            rasterizer.render(camera.aperture, camera.settings).position, whole[1].position
+        )
     for expected, found in zip(whole, images((37, 23), block=2 * 37 * BYTES_PER_POINT), strict=True):
         np.testing.assert_array_equal(found.position, expected.position)
 
