@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from markupsafe import Markup
 from PIL import Image, ImageDraw
-from skimage.measure import approximate_polygon, find_contours
+from skimage.measure import find_contours
 
 from xfrustum.compare.extent import (
     ObjectExtent,
@@ -43,9 +43,7 @@ but named: one mesh in other units must not shrink all others to a dot."""
 
 MAX_DRAWN = 5  #: largest number of objects that are drawn: as many as the template has colors
 
-FINER, TOLERANCE_CELLS = 2, 0.7
-"""Cells of the mask of an outline per pixel of the picture, in either direction; and how far an outline may
-be from the mask's own, which is a staircase of one cell."""
+FINER = 2  #: cells of the mask of an outline per pixel of the picture, in either direction
 
 NAMESPACE = ' xmlns="http://www.w3.org/2000/svg"'
 """Attribute of the views' first element, which a page does not need: it knows what svg is."""
@@ -138,7 +136,9 @@ def outlines(part: SceneObject, frame: PictureFrame, view: View) -> list[Outline
     filled = np.pad(small | np.asarray(mask), 1).astype(np.float64)
     found = []
     for contour in find_contours(filled, 0.5):
-        rows_of, columns_of = approximate_polygon(contour, TOLERANCE_CELLS).T - 0.5
+        # Points within a straight run are left out; their halves are exact.
+        bends = np.pad(np.diff(contour, 2, axis=0).any(axis=1), 1, constant_values=True)
+        rows_of, columns_of = contour[bends].T - 0.5
         found.append(list(zip((columns_of / FINER).tolist(), (rows_of / FINER).tolist(), strict=True)))
     return found
 
