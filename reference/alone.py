@@ -1,6 +1,7 @@
 """What ray tracers in single precision show alone, unexamined, and what they would have got wrong."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -117,7 +118,11 @@ class TracersAlone:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._tracers: dict[str, Tracer] = {"embree": EmbreeTracer(scene), "mitsuba": MitsubaTracer(scene)}
+
+    @cached_property
+    def _tracers(self) -> dict[str, Tracer]:
+        # Mitsuba loads when there is a truth to judge by: other threads of a report work meanwhile.
+        return {"embree": EmbreeTracer(self._scene), "mitsuba": MitsubaTracer(self._scene)}
 
     def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:
         """Return which pixels (rows, W) of a truth, or a band of it, each tracer alone gets wrong."""
