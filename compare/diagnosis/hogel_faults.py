@@ -161,7 +161,7 @@ def _with_odd_lines(evidence: Evidence, claims: Claims | None, fit: GeometryFit)
     lines, side = (("rows", "right"), ("columns", "bottom"))[axis]
     side = side if px > 0 else {"right": "left", "bottom": "top"}[side]
     words = f"odd {lines} of pixels are shifted by {abs(px)} px to the {side}"
-    fault = Fault(fault=f"shifted-{lines}", value=float(px), unit="px", words=words)
+    fault = Fault(fault=f"{lines}-shifted", value=float(px), unit="px", words=words)
     return replace(fit, model=best), (fault,)
 
 
