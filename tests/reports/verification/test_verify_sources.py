@@ -186,7 +186,7 @@ def test_a_renderer_that_shows_nothing_of_nothing_is_right(world: Scene) -> None
 
 @pytest.mark.parametrize("kept", ["triangle", "object", "position"])
 def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, tmp_path: Path) -> None:
-    chosen = [world.plate.aperture(*index) for index in ((0, 0), (1, 0), (2, 0), (1, 1))]
+    chosen = [world.plate.aperture(*index) for index in ((0, 0), (2, 1))]
     with Rasterizer(world) as rasterizer:
         for aperture in chosen:
             image = rasterizer.render(aperture, NEAR)
