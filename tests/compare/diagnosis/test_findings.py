@@ -66,7 +66,7 @@ def by_name(found: Verification) -> dict[str, Fault]:
 @pytest.mark.parametrize(
     ("model", "said", "name"),
     [
-        (DrawnModel(film=Film(angles="xy")), ["object"], "equal-angles"),
+        (DrawnModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
         (DrawnModel(film=Film(distortion=0.05)), ["triangle"], "distortion"),
         (DrawnModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
         (DrawnModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
