@@ -7,6 +7,9 @@ OUT ?= report
 XFRUSTUM := .venv/bin/xfrustum
 READY := .venv/.ready
 
+# Every start of a program compiles some 1,200 modules, four seconds of a processor, unless one has written them.
+unexport PYTHONDONTWRITEBYTECODE
+
 # One of each: what a module may be, the geometry of lines and plates, a truth, a raster image, a comparison, a
 # verdict, and the command line's answers. CONTRIBUTING.md, "Test", says what this leaves out.
 QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_arguments.py \
