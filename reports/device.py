@@ -1,8 +1,9 @@
-"""`xfrustum device`: how the OpenGL device at hand rounds, as a table and as `device.json`."""
+"""`xfrustum device`: how the OpenGL device at hand rounds, as a table, a page and `device.json`."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,17 @@ from xfrustum.raster.device.context import (
     overlooked_card,
 )
 from xfrustum.raster.device.fingerprint import draw_fingerprint
+from xfrustum.reports.common.figure_style import Figure, log_axis, look, styled
 from xfrustum.reports.common.outputs import progress_bar, write_files
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.device_model import DeviceModel, kept_at
 from xfrustum.scenes.notebook import aligned, percent
+from xfrustum.scenes.plate.double_frustum import DepthFormat
 
-DATA = "device.json"
-FILES = (DATA,)
+FILES = PAGE, DATA = "index.html", "device.json"
 
 
 def measure_device() -> Measured:
@@ -103,8 +107,32 @@ def _steps(steps: tuple[float, float]) -> str:
 
 
 def write_device(measured: Measured, out: Path) -> tuple[Path, ...]:
-    """Write device.json to a folder; InputError where it cannot be written."""
-    return write_files(out, {DATA: measured.as_json()})
+    """Write the page and device.json to a folder; InputError where they cannot be written."""
+    values = {"found": measured.as_json(), "table": table(measured), "figures": figures(measured)}
+    return write_files(out, {PAGE: html_page("device.html.j2", values), DATA: measured.as_json()})
+
+
+def figures(measured: Measured) -> dict[str, Figure]:
+    """Draw how far the depths of triangles lie from their planes, against the slopes of these."""
+    planes = {"corners as given": False, "corners snapped to the grid": True}
+    float32 = {name: measured.off_by_slope(DepthFormat.D32F, snapped=one) for name, one in planes.items()}
+    fixed = {
+        depth.value.upper(): measured.off_by_slope(depth, snapped=measured.snaps_depth)
+        for depth in (DepthFormat.D16, DepthFormat.D24)
+    }
+    return {"float32": _by_slope(float32, "steps of 2^-24"), "fixed": _by_slope(fixed, "steps of the format")}
+
+
+def _by_slope(told: Mapping[str, Floats], steps: str) -> Figure:
+    curves: list[dict[str, Any]] = []
+    for place, (name, found) in enumerate(told.items()):
+        color, marker = look(place)
+        slope, off = found[(found > 0).all(axis=1)].T
+        points = {"type": "scatter", "mode": "markers", "x": slope.tolist(), "y": off.tolist()}
+        curves.append({**points, "name": name, "marker": {"color": color, "symbol": marker, "size": 5}})
+    ends = [[end for one in curves for end in one[axis]] for axis in "xy"]
+    layout = {"height": 380, "xaxis": {"title": f"slope of depth, {steps} a pixel", **log_axis(ends[0])}}
+    return styled(curves, layout | {"yaxis": {"title": f"stored minus exact, {steps}", **log_axis(ends[1])}})
 
 
 def listed() -> dict[str, Any]:

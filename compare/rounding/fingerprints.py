@@ -319,6 +319,17 @@ class Measured:
         planes = self._snapped if snapped else self._planes
         return np.asarray((stored - planes.exact(which, points)) / (STEP[depth] or FLOAT32_ROUNDING))
 
+    def off_by_slope(self, depth: DepthFormat, *, snapped: bool) -> Floats:
+        """Return (T, 2) slope of a triangle's depth, steps a pixel, and its largest difference, steps.
+
+        The difference is that of stored from exact depths, on planes through corners that are snapped or not.
+        """
+        which, _, _ = self._stored(depth, self._uncut)
+        planes, largest = self._snapped if snapped else self._planes, np.zeros(len(self._uncut))
+        np.maximum.at(largest, which, np.abs(self._off_planes(snapped=snapped, depth=depth)))
+        slope = np.linalg.norm(planes.gradient[:, :2], axis=1) * 2 / SIZE / (STEP[depth] or FLOAT32_ROUNDING)
+        return np.stack((slope, largest), axis=1)[np.unique(which)]
+
     def stored_range(self, depth: DepthFormat) -> Range:
         """Return how float32 depths are stored, to sixteenths of a step: those that fragments have are known.
 

@@ -38,6 +38,7 @@ def test_the_device_at_hand_is_measured_and_its_model_is_written(
     path = tmp_path / "measured" / "device.json"
     assert json.loads(path.read_text()) == found
     assert DeviceModel.read(path).subpixel_bits == found["subpixel_bits"]
+    assert found["renderer"] in (tmp_path / "measured" / "index.html").read_text()
 
 
 def test_a_device_that_is_not_known_is_measured_once_and_kept(

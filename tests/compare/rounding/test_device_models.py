@@ -69,6 +69,15 @@ def test_depths_from_snapped_vertices_are_out_of_bounds_for_a_device_that_does_n
     assert found[0].share_of_safe > found[1].share_of_safe
 
 
+def test_steep_planes_tell_which_corners_a_device_takes(recorded: tuple[Measured, DeviceModel]) -> None:
+    """Corners that are off move depths by as much as the slope says; rounding leaves those that are taken."""
+    measured, known = recorded
+    off = {snapped: measured.off_by_slope(DepthFormat.D32F, snapped=snapped) for snapped in (False, True)}
+    steep = {snapped: found[found[:, 0] > 1e5, 1] for snapped, found in off.items()}
+    taken, other = (np.median(steep[one]) for one in (known.snaps_depth, not known.snaps_depth))
+    assert len(steep[True]) > 50 and other > 10 * taken
+
+
 def test_varyings_and_weights_of_a_filter_lie_within_the_bounds_of_their_device(
     recorded: tuple[Measured, DeviceModel],
 ) -> None:

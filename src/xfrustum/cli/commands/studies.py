@@ -159,7 +159,7 @@ def selfcheck(asked: _Selfcheck) -> int:
 
 class _Device(options.Measured):
     listed = flag("Name the devices that EGL lists, and measure none.", "--list")
-    out = option(FOLDER, "Folder for device.json.")
+    out = option(FOLDER, "Folder for the page and device.json.")
     replay = option(FOLDER, "Explain recorded frames (.npz) instead.")
     device = options.device_option
 
