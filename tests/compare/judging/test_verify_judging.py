@@ -238,15 +238,13 @@ def test_a_dim_outline_beside_a_strong_one_is_not_taken_for_it(shift: int) -> No
     assert spread.max == pytest.approx(shift, abs=0.01)
 
 
-def test_geometry_passes_another_shading_and_fails_what_is_rolled(hogels: Hogels) -> None:
-    two: dict[str, Any] = {"apertures": [(0, 0), (1, 1)], "compare": "geometry"}
-    geometry = verified(hogels["right"], headlight, **two)
+def test_geometry_passes_another_shading(hogels: Hogels) -> None:
+    """Of wrong renderers, among them one that rolls its pictures, the table says that they fail."""
+    geometry = verified(hogels["right"], headlight, apertures=[(0, 0), (1, 1)], compare="geometry")
     assert geometry.passed
     assert geometry.summary()["compared"] == "geometry"
     assert "where outlines run" in geometry.judged
     assert geometry.checks[0].figure == "wrong outlines"
-    rolled = verified(hogels["right"], lambda image: np.roll(headlight(image), 1, axis=0), **two)
-    assert all(hogel.verdict == "fail" for hogel in rolled.hogels)
 
 
 @pytest.mark.slow
