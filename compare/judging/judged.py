@@ -432,11 +432,10 @@ def wrong_pixels(
 
     Unless `explained`, rounding is not asked about, and both are the same.
     """
-    # Which surface a pixel shows is asked, not how far its point has moved.
     reference = changed(reference, question.changes)
-    nowhere = np.full((*image.triangle.shape, 3), np.nan)
     judging = judging or Judging()
-    seen = _Compared.of(reference, question, image, nowhere, judging)
+    # Positions say which pixels show a surface where nothing else does; how far they moved is not asked.
+    seen = _Compared.of(reference, question, image, image.position, judging)
     causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 

@@ -440,11 +440,8 @@ def with_correction_tested(found: Verification) -> Verification:
     if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
         return found
     before, after = sum(wrong(one) for one, _ in pairs), sum(wrong(one) for _, one in pairs)
-    if after < before or not after:
+    if after < before or not before:
         return found
-    if not before:  # What nothing asks for, and what makes right pixels wrong, is no finding.
-        hogels = tuple(replace(one, corrected=one.as_found) for one in found.hogels)
-        return replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=()))
     left = sum(one.causes["unexplained"] if one.causes else wrong(one) for _, one in pairs)
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
     share = max(0.0, 1.0 - left / before)
