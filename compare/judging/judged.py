@@ -435,7 +435,7 @@ def wrong_pixels(
     reference = changed(reference, question.changes)
     judging = judging or Judging()
     # Positions say which pixels show a surface where nothing else does; how far they moved is not asked.
-    seen = _Compared.of(reference, question, image, image.position, judging)
+    seen = _Compared.of(reference, question, image, image.position.astype(np.float64), judging)
     causes = seen.causes(reference.scene, question, judging.device) if explained else None
     return seen.differs, seen.differs if causes is None else causes.unexplained
 
