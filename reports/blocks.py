@@ -49,8 +49,8 @@ THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OP
 """Environment variables that bound the threads of a process: the reference's, those of Mesa's software
 renderer, and those of linear algebra."""
 
-DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
-"""Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
+DEVICE_VARIABLE, CUDA_VARIABLE = "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES"
+"""Environment variables that choose the devices of a process, EGL's by its index, and CUDA's."""
 
 CONNECT_S = 10  #: seconds in which a scheduler must answer
 
@@ -291,7 +291,7 @@ class _Processes(Workers):
         usual["PYTHONPATH"] = os.pathsep.join(map(os.path.abspath, sys.path))
         taken = itertools.islice(itertools.cycle(devices or (None,)), count)
         self._environments = [
-            usual if device is None else {**usual, DEVICE_VARIABLE: str(device)} for device in taken
+            usual if device is None else {**usual, **_on_device(device)} for device in taken
         ]
         self._running: dict[int, tuple[subprocess.Popen[bytes], Connection[Any, Any]]] = {}
         self._job: Job | None = None
@@ -507,6 +507,14 @@ def device_index() -> int:
     """Return the index of the EGL device that this process draws on."""
     chosen = os.environ.get(DEVICE_VARIABLE, "")
     return int(chosen) if chosen.isdecimal() else 0
+
+
+def _on_device(device: int) -> dict[str, str]:
+    """Return the environment of a process that draws, and has the truth computed, on one of EGL's devices."""
+    from xfrustum.raster.device.context import cuda_index  # noqa: PLC0415
+
+    number = None if CUDA_VARIABLE in os.environ else cuda_index(device)
+    return {DEVICE_VARIABLE: str(device), **({} if number is None else {CUDA_VARIABLE: str(number)})}
 
 
 def _gpus() -> tuple[int, ...]:

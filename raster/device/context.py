@@ -17,7 +17,8 @@ import moderngl
 from OpenGL import EGL, GL, error, platform
 from OpenGL.EGL.EXT.device_base import EGLDeviceEXT
 from OpenGL.EGL.EXT.device_enumeration import eglQueryDevicesEXT
-from OpenGL.EGL.EXT.device_query import eglQueryDeviceStringEXT
+from OpenGL.EGL.EXT.device_query import eglQueryDeviceAttribEXT, eglQueryDeviceStringEXT
+from OpenGL.EGL.NV.device_cuda import EGL_CUDA_DEVICE_NV
 from OpenGL.platform.egl import EGLPlatform
 
 from xfrustum.scenes.errors import InputError
@@ -186,21 +187,39 @@ def gpu_indices() -> tuple[int, ...]:
         return ()
 
 
+def cuda_index(device: int) -> int | None:
+    """Return CUDA's number of the card that is one of EGL's devices; None where it has none.
+
+    The two count cards in orders of their own (registry of EGL, EGL_NV_device_cuda).
+    """
+    number = EGL.EGLAttrib()
+    try:
+        found = eglQueryDeviceAttribEXT(_devices()[device], EGL_CUDA_DEVICE_NV, ctypes.byref(number))
+    except (error.Error, IndexError):
+        return None
+    return int(number.value) if found else None
+
+
 def _device_count() -> int:
     """Return the number of devices that EGL lists; one where it does not tell."""
     try:
-        return sum(1 for _ in _extensions())
+        return len(_devices())
     except error.Error:
         return 1
 
 
-def _extensions() -> Iterator[bytes]:
-    """Yield the extensions of every device, as one text each."""
+def _devices() -> list[Any]:
+    """Return the devices that EGL lists."""
     count = EGL.EGLint()
     eglQueryDevicesEXT(0, None, ctypes.byref(count))
     devices = (EGLDeviceEXT * count.value)()
     eglQueryDevicesEXT(count.value, devices, ctypes.byref(count))
-    for device in devices[: count.value]:
+    return list(devices[: count.value])
+
+
+def _extensions() -> Iterator[bytes]:
+    """Yield the extensions of every device, as one text each."""
+    for device in _devices():
         yield eglQueryDeviceStringEXT(device, EGL.EGL_EXTENSIONS) or b""
 
 

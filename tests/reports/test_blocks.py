@@ -22,8 +22,9 @@ from tests.support.dask_processes import dask, free_port, scheduler, worker
 from tests.support.long_tail import thinned
 from tests.support.toy_work import NUMBERS, ToyJob, ToySession, made, parts_of, process_of
 from xfrustum.cli.options import engine_of
+from xfrustum.raster.device import context
 from xfrustum.reports import blocks
-from xfrustum.reports.blocks import DEVICE_VARIABLE, Engine, Part, open_workers
+from xfrustum.reports.blocks import CUDA_VARIABLE, DEVICE_VARIABLE, Engine, Part, open_workers
 from xfrustum.reports.parts import Parts
 from xfrustum.scenes import InputError
 
@@ -210,6 +211,26 @@ def test_processes_draw_on_the_devices_that_they_are_given(
     with open_workers(Engine(workers=1), len(NUMBERS), draws=False) as workers:
         assert workers.ask(job, device_of) is None
     assert DEVICE_VARIABLE not in os.environ
+
+
+def test_each_process_traces_on_the_card_that_it_draws_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CUDA counts cards in another order. That EGL tells CUDA's numbers is not tested: it needs cards."""
+    monkeypatch.delenv(CUDA_VARIABLE, raising=False)
+    monkeypatch.setattr(context, "cuda_index", {3: 1, 4: 0}.get)
+    job = ToyJob.at(tmp_path)
+    # As many questions as processes, all asked before the first answer: each answers one.
+    with open_workers(Engine(workers=3, devices=(3, 4, 5)), len(NUMBERS)) as workers:
+        found = dict(answer for _, answer in workers.map(job, cards_of, range(3)))
+    assert found == {"3": "1", "4": "0", "5": None}
+    monkeypatch.setenv(CUDA_VARIABLE, "6")
+    with open_workers(Engine(workers=2, devices=(3, 4)), len(NUMBERS)) as workers:
+        assert {answer for _, answer in workers.map(job, cards_of, range(2))} == {("3", "6"), ("4", "6")}
+
+
+def cards_of(session: ToySession, number: int) -> tuple[str | None, str | None]:
+    return os.environ.get(DEVICE_VARIABLE), os.environ.get(CUDA_VARIABLE)
 
 
 def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
