@@ -461,6 +461,7 @@ def judge_table(found: Record) -> str:
 PLATE_MEANINGS = {
     "plain": "one hogel after the other, every triangle twice, triangle numbers and float32 color read back",
     "plain-numbered": "the same, with the triangles' numbers in vertices instead of gl_PrimitiveID",
+    "read-back": "the images of plain read back, nothing drawn: what the bus allows",
     "batched": "PlateRenderer, the same images read back",
     "batched-discarded": "the draws of batched with rasterization discarded, nothing read back",
     "bare": "one hogel after the other, every triangle twice, 8-bit color only, nothing read back",
@@ -469,7 +470,7 @@ PLATE_MEANINGS = {
 }
 
 PLATE_RATIOS = (
-    *(("batched", other) for other in ("plain", "plain-numbered", "batched-discarded")),
+    *(("batched", other) for other in ("plain", "plain-numbered", "batched-discarded", "read-back")),
     *(("batched-color", other) for other in ("bare", "bare-numbered")),
 )
 
@@ -499,6 +500,7 @@ def benchmark_plate(
         runs = {
             "plain": lambda: exhaust(plain.hogels(apertures)),
             "plain-numbered": lambda: exhaust(plain_numbered.hogels(apertures)),
+            "read-back": lambda: plain.read_only(len(apertures)),
             "batched": lambda: exhaust(batched.hogels(apertures)),
             "batched-discarded": lambda: batched.draw_only(apertures, rasterize=False),
             "bare": lambda: bare.draw_only(apertures),

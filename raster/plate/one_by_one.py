@@ -177,6 +177,14 @@ class PlainLoop(ContextOwner):
                 GL.glFlush()
             GL.glFinish()
 
+    def read_only(self, count: int) -> None:
+        """Read back the last images so many times, and draw nothing."""
+        with self._context:
+            for _ in range(count):
+                self._target.start_reading()
+                self._target.finish_color()
+                self._target.finish_triangle()
+
     def _draw(self, aperture: Aperture) -> None:
         self._target.begin()
         self._context.enable_only(moderngl.DEPTH_TEST)
