@@ -12,6 +12,7 @@ import numpy as np
 
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.scene import Scene
 
 Triple = tuple[float, float, float]
@@ -67,4 +68,5 @@ def changed(reference: Reference, changes: Sequence[SceneChange]) -> Reference:
     scene = reference.scene
     for change in changes:
         scene = change.of(scene)
-    return Reference(scene, reference.tracer_name) if changes else reference
+    # To decide which effects each changed scene calls for takes longer than to evaluate all.
+    return Reference(scene, reference.tracer_name, ALL_EFFECTS) if changes else reference

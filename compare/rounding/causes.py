@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.rounding.depth import depths
 from xfrustum.compare.rounding.edges import (
     Placement,
+    clipped,
     distance_to_border,
     distance_to_segments,
     placement,
@@ -194,7 +195,9 @@ def _near_seam(
         points = _sampled(pixels, camera.film_shift)
         for image in images:
             shown = image.triangle[rows, columns]
-            for number in np.unique(shown[(shown != NOTHING) & (shown < len(triangles))]).tolist():
+            numbers = np.unique(shown[(shown != NOTHING) & (shown < len(triangles))])
+            cut = clipped(triangles[numbers], camera.pencil, camera.film_shift)
+            for number in numbers[cut].tolist():
                 here = shown == number
                 split = seams(triangles[number], camera.pencil, camera.film_shift)
                 near[here] |= distance_to_segments(points[here], split) <= camera.precision.snap_px

@@ -134,34 +134,47 @@ def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats
     cut, or where no more than three corners are left of it. The camera's lines run through the sampling
     points, which are shifted from their pixels' centers by columns and rows; the film's borders are not.
     """
-    width, height = pencil.resolution
-    q = corners - np.asarray(pencil.center)
-    # s is positive in front of a C and negative in front of a C*; the distance along the axis, w, never.
-    side = 1.0 if sum(pencil.s_range) > 0 else -1.0
-    w = -side * q[:, 2]
-    u, v = ((side * q[:, :2] - np.outer(w, pencil.shear)) / pencil.half_extent).T
-    left = (u + w) * width / 2 + shift[0] * w
-    top = (w - v) * height / 2 + shift[1] * w
-    begin, end = sorted(abs(s) for s in pencil.s_range)
-    # What is left is where these are not negative: near and far plane, then the film's borders.
-    bounds = np.array(
-        [
-            (0, 0, 1, -begin),
-            (0, 0, -1, end),
-            (1, 0, 0, 0),
-            (-1, 0, width, 0),
-            (0, 1, 0, 0),
-            (0, -1, height, 0),
-        ],
-        dtype=np.float64,
-    )
-    polygon = np.stack((left, top, w, np.ones(3)), axis=1)
+    polygon, bounds = _clip_places(corners, pencil, shift), _clip_bounds(pencil)
     for bound in bounds:
         polygon = _cut(polygon, polygon @ bound)
     count = len(polygon)
     diagonals = [(i, j) for i, j in combinations(range(count), 2) if j - i not in (1, count - 1)]
     places: Floats = polygon[:, :2] / polygon[:, 2:3]
     return places[np.array(diagonals, dtype=np.int64).reshape(-1, 2)]
+
+
+def clipped(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Mask:
+    """Return which triangles (T, 3, 3) clipping cuts and leaves something of: others have no seams."""
+    beyond = np.less(_clip_places(corners, pencil, shift) @ _clip_bounds(pencil).T, 0.0)
+    nothing_left = np.any(np.all(beyond, axis=1), axis=1)
+    return np.asarray(np.any(beyond, axis=(1, 2)) & ~nothing_left)
+
+
+def _clip_places(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats:
+    """Return homogeneous places (.., 4) of corners (.., 3): from the left and from above, w, and 1."""
+    width, height = pencil.resolution
+    q = corners - np.asarray(pencil.center)
+    # s is positive in front of a C and negative in front of a C*; the distance along the axis, w, never.
+    side = 1.0 if sum(pencil.s_range) > 0 else -1.0
+    w = -side * q[..., 2]
+    film = (side * q[..., :2] - w[..., None] * pencil.shear) / pencil.half_extent
+    left = (film[..., 0] + w) * width / 2 + shift[0] * w
+    top = (w - film[..., 1]) * height / 2 + shift[1] * w
+    return np.stack((left, top, w, np.ones_like(w)), axis=-1)
+
+
+def _clip_bounds(pencil: Pencil) -> Floats:
+    """Return linear functions (6, 4) that clipping keeps from being negative: near, far, borders."""
+    (width, height), (begin, end) = pencil.resolution, sorted(abs(s) for s in pencil.s_range)
+    bounds = (
+        (0, 0, 1, -begin),
+        (0, 0, -1, end),
+        (1, 0, 0, 0),
+        (-1, 0, width, 0),
+        (0, 1, 0, 0),
+        (0, -1, height, 0),
+    )
+    return np.array(bounds, dtype=np.float64)
 
 
 def distance_to_segments(points: Floats, segments: Floats) -> Floats:

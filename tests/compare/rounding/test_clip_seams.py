@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xfrustum.compare.rounding.edges import seams
+from xfrustum.compare.rounding.edges import clipped, seams
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 
@@ -68,3 +68,21 @@ def test_the_near_plane_cuts_in_depth(side: int) -> None:
     for point in near:
         slope = (point - lines.center)[:2] / -(point[2] - lines.center[2]) - lines.shear
         assert tuple(np.round(((slope[0] + 1) * SIZE / 2, (1 - slope[1]) * SIZE / 2), 6)) in ends
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_no_triangle_that_is_not_clipped_has_a_seam(side: int) -> None:
+    lines, random = pencil(side, near=1.0), np.random.default_rng(1)
+    triangles = np.array(
+        [
+            seen_at(
+                random.uniform(-SIZE / 4, 5 * SIZE / 4, (3, 2)), side * random.uniform(0.5, 12.0, 3), lines
+            )
+            for _ in range(300)
+        ]
+    )
+    split = np.array([len(seams(one, lines, (0.25, -0.5))) > 0 for one in triangles])
+    marked = clipped(triangles, lines, (0.25, -0.5))
+    assert not (split & ~marked).any()
+    # Most are cut, some are whole, and of some nothing is left.
+    assert 20 < marked.sum() < 280 and split.sum() > 20
