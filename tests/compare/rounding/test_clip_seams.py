@@ -73,16 +73,11 @@ def test_the_near_plane_cuts_in_depth(side: int) -> None:
 @pytest.mark.parametrize("side", [1, -1])
 def test_no_triangle_that_is_not_clipped_has_a_seam(side: int) -> None:
     lines, random = pencil(side, near=1.0), np.random.default_rng(1)
-    triangles = np.array(
-        [
-            seen_at(
-                random.uniform(-SIZE / 4, 5 * SIZE / 4, (3, 2)), side * random.uniform(0.5, 12.0, 3), lines
-            )
-            for _ in range(300)
-        ]
-    )
+    places = random.uniform(-SIZE / 8, 9 * SIZE / 8, (300, 3, 2))
+    depths = side * random.uniform(0.9, 10.5, (300, 3))
+    triangles = np.array([seen_at(*one, lines) for one in zip(places, depths, strict=True)])
     split = np.array([len(seams(one, lines, (0.25, -0.5))) > 0 for one in triangles])
     marked = clipped(triangles, lines, (0.25, -0.5))
     assert not (split & ~marked).any()
-    # Most are cut, some are whole, and of some nothing is left.
-    assert 20 < marked.sum() < 280 and split.sum() > 20
+    # Some are cut, and some are whole.
+    assert split.sum() > 20 and (~marked).sum() > 20
