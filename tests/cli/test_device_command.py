@@ -60,6 +60,7 @@ def test_a_device_that_is_not_known_is_measured_once_and_kept(
     assert device_model.model_of(names) == safe
 
 
+@pytest.mark.slow
 def test_softpipe_is_measured_too_and_steps_through_d16(tmp_path: Path) -> None:
     """It has OpenGL 3.3 alone. The bounds of a device that nobody knows do not hold for its D16."""
     asked = [sys.executable, "-m", "xfrustum", "device", "--json", "--quiet"]

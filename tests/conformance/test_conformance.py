@@ -153,6 +153,7 @@ def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
     assert not judged(case, scene, truth, replace(truth, triangle=third))[0].within(case)
 
 
+@pytest.mark.slow
 def test_pictures_of_objects_lie_beside_a_truth_in_objects(tmp_path: Path) -> None:
     case = of("L0-objects")
     truth, *others = traced(case, case.open())
@@ -257,6 +258,7 @@ def test_a_command_is_run_once_for_each_case_and_a_stopped_run_goes_on(
     assert Path("calls").read_text().split() == ["L0-behind"]
 
 
+@pytest.mark.slow
 def test_workers_say_what_one_process_says(tmp_path: Path) -> None:
     some = SOME[:2]
     alone = run(some, Trial(contestant=RIGHT))

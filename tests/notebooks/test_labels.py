@@ -15,6 +15,7 @@ xarray = pytest.importorskip(
 )
 
 
+@pytest.mark.slow
 def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -> None:
     scene = small_scene()
     aperture = scene.plate.aperture(3, 1)

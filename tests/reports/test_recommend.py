@@ -122,6 +122,7 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) ->
     assert "eyes at 600 mm allow near up to" in eyes.paragraph and "splitting is not needed" in eyes.paragraph
 
 
+@pytest.mark.slow
 def test_a_coarse_depth_buffer_binds_where_it_asks_for_more_than_pixels_allow(scene: Scene) -> None:
     found = recommend(scene, choices=D16, sample=SAMPLE)
     (buffer,) = found.buffers

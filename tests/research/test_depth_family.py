@@ -11,6 +11,7 @@ from xfrustum.scenes import Camera, InputError
 SIZE = (32, 32)
 
 
+@pytest.mark.slow
 def test_neither_scale_nor_shift_nor_shear_of_scene_and_frustum_changes_the_picture() -> None:
     """Up to rounding at edges, all show what the middle aperture shows of the shallowest cars."""
     seen = [depth_family.cars_off_the_middle(100.0, SIZE, in_middle=False)]

@@ -92,6 +92,7 @@ def cell(family: Family, ratio: float, near: float, **drawn: Any) -> Cell:
 # What is measured.
 
 
+@pytest.mark.slow
 def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """The film's corner is off by W n / (sqrt(2) |z|): that much at most, and not a tenth of it at p99."""
     for row in single(tiny.rows):

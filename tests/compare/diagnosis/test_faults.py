@@ -182,6 +182,7 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
     assert {name: fault.alternatives for name, fault in centered.items()} == {"shift-x": ()}
 
 
+@pytest.mark.slow
 def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear() -> None:
     scene = small("asymmetric-recentered", 32)
     (fault,) = diagnosed(evidence_of(scene, DrawnModel(recentering=Recentering.NONE), FEW[0])).values()

@@ -29,7 +29,7 @@ DISPLACED |= {"rolled", "corners", "near", "fov", "half-angle", "square-film"}
 """Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
 
 QUICK = {
-    ("attic", "triangle-id"): ("right", "front-near-offset"),
+    ("attic", "triangle-id"): ("right",),
     ("attic", "object-id"): ("right", "blue-red"),
     ("attic", "rgb"): ("right",),
     ("harbor", "triangle-id"): ("right",),

@@ -131,6 +131,7 @@ def test_a_judge_explains_by_the_model_of_the_device_that_drew() -> None:
     assert left[0] < left[1]
 
 
+@pytest.mark.slow
 def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
     """Cracks between triangles are edges; a surface that is not there at all has its outline alone."""
     count = 2 * SIZE  # Four triangles along each pixel

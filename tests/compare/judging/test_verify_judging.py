@@ -110,6 +110,7 @@ def test_what_claims_nothing_that_exists_fails_whatever_the_limits(paint: Paint,
         assert hogel.as_found.invalid > 0.9 * hogel.as_found.surface.wrong
 
 
+@pytest.mark.slow
 def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(hogels: Hogels) -> None:
     assert verified(hogels["right"], ids, encoding="triangle-id").diagnosis.faults == ()
     accepted = verified(
@@ -156,6 +157,7 @@ def test_reading_undoes_storing(numbers: list[int], channels: list[int], offset:
     np.testing.assert_array_equal(reading.numbers(reading.packed(rgb)), some)
 
 
+@pytest.mark.slow
 def test_text_page_junit_and_json_give_the_figures_that_were_limited(
     hogels: Hogels, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -426,6 +426,7 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     assert "the most robust" in sixteen.reason
 
 
+@pytest.mark.slow
 def test_a_plan_orders_sheets_as_the_device_stores_them() -> None:
     scene, buffer = view("asymmetric", SMALL), depth_buffers(DepthFormat.D16, DepthMapping.LINEAR)
     made = plan(scene, [scene.plate.middle], Requirement(device=safe_model()), buffer)

@@ -130,6 +130,7 @@ def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Sc
     assert Requirement().missed_by(bent) and Requirement().missed_by(starved)
 
 
+@pytest.mark.slow
 def test_a_plate_whose_middle_sees_nothing_is_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,6 +153,7 @@ def crossed(tmp_path: Path, **keys: object) -> str:
     return str(tmp_path / "crossed.toml")
 
 
+@pytest.mark.slow
 def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -186,6 +188,7 @@ def test_the_text_says_that_the_plan_holds_elsewhere_and_ends_in_a_command_for_t
     assert main([*command[1:], "--quiet"]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("box", thinned([True, False], 2))
 def test_a_surface_that_lies_in_the_plate_is_displaced_by_nothing_that_is_defined(
     box: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]

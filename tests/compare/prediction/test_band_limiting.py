@@ -106,6 +106,7 @@ def white_ball(contrast: float) -> Scene:
     return replace(scene, plate=Plate(size=(4.0, 4.0), hogels=(4, 4)))
 
 
+@pytest.mark.slow
 def test_the_count_is_enough_and_half_of_it_is_not() -> None:
     """Measured at a ball's outline against a mean over eight times as many points."""
     scene = white_ball(0.1)

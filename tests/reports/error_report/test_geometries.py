@@ -55,6 +55,7 @@ def rows(files: ReportFiles, pivot: str) -> list[dict[str, Any]]:
     return [row for row in content["rows"] if row["settings"]["pivot"] == pivot]
 
 
+@pytest.mark.slow
 def test_a_recentered_frustum_is_measured_with_both_pivots(files: ReportFiles) -> None:
     content = json.loads(files.json.read_text())
     asked = [(row["settings"]["pivot"], row["settings"]["near"]) for row in content["rows"]]

@@ -95,6 +95,7 @@ def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger
     np.testing.assert_allclose([b / a for a, b in pairwise(nears)], 10 ** (-7 / 24), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(files: ReportFiles) -> None:
     apertures = [(a["column"], a["row"]) for a in files.content["apertures"]]
     columns, rows = open_scene("asymmetric-recentered").plate.hogels

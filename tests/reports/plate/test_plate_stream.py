@@ -210,7 +210,7 @@ DAMAGE: list[tuple[Callable[[Path], object], int, int]] = [
 """What happens to a block, and how many hogels are drawn again: at once, and where all is read."""
 
 
-@pytest.mark.parametrize("name", ["triangle", "color"])
+@pytest.mark.parametrize("name", ["triangle", pytest.param("color", marks=pytest.mark.slow)])
 def test_a_damaged_block_is_drawn_again(name: str, plate: Path, clean: Path) -> None:
     """Hogels have checksums: no change of a bit goes unnoticed where all is read; what is gone always is."""
     for damage, gone, damaged in DAMAGE:
@@ -339,6 +339,7 @@ def test_what_killed_processes_left_is_removed_unless_somebody_writes(plate: Pat
     assert tree(plate) == tree(clean)
 
 
+@pytest.mark.slow
 def test_two_writers_of_one_block_lose_nothing(tmp_path: Path) -> None:
     """Each has opened the plate before the other has written, and knows nothing of its hogels."""
     scene, out = small(), tmp_path / "x.zarr"

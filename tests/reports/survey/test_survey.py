@@ -175,6 +175,7 @@ def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
     assert fine["share_beyond_at_most"] > share_beyond(0, 9, 20, risk_of_claim(settings=1))
 
 
+@pytest.mark.slow
 def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
     scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_stated_tolerance_that_is_exceeded_is_a_no(
     assert surveyed(scene_path, tmp_path / "c", capsys, *coarse)["status"] == 1
 
 
+@pytest.mark.slow
 def test_two_surveys_of_one_folder_are_one(
     whole: Path, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
