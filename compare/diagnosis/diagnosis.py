@@ -353,8 +353,8 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
     if claims is not None:
         fit = fit_geometry(claims, nominal)
         means = f"{len(claims):,} claims of {_counted(claiming, 'hogel')}"
-        means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
-        means += "" if fit.holds else ", which no convention explains"
+        means += f"; {_counted(len(fit.spoiled), 'hogel')} unlike the others" if fit.spoiled else ""
+        means += "" if fit.holds else "; no convention explains them alone"
     elif pictures:
         fit = register(reference, pictures, nominal)
         means = f"registration of {_counted(len(pictures), 'picture')}"
@@ -495,6 +495,10 @@ def _best(evidence: Evidence, fit: GeometryFit) -> GeometryFit:
         turned, *rest = _composed(evidence, replace(fit.model, orientation=nominal.orientation))
         if evidence.explains(turned):
             model, others = turned, rest
+    if recentered and model != fit.model:
+        # A half that a wrong shear moves off the film is not missing.
+        sheared = (replace(fit.model, recentering=one) for one in Recentering if one != nominal.recentering)
+        model = next(filter(evidence.explains, sheared), model)
     if evidence.explains(model):
         also = (*fit.alternatives, *others, *_alike(evidence, model, by_depth=fit.by_color))
         return replace(fit, model=model, alternatives=also)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, UNSEEN_NEAR_PER_REACH, GeometryFit
 from xfrustum.compare.renderer_model.drawn_model import (
     CAMERA_GROUPS,
     FAULT_NAMES,
@@ -380,13 +380,15 @@ def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
     at_corner = abs(abs(value) - plate / hogels / 2) <= CORNER_PITCHES * plate / hogels
     corner = ": half a pitch, as at the corners of hogels instead of their centers" if at_corner else ""
     sampled = ("to the left of", "to the right of")[sign] if axis == 0 else ("above", "below")[sign]
+    unseen = value < UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach
+    near = "nothing that can be seen" if unseen and should else f"a near offset of {value:.5g} {units}"
     stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
     return {
         "shift": f"pixels are sampled {abs(value):.3f} px {sampled} their centers (images upright)",
         "fov": f"the film is {value:.5g} times as {'high' if axis else 'wide'} as the scene's{film}",
         "pitch": f"apertures are {value:.5g} times as far apart in {letter}: as on a plate of "
         f"{value * plate:.5g} {units} instead of {plate:.5g}",
-        "near": f"both cameras step back by a near offset of {value:.5g} {units}{stated}",
+        "near": f"both cameras step back by {near}{stated}",
         "aperture-offset": f"all apertures are moved by {size} {side}{corner}",
         "scene-offset": f"the scene is moved by {size} {side}",
         "scene-scale": f"the scene is {value:.5g} times as large as asked, about the origin",

@@ -1,4 +1,4 @@
-"""The answer to `xfrustum verify`: limits, figures and pictures of hogels, words, and the files it leaves."""
+"""The answer to `xfrustum verify`: limits and figures of hogels, words, and the files it leaves."""
 
 from __future__ import annotations
 
@@ -29,19 +29,16 @@ from xfrustum.reports.common.outputs import Staging, json_object, json_ready, wr
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import (
     Filters,
-    address,
     html_page,
     plain_text,
-    png,
     svg_picture,
 )
-from xfrustum.reports.inspection import InspectedHogel, PlateMap, inspected_figures
+from xfrustum.reports.inspection import InspectedHogel, PlateMap
 from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.where import Places, where_words, where_wrong, wrong_counts
-from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Scene
-from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
+from xfrustum.reports.verification.worst import WorstHogels
+from xfrustum.scenes import Aperture, InputError, Scene
 from xfrustum.scenes.arguments import real
-from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.notebook import Figure, Shown, plain
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -249,76 +246,6 @@ def figures_words(figures: PlateNumbers | HogelNumbers) -> str:
     return text
 
 
-MAX_SHOWN_HOGELS, MAX_PICTURE_PX = 6, 512
-"""Hogels whose pictures are on the page, and longest side of a picture; larger ones leave pixels out."""
-
-WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
-"""Color of wrong pixels, level where nothing is shown, and share by which the truth shows beneath errors."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
-
-    aperture: Aperture
-    words: str
-    badness: tuple[float, float]  #: as found, then corrected
-    pictures: dict[str, str]
-    inspected: InspectedHogel | None = None  #: all channels, where they were asked for
-
-
-@dataclass(kw_only=True)
-class WorstHogels:
-    """The worst so far, worst first; with all their channels where the scene of these is given."""
-
-    scene: Scene | None = None
-    kept: list[Pictured] = field(default_factory=list)
-
-    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
-        """Keep a hogel if it is among the worst; of equals those that came first stay."""
-        badness = (as_found.numbers.judged_fraction, corrected.numbers.judged_fraction)
-        if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
-            return
-        scene, pictures = self.scene, {}
-        shown = {"truth": _shown(as_found.answer, as_found.image), "image": _shown(as_found.image)}
-        for name, pixels in (shown | {"error": _errors(as_found), "rest": _errors(corrected)}).items():
-            step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
-            pictures[name] = address(png(pixels[::step, ::step], optimize=False))
-        pictured = Pictured(
-            aperture=aperture,
-            words=as_found.numbers.limited_words,
-            badness=badness,
-            pictures=pictures,
-            inspected=None if scene is None else inspected_figures(scene, aperture, as_found, corrected),
-        )
-        worst_first = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)
-        self.kept = worst_first[:MAX_SHOWN_HOGELS]
-
-
-def _shown(image: HogelImage, like: HogelImage | None = None) -> Bytes:
-    """Return what people can see of an image: its colors, else a color for each surface.
-
-    That is a triangle or an object, whichever `like` names, by default the image itself: truth names both.
-    """
-    if image.color is not None:
-        linear = np.clip(np.nan_to_num(image.color), 0, 1)
-        return np.asarray(np.rint(LEVELS * encoding_curve(linear)), dtype=np.uint8)
-    named = image.triangle if ((like or image).triangle != NOTHING).any() else image.object
-    if not (named != NOTHING).any():
-        named = np.where(image.covered, 0, NOTHING)
-    # Neighboring numbers get colors far apart: multiples of odd constants.
-    spread = named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
-    return np.where((named == NOTHING)[..., None], BACKGROUND_GRAY, spread % 200 + 30).astype(np.uint8)
-
-
-def _errors(figures: Figures) -> Bytes:
-    shown = _shown(figures.answer, figures.image).astype(np.float64)
-    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - shown)
-    beneath[~figures.answer.covered] = BACKGROUND_GRAY
-    beneath[figures.error] = WRONG_RGB
-    return np.asarray(beneath, dtype=np.uint8)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verification(Shown):
     """The answer to `xfrustum verify`: of which renderer (`source`), its limits, faults, and every hogel."""
@@ -373,7 +300,14 @@ class Verification(Shown):
     def explained(self) -> bool | None:
         """Whether the diagnosis explains what is wrong; None where no image that was judged is."""
         wrong = self.diagnosis.does_not_explain or not all(check.held for check in self.checks)
-        return True if self.diagnosis.faults else False if wrong else None
+        return not self.left if self.diagnosis.faults else False if wrong else None
+
+    @property
+    def left(self) -> dict[Aperture, int]:
+        """Hogels, worst first, of which correction leaves more pixels wrong than the limit allows: these."""
+        found = [(one.aperture, one.corrected) for one in self.hogels if one.corrected]
+        beyond = {a: left_in(of) for a, of in found if left_in(of) > max(1, self.limits.wrong * of.shown)}
+        return dict(sorted(beyond.items(), key=lambda item: -item[1]))
 
     @property
     def where(self) -> dict[str, Any] | None:
@@ -425,6 +359,16 @@ class Verification(Shown):
         }
 
 
+def wrong_in(numbers: HogelNumbers) -> int:
+    """Return the number of wrong pixels of a hogel, a wrong color included."""
+    return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)
+
+
+def left_in(numbers: HogelNumbers) -> int:
+    """Return the number of wrong pixels of a corrected hogel that no rounding explains."""
+    return numbers.causes["unexplained"] if numbers.causes else wrong_in(numbers)
+
+
 def with_correction_tested(found: Verification) -> Verification:
     """Return a verification without the faults whose correction does not make all judged hogels better.
 
@@ -432,17 +376,13 @@ def with_correction_tested(found: Verification) -> Verification:
     all others otherwise. Refuted faults become guesses, which state the share of the wrong pixels of all
     judged hogels that they explain.
     """
-
-    def wrong(numbers: HogelNumbers) -> int:  # a wrong color included
-        return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)
-
     pairs = [(one.as_found, one.corrected) for one in found.hogels if one.as_found and one.corrected]
     if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
         return found
-    before, after = sum(wrong(one) for one, _ in pairs), sum(wrong(one) for _, one in pairs)
+    before, after = (sum(wrong_in(pair[which]) for pair in pairs) for which in (0, 1))
     if after < before or not before:
         return found
-    left = sum(one.causes["unexplained"] if one.causes else wrong(one) for _, one in pairs)
+    left = sum(left_in(one) for _, one in pairs)
     told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
     share = max(0.0, 1.0 - left / before)
     doubted = [doubtful(replace(fault, explains=share)) for fault in found.diagnosis.faults]
@@ -531,6 +471,7 @@ def _told(found: Verification) -> dict[str, Any]:
         "sentence": sentence(found),
         "explained": explained(found),
         "unexplained": unexplained(found),
+        "nothing": nothing_found(found),
         "where": where_words(found.where or {}),
         "figures": {"as found": found.as_found, "corrected": found.corrected},
     }
@@ -614,6 +555,26 @@ def unexplained(found: Verification) -> str:
 
 
 def explained(found: Verification) -> list[str]:
-    """Return in words how much of what is wrong the diagnosis explains; none where nothing is wrong."""
+    """Return in words how much of what is wrong the diagnosis explains; none where it names nothing."""
+    if not found.diagnosis.faults:
+        return []
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
-    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
+    told = [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
+    if left := found.left:
+        worst = ", ".join(f"{one.column},{one.row} ({count:,} pixels)" for one, count in [*left.items()][:4])
+        who = "1 hogel has" if len(left) == 1 else f"{len(left)} hogels have"
+        told.append(f"not all: {who} another mistake, which is left when these are mended: {worst}")
+    return told
+
+
+def nothing_found(found: Verification) -> str:
+    """Return in words that no fault was found, and what is wrong within the limits all the same."""
+    if found.as_found is None:
+        return "no hogel could be judged"
+    count = (found.as_found.causes or {}).get("unexplained", 0)
+    if not count:
+        return "nothing found"
+    worst = max(found.hogels, key=lambda one: left_in(one.as_found) if one.as_found else 0).aperture
+    return (
+        f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel {worst.column},{worst.row}"
+    )

@@ -42,15 +42,13 @@ from xfrustum.reports.common.outputs import json_ready, progress_bar
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification import sources
 from xfrustum.reports.verification.verdict import (
-    MAX_SHOWN_HOGELS,
     Hogel,
     Limits,
-    Pictured,
     Verification,
-    WorstHogels,
     with_correction_tested,
 )
 from xfrustum.reports.verification.where import places_of
+from xfrustum.reports.verification.worst import MAX_SHOWN_HOGELS, Pictured, WorstHogels
 from xfrustum.scenes import HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder

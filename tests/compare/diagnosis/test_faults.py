@@ -17,6 +17,7 @@ from xfrustum.compare.renderer_model.pictures import trace_drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import Scene
+from xfrustum.scenes.conformance.suite import chosen
 
 TURNED, REVERSED = Orientation(True, False, True), Orientation(False, True, False)
 ABOUT, EXCHANGED = Orientation(False, True, True), Orientation(True, False, True)
@@ -193,6 +194,15 @@ def test_one_hogel_or_one_side_of_the_plate_do_not_tell_what_became_of_a_shear()
     (fault,) = diagnosed(evidence_of(before, reversed_shear)).values()
     assert (fault.fault, fault.value) == ("shear-sign", "C*")
     assert "images cannot tell" in fault.words
+
+
+@pytest.mark.slow
+def test_a_half_that_leaves_the_film_by_a_wrong_shear_is_not_called_missing() -> None:
+    """With both shears reversed, the corner hogel of this attic shows what is behind the plate alone."""
+    (case,) = chosen(names=["L3-attic-0"])
+    scene = case.open()
+    found = diagnosed(evidence_of(scene, DrawnModel(recentering=Recentering.BOTH_REVERSED), (0, 0)))
+    assert set(found) == {"shear-sign"}
 
 
 # Faults of one camera alone are named as such, and numbers that explain only together are one finding.

@@ -12,7 +12,8 @@ from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
 from xfrustum.compare.metrics.error_maps import Spread
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification, WorstHogels
+from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
+from xfrustum.reports.verification.worst import WorstHogels
 from xfrustum.scenes import Scene
 from xfrustum.scenes.plate.plate import Aperture
 

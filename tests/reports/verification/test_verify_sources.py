@@ -220,7 +220,9 @@ def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
     found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(SHIFT,)))
     tested = with_correction_tested(found)
     assert (tested.diagnosis.faults == (SHIFT,)) is named
-    assert tested.explained is named
+    assert tested.explained is (corrected == (0, 0))
+    told = "not all: 1 hogel has another mistake, which is left when these are mended: 1,0 (120 pixels)"
+    assert (told in table(tested)) is (corrected == (0, 60))
     assert ("no single fault that was tried explains all hogels" in table(tested)) is not named
     assert ("o single fault that was tried explains all hogels" in render_page(tested)) is not named
     assert ("explained: 100 %" in table(tested)) is named
@@ -229,6 +231,17 @@ def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
         assert guess.alternatives == ("near",)
         assert guess.explains == 0.0
         assert "800 pixels of all judged hogels are wrong instead of 400" in guess.words
+
+
+def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -> None:
+    found = verification({(0, 0): 2, (1, 0): 4})
+    assert found.passed and "  nothing found\n" in table(found)
+    causes = {"edge": 5, "order": 0, "lost": 0, "unexplained": 3}
+    first, other = found.hogels
+    assert other.as_found is not None
+    other = replace(other, as_found=replace(other.as_found, causes=causes))
+    told = "nothing found; 3 pixels are wrong by no rounding, most in hogel 1,0"
+    assert told in table(replace(found, hogels=(first, other)))
 
 
 @pytest.mark.parametrize(("explains", "told"), [(0.0, False), (0.004, False), (0.3, True)])
