@@ -23,6 +23,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_ready, refused
 from xfrustum.reports.exchange.cameras import write_cameras
 from xfrustum.scenes import InputError, Scene, SceneObject
+from xfrustum.scenes.appearance.display import encoding_curve
 from xfrustum.scenes.appearance.sampling import sub_apertures
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, new_file, scratch_folder
@@ -59,6 +60,7 @@ def described(case: Case, scene: Scene) -> dict[str, Any]:
             "triangles": len(one.faces),
             "smooth": one.vertex_normals is not None,
             "textured": bool(one.textures),
+            "colored": one.vertex_colors is not None,
             "material": scene.appearance.material(one.material),
         }
         for number, one in enumerate(scene.objects)
@@ -123,7 +125,11 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
     lines, materials, first = ["mtllib scene.mtl"], list[str](), 1
     for number, part in enumerate(scene.objects):
         lines.append(f"o object_{number}")
-        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
+        places = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
+        if part.vertex_colors is not None:  # as in all files but glTF they are sRGB
+            shown = encoding_curve(part.vertex_colors).tolist()
+            places = [f"{v} {r:.9g} {g:.9g} {b:.9g}" for v, (r, g, b) in zip(places, shown, strict=True)]
+        lines += places
         uv, normals = part.uv, part.vertex_normals
         # One of each for every vertex, so that a corner has one number; what a vertex lacks is never named.
         if uv is not None:
@@ -156,15 +162,16 @@ def _wavefront(scene: Scene) -> tuple[str, str]:
 
 
 def _binary_gltf(scene: Scene) -> bytes:
-    """Return scene.glb, with a mesh for each object; coordinates are float32."""
+    """Return scene.glb, with a mesh for each object; coordinates are float32, colors have 8 bits."""
     import trimesh  # noqa: PLC0415 - takes long to load
 
     def mesh(part: SceneObject) -> Any:
-        normals = part.vertex_normals
+        normals, colors = part.vertex_normals, part.vertex_colors
         made = trimesh.Trimesh(
             vertices=part.vertices,
             faces=part.faces,
             vertex_normals=None if normals is None else np.nan_to_num(normals),
+            vertex_colors=None if colors is None else np.rint(255 * colors).astype(np.uint8),
             process=False,
         )
         if part.uv is not None and part.textures:

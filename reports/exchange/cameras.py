@@ -81,8 +81,10 @@ def write_cameras(
 
 
 def write_triangles(scene: Scene, path: Path) -> None:
-    """Write the corners of all triangles, scene units, and the object of each, in their order."""
-    objects = scene.objects
+    """Write the corners of all triangles, scene units, the object of each, and what shading reads of them."""
+    objects, environment = scene.objects, scene.appearance.environment
+    shading = {name: getattr(scene.surface, name) for name in ("vertex_normals", "vertex_colors", "uv")}
+    shading["environment"] = None if environment is None else environment.radiance
     np.savez(
         path,
         vertices=scene.vertices,
@@ -91,6 +93,7 @@ def write_triangles(scene: Scene, path: Path) -> None:
         first_vertex=np.cumsum([0, *(len(one.vertices) for one in objects)]),
         first_triangle=np.cumsum([0, *(len(one.faces) for one in objects)]),
         names=np.array([one.name for one in objects], dtype=np.str_),
+        **{name: values for name, values in shading.items() if values is not None},
     )
 
 

@@ -80,6 +80,29 @@ def draw(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats 
     return drawn_right(folder, asked, hogel)
 
 
+def bars(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Floats:
+    """Draw surfaces that show their vertex colors alone, as the mean over the sub-apertures."""
+    scene = np.load(folder / "scene.npz")
+    (one,) = [a for a in asked["apertures"] if a["hogel"] == list(hogel)]
+    width, height = asked["resolution"]
+    u, v = (2 * np.arange(width) + 1) / width - 1, 1 - (2 * np.arange(height) + 1) / height
+    (kx, ky), (tx, ty) = one["shear"], one["half_extent"]
+    x, y = np.meshgrid(kx + u * tx, ky + v * ty)
+    lines, corners = np.stack([x, y, np.full(x.shape, -1.0)], axis=-1), scene["vertices"][scene["faces"]]
+    colors, mean = scene["vertex_colors"][scene["faces"]], np.zeros(lines.shape)
+    for px, py in one["sub_apertures"]:
+        # The weights of the corners of a triangle (F, H, W, 3) are those that add up to the point at s = 1.
+        weights = lines @ np.linalg.inv(corners - (px, py, 0.0))[:, None]
+        total = weights.sum(axis=-1)
+        met = np.all(weights * total[..., None] >= 0, axis=-1) & (total != 0)
+        s = np.divide(1.0, total, out=np.full(total.shape, np.inf), where=met)
+        first, nearest = s.argmin(axis=0), s.min(axis=0)
+        nearest[np.isinf(nearest)] = 0.0
+        shown = np.take_along_axis(weights, first[None, ..., None], axis=0)[0] * nearest[..., None]
+        mean += np.einsum("hwk,hwkc->hwc", shown, colors[first]) / len(one["sub_apertures"])
+    return mean
+
+
 def toy(folder: Path, asked: dict[str, Any], hogel: tuple[int, int]) -> Picture | Ints | Floats:
     """Draw a hogel as the wrong renderer does that the environment names."""
     name = os.environ["XFRUSTUM_TOY"]
