@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.diagnosis.faults import FLAT, HYPOTHESES, NEAREST, NOT_OVERLAID, Hypothesis
 from xfrustum.compare.renderer_model.drawn_model import EVEN, Back, DrawnModel, Front
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, Layers, as_image, colored, drawn
+from xfrustum.compare.renderer_model.pictures import (
+    COLOR_TOLERANCE,
+    Layers,
+    as_image,
+    as_stored,
+    colored,
+    drawn,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
@@ -75,8 +82,8 @@ def compared(
     answers = [as_image(reference, aperture, shown) for shown in layers]
     if (image.object != NOTHING).any() or image.color is None:
         return upright(image.object), [answer.object for answer in answers]
-    pictures = [colored(scene, way, answer).color for way, answer in zip(ways, answers, strict=True)]
-    return upright(image.color), [np.asarray(picture) for picture in pictures]
+    colors = [colored(scene, way, answer) for way, answer in zip(ways, answers, strict=True)]
+    return upright(image.color), [np.asarray(as_stored(one, image).color) for one in colors]
 
 
 def _differing(one: NDArray[Any], other: NDArray[Any]) -> int:

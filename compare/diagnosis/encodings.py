@@ -24,9 +24,9 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.files.foreign_images import (
     Encoding,
-    ForeignImage,
     Reading,
     Transfer,
+    is_picture,
     radiance,
     read_again,
     stored_integers,
@@ -240,7 +240,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
         stated = Reading(encoding=Encoding.TRIANGLE_ID)
     elif any((image.object != NOTHING).any() for image in images):
         stated = Reading(encoding=Encoding.OBJECT_ID)
-    elif all(_is_picture(image) and image.color is not None for image in images):
+    elif all(is_picture(image) and image.color is not None for image in images):
         stated = Reading(encoding=Encoding.RGB)
     else:
         return FoundEncoding()
@@ -259,7 +259,7 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
 
     That is a guess: geometry is not known, and the pictures in this reading are to be diagnosed.
     """
-    if not all(_is_picture(image) and image.color is not None for image in images):
+    if not all(is_picture(image) and image.color is not None for image in images):
         return FoundEncoding()
     # A few pictures tell; those of one plate have one transfer function.
     chosen = np.unique(np.linspace(0, len(images) - 1, MAX_COMPARED_HOGELS).astype(int))
@@ -284,10 +284,6 @@ def find_transfer(reference: Reference, images: Sequence[HogelImage]) -> FoundEn
     return FoundEncoding(faults=(Fault(fault=name, value=value, words=words),), reading=reading)
 
 
-def _is_picture(image: HogelImage) -> bool:
-    return isinstance(image, ForeignImage) and image.stored is not None
-
-
 class _Search:
     """The search for another reading of images that are stated to hold something."""
 
@@ -305,7 +301,7 @@ class _Search:
 
     def found(self) -> FoundEncoding | None:
         """Find another reading that holds where the stated one fails."""
-        stated, pictures = self.stated, any(map(_is_picture, self.images))
+        stated, pictures = self.stated, any(map(is_picture, self.images))
         triangles, objects = (replace(stated, encoding=one) for one in NUMBER_ENCODINGS)
         if stated.encoding is Encoding.RGB:
             found = self._by_claims(triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT)
@@ -485,7 +481,7 @@ class _Search:
 
     def _others(self, start: Reading) -> Iterator[Reading]:
         """Yield readings under which nearly all stored numbers exist, without the stated one."""
-        pictures = all(map(_is_picture, self.images))
+        pictures = all(map(is_picture, self.images))
         for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
             for offset in (1, 0, 2):
                 plain = replace(start, channels=channels, offset=offset)

@@ -21,6 +21,7 @@ from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import (
     COLOR_TOLERANCE,
     as_image,
+    as_stored,
     colors_differ,
     drawn,
     reference_colors,
@@ -166,7 +167,7 @@ def judged(
             image = replace(image, color=np.full((*truth.triangle.shape, 3), np.nan, dtype=np.float32))
         assert truth.color is not None and image.color is not None
         tolerance = COLOR_TOLERANCE if case.tolerance is None else case.tolerance
-        differs = colors_differ(truth, image, tolerance)
+        differs = colors_differ(as_stored(truth, image), image, tolerance)
         shown = (truth.color > 0).any(axis=-1) | ~(image.color <= 0).all(axis=-1)
     else:
         objects = image.object

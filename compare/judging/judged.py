@@ -479,7 +479,7 @@ class _Compared:
             elif image.color is not None:
                 by = "color" if judging.compared is Compared.COLOR else "outlines"
         if by in COLOR_ONLY:
-            answer = pictures.reference_colors(reference, question, answer)
+            answer = pictures.as_stored(pictures.reference_colors(reference, question, answer), image)
         covered: Mask = pictures.shows_something(turned) if by in COLOR_ONLY else covered_by(turned)
         shown = question.kept(judged_pixels(answer) & (answer.covered | covered))
         if by == "color":

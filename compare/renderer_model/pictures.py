@@ -28,6 +28,7 @@ from xfrustum.reference.lines.triangles import distance_to_triangles, facing, pl
 from xfrustum.reference.pictures import Layer, overlaid
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
+from xfrustum.scenes.files.foreign_images import is_picture
 from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -321,6 +322,13 @@ def colors_differ(
     assert answer.color is not None and image.color is not None
     # What is not a number is within no tolerance.
     return np.asarray(~(np.abs(answer.color - image.color) <= tolerance).all(axis=-1))
+
+
+def as_stored(answer: HogelImage, image: HogelImage) -> HogelImage:
+    """Return an answer with colors as the file of an image can store them: a picture holds at most one."""
+    if answer.color is None or not is_picture(image):
+        return answer
+    return replace(answer, color=np.minimum(answer.color, 1))
 
 
 def as_gray(image: HogelImage) -> Floats:

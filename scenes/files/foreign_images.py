@@ -122,6 +122,11 @@ def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> 
     return read_again(unread, Reading(encoding=encoding))
 
 
+def is_picture(image: HogelImage) -> bool:
+    """Return whether an image was read from a picture, which stores integers."""
+    return isinstance(image, ForeignImage) and image.stored is not None
+
+
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """Return an image as it is when its stored pixels are read in another way.
 
