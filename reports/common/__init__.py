@@ -1,6 +1,7 @@
 """What all reports share: outputs, progress, times, pages, numbers in words.
 
 figure_style           How every figure looks: colors that are told apart, axes that can be read
+junit                  Test cases as JUnit XML
 outputs                Outputs that are whole or absent: probed before the work, written aside, renamed
 provenance             What repeats a result: versions and machine, commands, and what nobody examined
 records                Records as tables: columns and their types follow from the fields of a dataclass

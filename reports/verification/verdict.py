@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -25,13 +24,13 @@ from xfrustum.compare.judging.judged import (
     SurfaceFigures,
 )
 from xfrustum.reports import inspection
+from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_object, json_ready, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import (
     Filters,
     html_page,
     plain_text,
-    svg_picture,
 )
 from xfrustum.reports.inspection import InspectedHogel, PlateMap
 from xfrustum.reports.verification.sources import as_given
@@ -484,10 +483,6 @@ def render_page(found: Verification) -> str:
     return html_page("verify.html.j2", values, FILTERS)
 
 
-_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
-
-
 def write_junit(found: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, whole or not at all."""
     words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
@@ -499,24 +494,6 @@ def write_junit(found: Verification, path: Path) -> None:
         case = JUnitCase(found.scene.name or "scene", name, hogel.problem, exceeded, text)
         cases.append(case)
     write_output(path, junit(f"xfrustum verify {found.scene.name}", cases, table(found)), "--junit")
-
-
-@dataclass(frozen=True)
-class JUnitCase:
-    """One test case of JUnit; it passed where it has no error, no failure, and was not skipped."""
-
-    classname: str
-    name: str
-    error: str | None = None
-    failure: str | None = None
-    text: str = ""
-    skipped: str | None = None
-
-
-def junit(suite: str, cases: Sequence[JUnitCase], told: str) -> bytes:
-    """Return test cases as JUnit XML, with what is told of all of them."""
-    text = svg_picture("junit.xml.j2", {"suite": suite, "cases": cases, "told": told}, {})
-    return _NOT_IN_XML.sub("\ufffd", text).encode()
 
 
 def sentence(found: Verification) -> str:
