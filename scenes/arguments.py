@@ -1,13 +1,17 @@
-"""Arguments of the public dataclasses, taken as numbers and names.
+"""Arguments of the public dataclasses, taken as numbers, names and programs.
 
 What is no number becomes NaN, and what is no count becomes a number below all counts, so that the class's own
 test refuses both, with a message that shows what was given.
 """
 
 import math
+import os
+import shlex
+import shutil
 from collections.abc import Iterable
 from enum import StrEnum
 from numbers import Integral, Real
+from pathlib import Path
 from typing import TypeVar
 
 from xfrustum.scenes.errors import InputError
@@ -41,6 +45,19 @@ def wholes(values: object, length: int) -> tuple[int, ...]:
     """Return whole numbers as ints; one `NO_COUNT` where they are not as many as are needed."""
     found = _items(values, length)
     return (NO_COUNT,) if found is None else tuple(map(whole, found))
+
+
+def check_program(command: str, folder: Path | None = None) -> None:
+    """Raise InputError where the program of a command that runs in a folder is not there."""
+    try:
+        name = (shlex.split(command) or [""])[0].replace("{{", "{").replace("}}", "}")
+    except ValueError as error:
+        raise InputError(f"--command {command!r}: {error}; mind the quotes") from error
+    # A name with a folder in it is not looked for in PATH.
+    if shutil.which((folder or Path.cwd()) / name if os.sep in name else name) is None:
+        raise InputError(
+            f"--command {command!r}: {name} is no program that can be run; name one in this folder with ./"
+        )
 
 
 def _items(values: object, length: int | None) -> tuple[object, ...] | None:

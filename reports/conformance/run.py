@@ -31,9 +31,8 @@ from xfrustum.reports.common.outputs import json_ready
 from xfrustum.reports.conformance.cases import Truths, traced, write_case
 from xfrustum.reports.parts import Parts
 from xfrustum.reports.verification.sources import ForeignRenderer, Problem, fields_of, run_program
-from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import NOTHING, HogelImage, InputError, Scene
-from xfrustum.scenes.arguments import real
+from xfrustum.scenes.arguments import check_program, real
 from xfrustum.scenes.conformance.suite import SUITE, Case, suite_digest
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.files.exr import write_planes
@@ -102,10 +101,7 @@ class Contestant:
             named = fields_of(self.command, ("case", "out"), "--command")
             if "out" not in named:
                 raise InputError(f"--command {self.command!r} has no {{out}}: the folder to be written")
-            try:
-                shlex.split(self.command)
-            except ValueError as error:
-                raise InputError(f"--command {self.command!r}: {error}; mind the quotes") from error
+            check_program(self.command, self.working)
         if self.images is not None and not (self.working / self.images).is_dir():
             raise InputError(f"--images {self.images}: is not a folder; give that of the folders of cases")
         if self.python is not None and not all(self.python.partition(":")):
@@ -162,8 +158,6 @@ class Contestant:
             raise UnsupportedError(
                 told.read_text(encoding="utf-8", errors="replace").strip() or "not claimed"
             )
-        if self.images is not None and not (out.is_dir() and any(out.iterdir())):
-            raise UnsupportedError("no images")
         return out
 
     def _call(self, case: Case, folder: Path, out: Path) -> None:
@@ -251,6 +245,8 @@ class Trial:
 
     def _named(self, case: Case, scene: Scene, out: Path) -> dict[str, Any]:
         """Return the cause of what is wrong by `verify`, and pictures of the worst hogel."""
+        from xfrustum.reports.verification.verification import verify  # noqa: PLC0415 - takes long to load
+
         i, j = case.hogels[0]
         suffix = next(one for one in SUFFIXES if (out / f"hogel_{i}x{j}{one}").exists())
         folder = str(out).replace("{", "{{").replace("}", "}}")
@@ -262,7 +258,7 @@ class Trial:
             near=case.near,
         )
         faults = said.diagnosis.faults
-        guesses = tuple(fault.words for fault in said.diagnosis.guesses)
+        guesses = tuple(f"perhaps {fault.words}" for fault in said.diagnosis.guesses)
         worst = said.worst.kept[0].pictures if said.worst.kept and self.pictures else {}
         return {
             "cause": ", ".join(dict.fromkeys(fault.fault for fault in faults)) or "unexplained",

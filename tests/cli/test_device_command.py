@@ -132,7 +132,7 @@ def test_plan_verify_and_conformance_say_by_which_device_they_explain(
     for words, status in (
         (f"plan {scene} --aperture 1,1 --depth d24 --mapping standard", 0),
         (f"verify {scene} {tmp_path}/{{i}}x{{j}}.png --apertures 1,1", 1),
-        (f"conformance judge {tmp_path / 'none'} --case L0-behind", 0),
+        (f"conformance judge {tmp_path / 'none'} --case L0-behind", 1),
     ):
         asked = [*words.split(), "--device", str(path), "--quiet"]
         assert main([*asked, "--json"]) == status

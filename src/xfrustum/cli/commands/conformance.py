@@ -158,6 +158,10 @@ def run(asked: _Run) -> int:
     {case}, and writes {out}/hogel_{i}x{j}.png or .exr for each hogel that case.json asks for; or the file
     {out}/unsupported with the reason. A run that was stopped goes on where it was.
     """
+    from xfrustum.scenes.arguments import check_program
+
+    if asked.command is not None:
+        check_program(asked.command)  # at once: what is imported next takes seconds to load
     from xfrustum.reports.conformance.run import Contestant
 
     contestant = Contestant(
