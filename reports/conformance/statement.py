@@ -10,11 +10,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from xfrustum.reports.common.junit import JUnitCase, junit
 from xfrustum.reports.common.outputs import Staging, json_ready
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.conformance.run import Verdict
-from xfrustum.reports.verification.verdict import JUnitCase, junit
-from xfrustum.scenes.conformance.suite import LEVELS, SUITE, suite_digest
+from xfrustum.scenes.conformance.suite import LEVELS, SUITE, chosen, suite_digest
 
 FILES = PAGE, JUNIT, STATEMENT, BADGE = "index.html", "junit.xml", "statement.json", "badge.json"
 
@@ -50,25 +50,32 @@ class Statement:
 
     @property
     def counts(self) -> dict[str, Counter[str]]:
-        """Numbers of cases by level and verdict."""
-        return {
-            level: Counter(one.verdict for one in self.verdicts if one.level == level)
-            for level in self.levels
-        }
+        """Numbers of cases by level and verdict, and of those that were not run."""
+        found = {}
+        for level in self.levels:
+            found[level] = Counter(one.verdict for one in self.verdicts if one.level == level)
+            found[level]["not run"] = len(chosen((level,))) - found[level].total()
+        return found
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        passed = [level for level, told in self.levels.items() if told == "pass"]
         failed = [level for level, told in self.levels.items() if told == "fail"]
+        passed = [
+            f"{level} ({self.counts[level]['pass']} of {self.counts[level].total()} cases)"
+            if level in self.partly
+            else level
+            for level, told in self.levels.items()
+            if told == "pass"
+        ]
         parts = [f"passes {', '.join(passed)}"] if passed else []
         parts += [f"fails {', '.join(failed)}"] if failed else []
         return f"{self.renderer} {' and '.join(parts) or 'claims none of these cases'} of suite {SUITE}."
 
     @property
     def partly(self) -> set[str]:
-        """Levels that are passed without some of their cases, which the renderer does not claim."""
-        return {level for level, told in self.counts.items() if told["unsupported"] and told["pass"]}
+        """Levels that are passed without some of their cases, which are not claimed or were not run."""
+        return {level for level, told in self.counts.items() if 0 < told["pass"] < told.total()}
 
     def summary(self) -> dict[str, Any]:
         """Return statement.json."""
@@ -85,6 +92,7 @@ class Statement:
             "device": self.device,
             "device_model": self.device_model,
             "levels": self.levels,
+            "counts": self.counts,
             "cases": cases,
         }
 
@@ -102,7 +110,7 @@ class Statement:
         """Return the verdict as lines: a line for each level, and one for each case that fails."""
         lines = [self.sentence]
         for level, told in self.levels.items():
-            counts = ", ".join(f"{count} {name}" for name, count in sorted(self.counts[level].items()))
+            counts = ", ".join(f"{n} {name}" for name, n in sorted(self.counts[level].items()) if n)
             lines.append(f"{level}  {told:<11}  {counts:<32}  {LEVELS[level]}")
         failed = [one for one in self.verdicts if one.verdict == "fail"]
         lines += [f"  {one.name}: {one.cause}: {one.told}" for one in failed[:MAX_LISTED]]
@@ -128,7 +136,7 @@ def junit_cases(verdicts: Sequence[Verdict]) -> list[JUnitCase]:
     cases = []
     for one in verdicts:
         told = one.cause or "not claimed"
-        failure = f"{told}: {'; '.join(one.words)}" if one.verdict == "fail" else None
+        failure = f"{told}: {one.told}" if one.verdict == "fail" else None
         skipped = told if one.verdict == "unsupported" else None
         case = JUnitCase(one.level, one.name, None, failure, one.pixels.words, skipped)
         cases.append(case)
