@@ -12,20 +12,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from tests.conformance.table import WRONG, tally, tried
 from xfrustum import InputError, open_scene
 from xfrustum.cli.main import main
-from xfrustum.compare.judging.conformance import agrees, judged, trace
+from xfrustum.compare.judging.conformance import Pixels, agrees, judged, trace
+from xfrustum.compare.judging.judged import wrong_pixels
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference import Reference
 from xfrustum.reports.blocks import Engine
 from xfrustum.reports.conformance.cases import Archive, export, open_archive, traced, write_case
 from xfrustum.reports.conformance.run import Contestant, Trial, Verdict, agreed, run, write_hogel
-from xfrustum.reports.conformance.statement import FILES, Statement, write_statement
-from xfrustum.scenes.conformance.suite import LEVELS, Case, cases, chosen
+from xfrustum.reports.conformance.statement import FILES, Statement, junit_cases, write_statement
+from xfrustum.scenes.appearance.appearance import Appearance, Material
+from xfrustum.scenes.conformance.suite import LEVELS, SUITE, Case, cases, chosen
+from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
 from xfrustum.scenes.model.device_model import LLVMPIPE
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 RIGHT = Contestant(python="tests.conformance.renderers:draw")
@@ -43,6 +49,11 @@ def truth_of(name: str) -> tuple[Case, Any, HogelImage]:
     case = of(name)
     scene = case.open()
     return case, scene, trace(case, Reference(scene), case.apertures(scene)[0])
+
+
+def traced_anew(case: Case, scene: Scene) -> list[HogelImage]:
+    """Return truths of a case that was never frozen."""
+    return [trace(case, Reference(scene), aperture) for aperture in case.apertures(scene)]
 
 
 def test_the_suite_has_some_120_cases_in_all_levels() -> None:
@@ -153,6 +164,35 @@ def test_any_surface_of_a_tie_is_accepted_and_no_other_one() -> None:
     assert not judged(case, scene, truth, replace(truth, triangle=third))[0].within(case)
 
 
+def test_radiance_above_one_counts_as_one_where_an_image_stores_integers() -> None:
+    case, scene, _ = truth_of("L0-colors")
+    glow = Appearance(materials={"glow": Material(ambient=(3.0, 3.0, 3.0), diffuse=(0.0,) * 3)}, lights=())
+    objects = tuple(replace(one, material="glow") for one in scene.objects)
+    scene = replace(scene, objects=objects, appearance=glow)
+    (truth, *_), reference = traced_anew(case, scene), Reference(scene)
+    covered = np.repeat(truth.covered[..., None], 3, axis=-1)
+    assert np.array_equal(truth.color, np.where(covered, 3, 0))
+
+    def wrong(image: HogelImage) -> list[int]:
+        """Return what the suite and `verify` count."""
+        return [
+            judged(case, scene, truth, image)[0].wrong,
+            int(wrong_pixels(reference, DrawnModel(), image)[0].sum()),
+        ]
+
+    def stored(level: int) -> HogelImage:
+        pixels = StoredPixels(rgb=np.where(covered, level, 0).astype(np.uint8))
+        return of_stored(pixels, truth.camera, Encoding.RGB)
+
+    white = stored(255)
+    names = ("camera", "triangle", "object", "position", "color")
+    floats = HogelImage(**{name: getattr(white, name) for name in names})
+    everything = [int(truth.covered.sum())] * 2
+    assert wrong(white) == wrong(stored(253)) == [0, 0]
+    assert wrong(stored(252)) == everything
+    assert wrong(floats) == everything
+
+
 @pytest.mark.slow
 def test_pictures_of_objects_lie_beside_a_truth_in_objects(tmp_path: Path) -> None:
     case = of("L0-objects")
@@ -170,7 +210,9 @@ def test_pictures_of_objects_lie_beside_a_truth_in_objects(tmp_path: Path) -> No
     assert np.array_equal((shown[0] != shown[1]).any(axis=-1), truth.object + 1 != numbers)
 
 
-@pytest.mark.parametrize("name", ["L0-placed", "L1-harbor-middle", "L4-smooth", "L4-texture-behind"])
+@pytest.mark.parametrize(
+    "name", ["L0-placed", "L1-harbor-middle", "L4-smooth", "L4-texture-behind", "L4-band-limiting"]
+)
 def test_the_handed_mesh_is_the_scene(name: str, tmp_path: Path) -> None:
     case, scene, _ = truth_of(name)
     write_case(case, scene, tmp_path)
@@ -186,6 +228,21 @@ def test_the_handed_mesh_is_the_scene(name: str, tmp_path: Path) -> None:
         (mesh,) = read.objects
         assert np.allclose(mesh.vertex_normals[mesh.faces], np.concatenate(normals))
     assert (tmp_path / "scene.glb").read_bytes()[:4] == b"glTF"
+    if scene.surface.vertex_colors is not None:
+        described = json.loads((tmp_path / "case.json").read_text())
+        assert all(one["colored"] for one in described["objects"])
+        assert np.array_equal(np.load(tmp_path / "scene.npz")["vertex_colors"], scene.surface.vertex_colors)
+        assert np.allclose(read.surface.vertex_colors[read.faces], scene.surface.vertex_colors[scene.faces])
+        for number, part in enumerate(scene.objects):
+            mesh = trimesh.load_scene(tmp_path / "scene.glb").geometry[f"object_{number}"]
+            assert np.array_equal(mesh.visual.vertex_colors[:, :3], 255 * part.vertex_colors)
+
+
+def test_band_limiting_is_drawn_from_what_is_handed_over() -> None:
+    case = replace(of("L4-band-limiting"), resolution=(16, 16))
+    contestant = Contestant(python="tests.conformance.renderers:bars")
+    trial = Trial(contestant=contestant, truths=traced_anew, pictures=False)
+    assert trial.verdict(case).verdict == "pass"
 
 
 def test_an_archive_gives_the_same_statement_and_nothing_is_traced(
@@ -211,8 +268,13 @@ def test_images_of_a_folder_are_judged_and_missing_ones_are_named(tmp_path: Path
     (tmp_path / "L0-order").mkdir()
     write_hogel(case, tmp_path / "L0-order", (0, 0), truth.triangle + 1)
     found = run((case, absent, of("L0-order")), Trial(contestant=Contestant(images=str(tmp_path))))
-    assert [one.verdict for one in found] == ["pass", "unsupported", "fail"]
-    assert found[2].cause == "missing"
+    assert [one.verdict for one in found] == ["pass", "fail", "fail"]
+    assert [one.cause for one in found[1:]] == ["missing", "missing"]
+    assert main(["conformance", "judge", str(tmp_path), "--case", absent.name, "--quiet"]) == 1
+    (tmp_path / absent.name).mkdir()
+    (tmp_path / absent.name / "unsupported").write_text("no sky")
+    (told,) = run((absent,), Trial(contestant=Contestant(images=str(tmp_path))))
+    assert (told.verdict, told.cause) == ("unsupported", "no sky")
 
 
 PROGRAM = """
@@ -256,6 +318,19 @@ def test_a_command_is_run_once_for_each_case_and_a_stopped_run_goes_on(
     assert json.loads(out)["cases"] == statement["cases"]
     assert "2 of 3 cases were judged before" in err
     assert Path("calls").read_text().split() == ["L0-behind"]
+
+
+def test_a_program_that_is_not_there_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for program in ("no-such-renderer", "./no-such-renderer"):
+        command = f"{program} {{case}} {{out}}"
+        assert main(["conformance", "run", "--command", command, "--out", "said"]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert f"{program} is no program" in err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
@@ -334,6 +409,24 @@ def test_unknown_cases_and_modules_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.zip").write_bytes(b"no archive")
     with pytest.raises(InputError, match="no archive"):
         open_archive(tmp_path / "a.zip")
+
+
+def test_a_level_of_which_cases_were_not_run_has_a_star() -> None:
+    passed = [Verdict(name=case.name, level="L4", verdict="pass") for case in chosen(("L4",))]
+    some = Statement(renderer="r", device="d", device_model="m", verdicts=tuple(passed[:1]))
+    assert some.sentence == f"r passes L4 (1 of {len(passed)} cases) of suite {SUITE}."
+    assert some.badge()["message"] == "L4*"
+    assert some.summary()["counts"]["L4"]["not run"] == len(passed) - 1
+    whole = replace(some, verdicts=tuple(passed))
+    assert whole.sentence == f"r passes L4 of suite {SUITE}."
+    assert whole.badge()["message"] == "L4"
+
+
+def test_junit_says_how_many_pixels_an_unexplained_failure_has() -> None:
+    pixels = Pixels(shown=200, wrong=30, edge=10, unexplained=20)
+    one = Verdict(name="a", level="L1", verdict="fail", cause="unexplained", pixels=pixels)
+    told = "unexplained: 30 of 200 pixels wrong (10 edge, 20 unexplained)"
+    assert [case.failure for case in junit_cases([one])] == [told]
 
 
 def test_a_page_names_what_fails(tmp_path: Path) -> None:
