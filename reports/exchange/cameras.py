@@ -64,8 +64,9 @@ def write_cameras(
                 "Blender's camera is the crossed frustum itself: leave out --near and its options"
             )
         files, script = write_blender(scene, out, apertures), out / "render.py"
-        next_step = f"run it: python {script} --out HOGELS (with bpy), or in Blender: "
-        next_step += f"blender -b -P {script} -- --out HOGELS"
+        blend, given = ("", "") if scene.objects else ("SCENE.blend ", "--blend SCENE.blend ")
+        next_step = f"run it: python {script} {given}--out HOGELS (with bpy), or in Blender: "
+        next_step += f"blender -b {blend}-P {script} -- --out HOGELS"
         return CameraFiles(renderer=chosen, files=files, next_step=next_step)
     if settings is None:
         raise InputError("C and C* need --near, the distance by which they step back from the plate")
