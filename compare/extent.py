@@ -129,9 +129,12 @@ def box(part: SceneObject) -> tuple[Point, Point]:
 
 
 def in_plate(part: SceneObject) -> int:
-    """Return how many triangles of an object lie in the plate, within `PLATE_ROUNDING`."""
+    """Return how many triangles of an object lie in the plate and have an area, within `PLATE_ROUNDING`."""
     allowed = PLATE_ROUNDING * float(np.abs(part.vertices).max(initial=0.0))
-    return int(np.count_nonzero((np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)))
+    flat = part.faces[(np.abs(part.vertices[:, 2]) <= allowed)[part.faces].all(axis=1)]
+    # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
+    corners = part.vertices[flat] * (PLATE_ROUNDING / allowed if allowed else 1.0)
+    return int(np.count_nonzero(_areas(corners) > PLATE_ROUNDING * np.ptp(corners, axis=1).max(axis=1)))
 
 
 def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:

@@ -303,7 +303,9 @@ def _looks(part: SceneObject) -> dict[str, str]:
     }
     normals = f"{who[part.normals_made]}, at {of(usable, len(part.vertices), 'vertices')}"
 
-    colors = "none: its material's"
+    colors = "none: that of its material in the scene file"
+    if part.name.lower().endswith(".obj"):
+        colors += "; materials of OBJ files have none that is read, but for textures"
     if part.vertex_colors is not None:
         different = bool((part.vertex_colors != part.vertex_colors[0]).any())
         colors = f"of the mesh, {'one per vertex' if different else 'the same at all vertices'}"

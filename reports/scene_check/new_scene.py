@@ -67,7 +67,7 @@ class NewSceneOptions:
     #: Name of the length unit: by default `m` for glTF, whose unit is the meter, and else `units`, for no
     #: other mesh file says which one it has.
     units: str | None = None
-    size: float | None = None  #: of the longest side, scene units; by default its own, or to fit `plate`
+    size: Length | None = None  #: of the longest side; by default its own, or to fit `plate`
     place: Place | str | None = None
     plate: tuple[Length, Length] | None = None  #: width and height
     pitch: Length | None = None  #: largest distance between apertures
@@ -160,8 +160,7 @@ def new_scene(
         pitch=own("pitch", asked.pitch),
         viewer=own("viewer", asked.viewer),
     )
-    asked = replace(asked, units=named, size=own("size", asked.size))
-    written = _fitted(mesh, out, asked, display)
+    written = _fitted(mesh, out, replace(asked, units=named), display, own("size", asked.size))
     relative = Path(os.path.relpath(mesh.absolute(), out.absolute().parent)).as_posix()
     values = {
         "new": written,
@@ -223,7 +222,7 @@ class _Display:
         return f"from nearer than {within} {units} hogels of {own} {units} are seen as cells; give {cure}"
 
 
-def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display) -> NewScene:
+def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display, size: float | None) -> NewScene:
     """Choose everything from the box about a mesh."""
     part = load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
     turn = Up(asked.up).rotate_deg
@@ -234,8 +233,8 @@ def _fitted(mesh: Path, out: Path, asked: NewSceneOptions, display: _Display) ->
     if not max(own) > 0:
         raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
     scale = 1.0
-    if asked.size is not None:
-        scale = float(f"{asked.size / max(own):.6g}")
+    if size is not None:
+        scale = float(f"{size / max(own):.6g}")
     elif display.plate:
         fits = min(side / (ROOM * mine) for side, mine in zip(display.plate, own, strict=False) if mine > 0)
         scale = float(f"{fits:.6g}")

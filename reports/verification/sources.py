@@ -110,8 +110,9 @@ class Files(Source):
         named = fields_of(self.pattern, ("i", "j"), "SOURCE")
         hogels = zip("ij", self.reference.scene.plate.hogels, strict=True)
         if missing := [axis for axis, count in hogels if count > 1 and axis not in named]:
+            what = f"has no {{{missing[0]}}}" if named or Path(self.pattern).exists() else "does not exist"
             raise InputError(
-                f"SOURCE {self.pattern!r} has no {{{missing[0]}}}: every hogel needs a file, such as "
+                f"SOURCE {self.pattern!r} {what}: give a folder, or files of every hogel, such as "
                 "'DIR/hogel_{i}x{j}.png', {i} the column and {j} the row"
             )
 

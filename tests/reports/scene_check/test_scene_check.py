@@ -273,7 +273,7 @@ def test_normals_of_a_flipped_mesh_lie_on_the_side_of_its_new_winding(side: floa
 
 # Surfaces in the plate -----------------------------------------------------------------------------------
 
-TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\n"
+TILED = "v -20 -20 0\nv 20 -20 0\nv 20 20 0\nv -20 20 0\nf 1 2 3\nf 1 3 4\nf 1 2 2\n"
 
 
 @pytest.mark.parametrize("off", ["0", "1e-7", "-1e-15"])
@@ -289,10 +289,10 @@ def test_a_flat_mesh_is_placed_behind_the_plate_and_new_says_so(
     assert box(open_scene("flat.toml").objects[0])[1][2] < -10
     assert main(["check", "flat.toml"]) == 0
     assert "in the plate" not in capsys.readouterr().err
-    assert main(["new", "flat.obj", "--size", "60", "--through", "--force"]) == 0
+    assert main(["new", "flat.obj", "--units", "mm", "--size", "6cm", "--through", "--force"]) == 0
     assert "2 triangles lie in the plate" in capsys.readouterr().err
     assert main(["check", "flat.toml"]) == 0
-    assert "2 of its 2 triangles lie in the plate" in capsys.readouterr().err
+    assert "2 of its 3 triangles lie in the plate" in capsys.readouterr().err
 
 
 def test_what_passes_through_the_plate_or_lies_near_it_raises_no_warning(tmp_path: Path) -> None:

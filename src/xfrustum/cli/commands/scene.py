@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.cli import options
-from xfrustum.cli.options import FOLDER, LENGTH, POSITIVE, SIZE, TEXT, flag, one_of, option, several
+from xfrustum.cli.options import FOLDER, LENGTH, SIZE, TEXT, flag, one_of, option, several
 from xfrustum.terminal import say
 
 
@@ -37,7 +37,7 @@ class _New(options.Printed):
     mesh: Path = options.argument(type=FOLDER)
     out = option(FOLDER, "Scene file.  [default: NAME.toml in this folder]")
     units = option(TEXT, "Name of the length unit.  [default: m for glTF, else units]")
-    size = option(POSITIVE, "Length of the mesh's longest side.  [default: its own, or to fit --plate]")
+    size = option(LENGTH, "Longest side of the mesh, such as 80mm.  [default: its own, or to fit --plate]")
     display = several(
         plate=option(SIZE, "Width and height of the plate, such as 600,400mm.  [default: to fit the mesh]"),
         pitch=option(LENGTH, "Largest distance between apertures, such as 0.5mm.  [default: --viewer's]"),
