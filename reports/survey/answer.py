@@ -30,6 +30,7 @@ class Share:
 
     judged: int
     beyond: int
+    empty: int  #: judged, not beyond, and show nothing
     share_beyond_at_most: float | None
     worst: rows.WorstHogel | None
 
@@ -107,6 +108,7 @@ class Survey(Shown):
             Share(
                 judged=tally.judged,
                 beyond=tally.beyond,
+                empty=tally.empty,
                 share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
                 worst=tally.worst[0] if tally.worst else None,
             )
@@ -160,6 +162,9 @@ class Survey(Shown):
                 f"at most {share.bound_words} of the {extent.hogels:,} hogels are {self.judged_by} "
                 f"({percent(self.confidence)}; {share.beyond:,} of {extent.judged:,} sampled){with_what}"
             )
+        if share.empty:
+            said += f"; {share.empty:,} of the {share.judged:,} judged show nothing, and of the "
+            said += f"{share.judged - share.empty:,} others {share.beyond:,} are beyond"
         return f"{said}; worst: {share.worst_words}." if share.worst else f"{said}."
 
     def summary(self) -> dict[str, Any]:
@@ -168,6 +173,7 @@ class Survey(Shown):
             "scene": self.scene.name,
             "hash": self.scene.content_hash,
             "hogels": self.extent.hogels,
+            "resolution": self.scene.frustum.resolution,
             **self.shares[self.best][1].record,
             "confidence": self.confidence,
             "tolerance_px": self.tolerance_px,
@@ -186,8 +192,9 @@ class Survey(Shown):
         lines = [self.sentence]
         for one, share in self.shares if len(self.settings) > 1 else []:
             assert one is not None
-            bound = "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
-            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{bound}")
+            more = f" ({share.empty:,} show nothing)" if share.empty else ""
+            more += "" if share.share_beyond_at_most is None else f", at most {share.bound_words}"
+            lines.append(f"near {digits(one.near)}: {share.beyond:,} of {share.judged:,} beyond{more}")
         return "\n".join(lines)
 
     def _said(self) -> str:
@@ -198,7 +205,8 @@ class Survey(Shown):
         if found is None or not np.isfinite(found).any():
             return ()
         largest = digits(float(np.nanmax(found)))
-        caption = f"99th percentile of displacement over the plate, up to {largest} px; black: not judged"
+        caption = f"99th percentile of displacement over the plate, up to {largest} px; black: not judged, "
+        caption += "or shows nothing"
         return (Figure(caption=caption, content=png(map_of(found))),)
 
 
@@ -266,8 +274,9 @@ def map_figures(found: Survey) -> list[Plot]:
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {found.scene.units}" if name == "height_rms" else "")
-            figure = plate_map(found.scene.plate, values, words, logarithmic=name == rows.P99)
-            if name == rows.P99:
+            moved = name == rows.P99
+            figure = plate_map(found.scene.plate, values, words, known=tally.looked, logarithmic=moved)
+            if moved:
                 worst = [(one.aperture, "one of the worst") for one in tally.worst[:MARKED_HOGELS]]
                 mark(figure, found.scene.plate, worst, labels=1)
             figures.append(figure)

@@ -199,7 +199,8 @@ class Tally:
 
     def __init__(self, hogels: tuple[int, int]) -> None:
         self._hogels = hogels
-        self.judged = self.beyond = 0
+        self.judged = self.beyond = self.empty = 0
+        self.looked = np.zeros((1, 1), dtype=bool)  #: cells of maps in which a hogel was judged
         self.worst: list[WorstHogel] = []  #: the worst first
         #: By column: (rows, columns) of cells, the largest value in each; NaN where there is none
         self.maps: dict[str, Floats] = {}
@@ -213,6 +214,9 @@ class Tally:
         beyond, moved, surface = (_numbers(rows, name) for name in ("beyond", P99, SURFACE))
         self.judged += len(columns)
         self.beyond += int((beyond > 0).sum())
+        # Of our drawings the truth's surfaces are counted, of images their own too.
+        shown = np.fmin(_numbers(rows, "covered"), _numbers(rows, "shown"))
+        self.empty += int(((shown == 0) & (beyond == 0)).sum())
         surface = np.where(np.isfinite(surface), surface, _numbers(rows, FRACTION))
         found = [
             WorstHogel(
@@ -232,6 +236,7 @@ class Tally:
             key=lambda h: (not h.beyond, -h.badness, -(h.surface_fraction or 0.0), h.aperture[::-1]),
         )[:WORST_HOGELS]
         places = np.stack((columns, lines), axis=-1)
+        self.looked = self.looked | plate_cells(self._hogels, places, beyond)[1]
         for name in rows.column_names:
             cause = name.startswith("cause_") and name.endswith("_surface") and "predicted" not in name
             if cause or name in MAP_COLUMNS:

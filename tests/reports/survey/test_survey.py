@@ -33,8 +33,11 @@ from xfrustum.compare.sampling import risk_of_claim, share_beyond
 from xfrustum.reports.blocks import Engine, device_index
 from xfrustum.reports.exchange.convert import LaidOutPlate
 from xfrustum.reports.parts import Parts
+from xfrustum.reports.scout import plate_map
+from xfrustum.reports.survey import rows
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.reports.verification.verdict import Verification
+from xfrustum.scenes import Plate
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
 NEAR = 0.8
@@ -92,6 +95,8 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
     beyond = displaced | (np.array(rows["surface_fraction"].to_pylist(), dtype=float) > 0.01)
     assert (said["hogels"], said["judged"], said["beyond"]) == (20, 20, int(beyond.sum()))
     assert 0 < said["beyond"] < 20
+    covered = np.array(rows["covered"].to_pylist())
+    assert said["empty"] == int(((covered == 0) & ~beyond).sum())
     assert (said["share_beyond_at_most"], said["confidence"]) == (said["beyond"] / 20, 1.0)
     worst = int(np.nanargmax(np.array(rows["displacement_px_p99"].to_pylist(), dtype=float)))
     assert said["worst"]["aperture"] == [rows["column"][worst].as_py(), rows["row"][worst].as_py()]
@@ -125,6 +130,16 @@ def test_displacement_by_depth_adds_up_and_the_page_has_maps(whole: Path) -> Non
     said = json.loads((whole / "survey.json").read_text())
     assert said["sentence"][1:] in page
     assert 'id="map-0"' in page and 'id="distribution"' in page and 'id="depth"' in page
+
+
+def test_a_map_is_blank_where_the_nearest_judged_hogel_shows_nothing() -> None:
+    tally, places = rows.Tally((10, 1)), {"column": [1, 8], "row": [0, 0]}
+    numbers = {"beyond": [True, False], "covered": [9, 0], rows.P99: [2.0, None], rows.SURFACE: [0.0, 0.0]}
+    tally.add(pa.table(places | numbers))
+    assert (tally.judged, tally.beyond, tally.empty) == (2, 1, 1)
+    plate = Plate(size=(10.0, 1.0), hogels=(10, 1))
+    shown = plate_map(plate, tally.maps[rows.P99], "", known=tally.looked)["data"][0]["z"]
+    assert np.isfinite(shown).tolist() == [[True] * 5 + [False] * 5]
 
 
 def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(

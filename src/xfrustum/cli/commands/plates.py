@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from operator import truediv
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -162,7 +163,7 @@ class _Survey(options.Measured):
     tolerance_px = options.tolerance_option
     seed = options.seed_option
     tracer = options.tracer_option
-    resolution = option(options.RESOLUTION, "Pixels of each hogel.  [default: the scene's]")
+    resolution = option(options.RESOLUTION, "Pixels of a hogel, which a tolerance is in.  [default: scene's]")
     images = option(
         options.TEXT, "Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'."
     )
@@ -217,7 +218,12 @@ def survey(asked: _Survey) -> int:
     from xfrustum.reports.survey.answer import PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
-    if asked.resolution is not None:
+    if asked.resolution is not None and asked.resolution != (own := opened.frustum.resolution):
+        given, coarser = asked.resolution, max(map(truediv, own, asked.resolution))
+        options.note(
+            f"hogels have {given[0]} x {given[1]} pixels in place of the scene's {own[0]} x {own[1]}: "
+            f"{asked.tolerance_px:g} px of these are {asked.tolerance_px * coarser:.3g} px of the scene's"
+        )
         opened = replace(opened, frustum=replace(opened.frustum, resolution=asked.resolution))
     how: dict[str, Any] = {"tolerance_px": asked.tolerance_px, "tracer": asked.tracer}
     how |= {"told": options.note, "progress": asked.progress}
