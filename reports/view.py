@@ -472,16 +472,17 @@ def _sentences(found: SceneView) -> list[str]:
         told += _color_sentence(lost)
     if found.renderer and any(eye.display.displacement_arcmin for eye in eyes):
         moves = [[one.displacement_arcmin for one in eye.losses.values()] for eye in eyes]
-        pairs = [(a.p99, b.p99) for a, b in moves if a is not None and b is not None]
-        above = sum(b >= a for a, b in pairs)
+        pairs = [(a, b) for a, b in moves if a is not None and b is not None]
+        above, above_half = (sum(getattr(b, p) >= getattr(a, p) for a, b in pairs) for p in ("p99", "p50"))
         if not pairs:
             unknown = "How far the renderer moves things is not known"
             told.append(f"{unknown}: its hogels do not say where their points lie.")
-        elif not above:
+        elif not above and not above_half:
             told.append("At every eye the renderer moves things by less than the display itself does.")
         else:
             more = "the renderer moves things by more than the display does"
-            told.append(f"At {above} of {len(pairs)} eyes {more}.")
+            half = "" if above == above_half else f", by p99, and at {above_half} by the median"
+            told.append(f"At {above} of {len(pairs)} eyes {more}{half}.")
     if found.gap is not None:
         told.append(
             f"By the theorem of docs/method.md, its near offset opens a gap of {digits(2 * found.gap)} "

@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from PIL import Image
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.view import eyes_on_path
+from xfrustum.reports.view import _sentences, eyes_on_path
 from xfrustum.scenes import DoubleFrustum, InputError, open_scene
 from xfrustum.scenes.files.exr import write_image
 from xfrustum.scenes.model.eye import Eye
@@ -204,3 +205,25 @@ def test_a_plate_of_another_scene_or_with_holes_is_refused(
     for scene, said in ((folder / "two.toml", "40 of 48 hogels"), (other, "another scene")):
         assert main(["view", str(scene), EYE, "--plate", str(stored), "--quiet"]) == 2
         assert said in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("p50", "said"),
+    [
+        (0.05, "At every eye the renderer moves things by less than the display itself does."),
+        (0.137, "At 0 of 1 eyes the renderer moves things by more than the display does, by p99, and at 1"),
+    ],
+)
+def test_the_renderer_is_said_to_lose_less_only_where_median_and_99th_percentile_agree(
+    p50: float, said: str
+) -> None:
+    def lost(p50: float, p99: float) -> SimpleNamespace:
+        moved = SimpleNamespace(p50=p50, p99=p99)
+        return SimpleNamespace(fraction=0.0, displacement_arcmin=moved, flip=None, color_fraction=None)
+
+    losses = {"display": lost(0.0801, 1.5), "renderer": lost(p50, 0.3)}
+    eye = SimpleNamespace(eye=(0.0, 0.0, 600.0), losses=losses, display=losses["display"])
+    record = SimpleNamespace(eyes=[eye], units="mm", stereo=[])
+    scene = SimpleNamespace(vertices=np.zeros((1, 3)))
+    found: Any = SimpleNamespace(record=record, renderer=(eye,), gap=None, scene=scene)
+    assert any(one.startswith(said) for one in _sentences(found))
