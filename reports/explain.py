@@ -249,6 +249,7 @@ class EffectsPlan(Shown):
             "plan": self,
             "told": told,
             "depths": self.depths,
+            "default_near": self.settings.near == default_near(self.scene),
             "units": units,
             "effects": aligned(effects, str.ljust),
             "by_depth": aligned(by_depth, str.ljust),
@@ -275,7 +276,7 @@ def explain(
     objects, or there is no usable OpenGL.
     """
     aperture = aperture or scene.plate.middle
-    settings = settings or DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)
+    settings = settings or DoubleFrustum(near=default_near(scene))
     settings.check_against(scene.frustum)
     if whole(repeat) < 0:
         raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
@@ -317,6 +318,11 @@ def explain(
             costs[name] = _costs(plan, name, effects)
             bar.update()
     return replace(plan, costs=costs)
+
+
+def default_near(scene: Scene) -> float:
+    """Return the near offset where none is asked for."""
+    return DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach
 
 
 def depths(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> dict[str, Any]:
