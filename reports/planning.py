@@ -183,11 +183,12 @@ def _answer(
     ]
     pixels = "" if math.isinf(requirement.tolerance_px) else f"{requirement.tolerance_px:g} px or "
     limits = f"{pixels}{percent(MAX_WRONG)} wrong surfaces"
+    empty = f", {known.empty} of which show nothing," if known.empty else ""
     if known.confidence == 1:
         sentences.append(f"{percent(share)} of all hogels are beyond {limits}.")
     else:
         sentences.append(
-            f"{known.beyond} of {known.sampled} drawn at random are beyond {limits}: at most "
+            f"{known.beyond} of {known.sampled} drawn at random{empty} are beyond {limits}: at most "
             f"{percent(share)} of all ({percent(known.confidence)})."
         )
     return filled(" ".join(sentences))

@@ -28,7 +28,7 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.scout import MARK, plate_cells, plate_map
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.notebook import aligned, digits, percent
+from xfrustum.scenes.notebook import aligned, digits, percent, sides
 
 FILES = PAGE, DATA = "index.html", "recommend.json"
 
@@ -37,6 +37,9 @@ PIXELS, EYE, DEPTH, NOTHING = "pixels", "eye", "depth buffer", "none"
 
 LIMIT_WORDS = {STEREO: "change of depth", CRACK: "crack at the plate"}
 """What a viewer may notice of near, in words."""
+
+CONFIRMED_HOGELS = 20_000
+"""Pixels of both eyes' films that confirm an answer, each of another hogel: a minute of two cores or less."""
 
 MAX_COMPARED = 5  #: largest number of depth buffers to choose from that are all compared
 
@@ -135,6 +138,8 @@ class Recommendation:
         if known.confidence < 1:
             share, certain = percent(known.share_beyond_at_most), percent(known.confidence)
             held += f", so that at most {share} of all {known.hogels:,} are ({certain} confidence)"
+        if known.empty:
+            held += f"; {known.empty} of the {known.sampled} drawn at random show nothing"
         return [first, f"{held}."]
 
     def _what_binds(self) -> list[str]:
@@ -151,6 +156,8 @@ class Recommendation:
             largest = None if found is None else found.largest_near
             allowed = "any near" if largest is None else f"near up to {digits(largest)} {units}"
             said[EYE] = f"eyes at {distance:g} {units} allow {allowed}"
+            if found is not None:
+                said[EYE] += f" ({LIMIT_WORDS[found.name]})"
         assert self.buffer is not None
         said[DEPTH] = self.buffer.words(units)
         first = said.pop(self.binds, None)
@@ -159,6 +166,7 @@ class Recommendation:
             first = f"in one pair {first}"
         elif first is not None:
             first += ", and near is smaller for a margin"
+            first += ": the noise of a replay" if self.binds == EYE else ""
         bound = [] if first is None else [f"What binds: {first}."]
         return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
 
@@ -191,8 +199,30 @@ class Recommendation:
             viewer, display = self.eyes.requirement.viewer, self.eyes.requirement.display
             apart = viewer.eyes_apart_mm / (display.millimeters or 1)
             seen = ["--eye", f"0,0,{viewer.distance:g}", "--stereo", f"{apart:g}"]
-            verb, words = "view", [*seen, *settings_words(settings), "--out", "seen"]
+            verb, words = "view", [*seen, *settings_words(settings), *self._film(), "--out", "seen"]
         return plate_command(self.scene, settings), scene_command(verb, self.scene, *words)
+
+    def _film(self) -> list[str]:
+        """Return the option of a film that a minute draws; of a plate with fewer hogels, nothing."""
+        if math.prod(self.scene.plate.hogels) <= CONFIRMED_HOGELS:
+            return []
+        width, height = self.scene.plate.size
+        columns = math.sqrt(CONFIRMED_HOGELS / 2 * width / height)
+        return ["--resolution", f"{round(columns)},{max(1, round(columns * height / width))}"]
+
+    @property
+    def plate_bytes(self) -> int:
+        """Bytes of the colors that `plate` draws by default, before they are compressed."""
+        pixels = math.prod((*self.scene.plate.hogels, *self.scene.frustum.resolution))
+        return pixels * 3 * np.dtype(np.float16).itemsize
+
+    @property
+    def size_words(self) -> str:
+        """How much the first command draws."""
+        hogels, film = math.prod(self.scene.plate.hogels), sides(self.scene.frustum.resolution)
+        unit, name = (1e9, "GB") if self.plate_bytes >= 1e9 else (1e6, "MB")
+        size = f"{digits(self.plate_bytes / unit)} {name} before compression"
+        return f"The whole plate is {hogels:,} hogels of {film} pixels, {size}:"
 
     def summary(self) -> dict[str, Any]:
         """Return what `recommend --json` prints."""
@@ -214,6 +244,7 @@ class Recommendation:
             },
             "plate": chosen.plate and chosen.plate.summary(),
             "command": draw,
+            "plate_bytes": self.plate_bytes,
             "confirm": confirm,
             "hogels": {f"{share:g}": float(np.quantile(known, share)) for share in QUANTILES if known.size},
             "buffers": self.buffers,
@@ -288,7 +319,8 @@ def table(found: Recommendation) -> str:
     """Return the answer as text: the paragraph, what each judge allows, and the commands."""
     head = ("", f"near from, {found.scene.units}", f"up to, {found.scene.units}", "")
     rows = aligned([head, *(one.cells for one in _allowed(found))])
-    return "\n".join([planning.filled(found.paragraph), "", rows, "", *found.commands])
+    size = [found.size_words] if found.commands else []
+    return "\n".join([planning.filled(found.paragraph), "", rows, "", *size, *found.commands])
 
 
 class Allowed(NamedTuple):

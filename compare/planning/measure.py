@@ -44,6 +44,7 @@ class HogelResult(Errors):
     """How well a plan does at one hogel, measured."""
 
     aperture: Aperture
+    covered: int  #: pixels where the truth shows a surface
 
 
 def hogel_results(
@@ -66,6 +67,7 @@ def hogel_results(
             assert wrong is not None and with_exact is not None, "the reference has the scene at hand"
             yield HogelResult(
                 aperture=some[settings].aperture,
+                covered=found.covered,
                 displacement_p99_px=displacement_p99(found),
                 surface_fraction=float(wrong.sum() / judged),
                 depth_wrong=float((wrong & ~with_exact).sum() / judged),

@@ -81,7 +81,9 @@ class PlateResult:
     measured: int = 0  #: drawn and judged
     sampled: int = 0  #: in the last random sample
     beyond: int = 0  #: of the last sample, beyond the tolerance
-    worst: HogelResult | None = None  #: nearest to what is allowed, or farthest beyond; None without a plan
+    empty: int = 0  #: of the last sample, not beyond, and show nothing
+    #: Nearest to what is allowed, or farthest beyond, of equals with most wrong surfaces; None without a plan
+    worst: HogelResult | None = None
     hopeless: int  #: looked through, and at which no near at all would keep to the tolerance
     set_aside: int  #: others for which the plan was not made, since there is none for them and all others
     share_beyond_at_most: float = 1.0
@@ -324,13 +326,15 @@ class PlatePlanner:
         # The sample speaks for the hogels that nothing was known of.
         unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), EACH)
         drawable = [one for one in (*chosen, *sample) if one.aperture.index not in drawn_hopeless]
-        worst, quality = max(drawable, key=self.requirement.excess), replace(sheets, **worst_errors(drawable))
+        worst = max(drawable, key=lambda one: (self.requirement.excess(one), one.surface_fraction))
+        quality = replace(sheets, **worst_errors(drawable))
         plate = self._plate_result(
             self._hopeless | drawn_hopeless,
             aside,
             measured=len(chosen) + len(sample),
             sampled=len(sample),
             beyond=beyond,
+            empty=sum(not (one.covered or one.beyond(self.requirement.tolerance_px)) for one in sample),
             worst=worst,
             share_beyond_at_most=(chosen_beyond + len(self._hopeless) + unchosen * (hogels - known)) / hogels,
             confidence=1.0 if everything else CONFIDENCE,
@@ -462,6 +466,7 @@ def largest_share(
 def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -> str:
     """Say why a plan is the best there is; `best` has its near moved to where the margin is largest."""
     units, label, parts = views.scene.units, best.settings.depth_label, []
+    near = digits(best.settings.near)
     buffer = best.settings.depth, best.settings.mapping
     largest = next(one for one in found.holding if (one.settings.depth, one.settings.mapping) == buffer)
     if cuts := len(best.settings.slabs):
@@ -470,13 +475,14 @@ def _why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) 
     else:
         parts.append("One pair of frusta is enough.")
     parts.append(requirement.separation_reason(units))
-    parts.append(f"Near may be up to {largest.settings.near:g} {units}{_limit(largest, views, requirement)}.")
+    limit = _limit(largest, views, requirement)
+    parts.append(f"Near may be up to {digits(largest.settings.near)} {units}{limit}.")
     if best.settings.near != largest.settings.near:
         margin = 1 / best.excess if best.excess else math.inf
         times = f"{margin:.2g}" if margin < ENOUGH_MARGIN else f"at least {ENOUGH_MARGIN:g}"
         # The errors of depth grow as near falls, so that the margin is not the ratio of both nears.
         parts.append(
-            f"Near is {best.settings.near:g} {units}, a margin for what was not looked at: displacement and "
+            f"Near is {near} {units}, a margin for what was not looked at: displacement and "
             f"errors of depth are predicted to be {times} times smaller than what is allowed."
         )
     choices, equal = len(found.choices), len(found.holding)
@@ -549,7 +555,7 @@ def _shortfall(outcome: Outcome, views: Views, requirement: Requirement) -> str:
             f"{units}, and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
         )
     found = _amiss(predicted, requirement, sheets)
-    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts} would leave {found}"
+    return f"{settings.depth_label} with near {digits(settings.near)} {units}{cuts} would leave {found}"
 
 
 def _disproved(measured: Quality, requirement: Requirement) -> str:

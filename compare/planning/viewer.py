@@ -94,12 +94,11 @@ class EyeRequirement(Requirement):
         """Say what a viewer would notice of a larger near."""
         margin = self._margin(larger)
         for name, (there, allowed, hidden_by) in self.noticed(larger).items():
-            if there + margin.get(name, 0.0) > allowed:
-                noise = f", give or take {margin[name]:.3g} in a replay" if name in margin else ""
-                return (
-                    f"eyes at {self.viewer.distance:g} {units} see {there:.3g} {_MEASURES[name]}{noise}, "
-                    f"of which {_HIDING[hidden_by]} hides {allowed:.3g}"
-                )
+            noise = margin.get(name, 0.0)
+            if there + noise > allowed:
+                said = f"eyes at {self.viewer.distance:g} {units} see {there:.3g} {_MEASURES[name]}, "
+                said += "and with the noise of a replay, which is kept as a margin, " if noise else ""
+                return f"{said}more than the {allowed:.3g} that {_HIDING[hidden_by]} hides"
         return "depth would be worse off"
 
     def separation_reason(self, units: str) -> str:

@@ -236,6 +236,7 @@ def test_all_commands_say_the_same(p99: float, at_plate: int, wrong: int) -> Non
         displacement_p99_px=moved,
         surface_fraction=share,
         depth_wrong=0.0,
+        covered=JUDGED,
     )
     assert hogel.beyond(0.5) == Requirement().missed_by(hogel) == beyond
     if at_plate * 100 <= JUDGED:

@@ -113,6 +113,9 @@ def test_pixels_bind_without_a_viewer_and_eyes_with_one(both: Recommendation) ->
     assert pixels.binds == PIXELS and shlex.split(pixels.commands[1])[1] == "survey"
     eyes = replace(both, pixels_count=False)
     assert eyes.eyes is not None and eyes.binds == EYE and eyes.chosen is eyes.eyes.plan
+    # Of a plate of 400 x 300 hogels, eyes that confirm it are shown a part.
+    large = replace(both, scene=for_display(both.scene, 0.1)).commands[1]
+    assert "--resolution 115,87 " in large and "--resolution" not in both.commands[1]
     only_asked_for = "counts only with --tolerance-px"
     assert only_asked_for in eyes.paragraph and only_asked_for not in both.paragraph
     # The noise of the replay is kept as a margin.
@@ -168,6 +171,7 @@ def test_the_command_writes_a_page_and_what_it_prints(
     assert printed["near"][0] <= printed["near"][1] == printed["plans"]["eye"]["near"]
     assert printed["limits"]["depth"] <= printed["near"][0] and printed["near"][1] < printed["limits"]["eye"]
     assert printed["plate"] == printed["plans"]["eye"]["plate"] and "--near" in printed["command"]
+    assert printed["plate_bytes"] == 4 * 3 * 32 * 24 * 6
     quantiles = list(printed["hogels"].values())
     assert quantiles == sorted(quantiles)
     page = (out / "index.html").read_text()

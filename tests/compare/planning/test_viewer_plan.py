@@ -73,7 +73,7 @@ def test_a_plan_keeps_the_noise_of_its_replay_as_a_margin(scene_file: str) -> No
     acuity = wanted.viewer.stereo_acuity_arcsec
     assert bare.by_eyes(settings) <= 1 < wanted.by_eyes(settings)
     assert wanted.by_eyes(settings) - bare.by_eyes(settings) == pytest.approx(noise / acuity)
-    assert "give or take" in wanted.limit_of_near(settings, "mm")
+    assert "the noise of a replay" in wanted.limit_of_near(settings, "mm")
     # Change and noise both grow with near: a plan that leaves room for the noise changes less.
     kept = DoubleFrustum(near=near / (1 + noise / acuity))
     assert wanted.by_eyes(kept) <= 1 and wanted.noticed(kept)[STEREO][0] < 0.9 * acuity
