@@ -303,9 +303,9 @@ def _looks(part: SceneObject) -> dict[str, str]:
     }
     normals = f"{who[part.normals_made]}, at {of(usable, len(part.vertices), 'vertices')}"
 
-    colors = "none: that of its material in the scene file"
+    colors = "none: its material's"
     if part.name.lower().endswith(".obj"):
-        colors += "; materials of OBJ files have none that is read, but for textures"
+        colors += " in the scene file; of an OBJ file's own materials textures alone are read"
     if part.vertex_colors is not None:
         different = bool((part.vertex_colors != part.vertex_colors[0]).any())
         colors = f"of the mesh, {'one per vertex' if different else 'the same at all vertices'}"

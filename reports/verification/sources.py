@@ -23,7 +23,7 @@ from xfrustum.interrupts import delayed
 from xfrustum.reference import Reference
 from xfrustum.reports.common.outputs import json_object
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, InputError, Plate, Scene
-from xfrustum.scenes.arguments import choice, real
+from xfrustum.scenes.arguments import check_program, choice, real
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored, read_foreign
 from xfrustum.scenes.files.layouts import LAYOUTS, PlateShape, layouts_named
@@ -288,10 +288,8 @@ class Command(Source):
             raise InputError(
                 f"--command {self.template!r} has no {{out}}: tell the renderer which file to write"
             )
-        try:
-            self._arguments = shlex.split(self.template)
-        except ValueError as error:
-            raise InputError(f"--command {self.template!r}: {error}; mind the quotes") from error
+        check_program(self.template, self.working)
+        self._arguments = shlex.split(self.template)
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Run the program and read what it wrote."""

@@ -36,7 +36,7 @@ from xfrustum.reports.verification.verdict import (
     table,
     with_correction_tested,
 )
-from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene, open_scene
 from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
@@ -142,7 +142,6 @@ def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
     [
         ("{python} tell.py --x {{x}} {{i}} {{j}} '$HOME; ls' {{out}}", "--x {x!r} 2 0 $HOME; ls"),
         ("{python} tell.py {{x:.6f}} {{y:.3e}} {{i:03d}} {{j:d}} {{out}}", "{x:.6f} {y:.3e} 002 0"),
-        ("no-such-renderer {{out}}", "cannot be run"),
     ],
 )
 def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
@@ -154,6 +153,11 @@ def test_a_command_sees_the_aperture_as_it_asks_and_no_shell(
     assert status == 1
     aperture = world.plate.aperture(2, 0)
     assert told.format(x=aperture.x, y=aperture.y) in found["hogels"][0]["problem"]
+
+
+def test_a_program_that_is_not_there_is_told_before_anything_is_run(world: Scene) -> None:
+    with pytest.raises(InputError, match="no-such-renderer is no program that can be run"):
+        xfrustum.verify(world, command="no-such-renderer {out}")
 
 
 def test_a_function_that_raises_or_returns_something_else_is_reported(world: Scene) -> None:
