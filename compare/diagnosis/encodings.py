@@ -39,12 +39,13 @@ CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID = "channel-order", "id-offset", "backgro
 SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-as-srgb"
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
+RESTARTING = "numbers-restarting"
 ENCODING_FAULTS = (
     *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
     *(SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER),
-    *(OVERFLOW, RESAMPLED, LOSSY),
+    *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of the faults; after the last three numbers are lost."""
+"""Names of the faults; after the last four numbers are lost."""
 
 # The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
 FIRST_NUMBER = "first"
@@ -120,12 +121,14 @@ class Restoring:
     """A way to restore damaged numbers with the help of the truth, and the share of pixels that it explains.
 
     Restored numbers serve the figures after correction only; no image passes because of them. `bits` are the
-    low bits of each number that `OVERFLOW` has kept.
+    low bits of each number that `OVERFLOW` has kept, `first` the first number of each object, from which
+    `RESTARTING` counts.
     """
 
     kind: str
     reading: Reading
     bits: int = 24
+    first: tuple[int, ...] = ()
     share: float = 0.0
     orientation: Orientation = UPRIGHT
     order: Orientation = UPRIGHT
@@ -194,6 +197,10 @@ class _Beside:
         if damage.kind == FIRST_NUMBER:
             first = getattr(self, _name(reading))[:1] == 0
             return np.asarray((packed == reading.background) & first)
+        if damage.kind == RESTARTING:
+            # The last of these stands for no object.
+            own = self.triangle - np.array([*damage.first, 0])[self.object]
+            return np.asarray(packed == reading.stored(own))
         if damage.kind == OVERFLOW:
             # Eight bits may be in blue alone, with red and green black, or in all three channels.
             low = stored & (2**damage.bits - 1)
@@ -318,6 +325,7 @@ class _Search:
             if left <= MAX_HELD_MISFIT_PX:
                 return None
             found = self._by_claims(stated, left)
+            found = found or self._restarting()
             if found is None and left <= MIN_FAILED_MISFIT_PX:
                 # Enlarged pictures claim triangles beside the right ones: they fail by less than a pixel.
                 return self._enlarged()
@@ -413,6 +421,17 @@ class _Search:
                 fault = Fault(fault=kind, value=mixed, unit="share", words=words)
                 return FoundEncoding(faults=(fault,), restoring=found)
         return None
+
+    def _restarting(self) -> FoundEncoding | None:
+        """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
+        _, first = np.unique(self.scene.object_of_triangle, return_index=True)
+        found, _ = self._best(Restoring(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist())))
+        if len(first) < 2 or found.share < MIN_AGREEING_FRACTION:
+            return None
+        words = f"numbers of triangles begin anew with each of {len(first)} objects, as gl_PrimitiveID does: "
+        words += "add the number of each object's first triangle"
+        fault = Fault(fault=RESTARTING, value=float(len(first)), unit="number", words=words)
+        return FoundEncoding(faults=(fault,), restoring=found)
 
     def _enlarged(self) -> FoundEncoding | None:
         """Find pictures that were drawn smaller and enlarged by repeating columns and rows."""

@@ -49,6 +49,7 @@ WRONG = [
         plus-two: id-offset
         white-background: background-id
         low-byte: 8-bit-overflow
+        restarting: numbers-restarting
         gray: wrong-encoding
         objects-for-triangles: wrong-encoding
         jpeg: lossy resampled wrong-encoding

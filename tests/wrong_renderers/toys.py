@@ -216,6 +216,13 @@ add(
 add("plus-two", "numbers + 2", renumbered(lambda w, n: np.where(n, n + 1, 0)), alike("id-offset", IDS), IDS)
 add("low-byte", "the low 8 bits alone", renumbered(lambda w, n: n & 255), "8-bit-overflow", IDS)
 add(
+    "restarting",
+    "triangles counted from zero in each object",
+    renumbered(lambda w, n: np.where(n, n - np.searchsorted(w.object_of, w.object_of)[n - 1], 0)),
+    "numbers-restarting",
+    (TRIANGLES,),
+)
+add(
     "low-byte-gray",
     "the low 8 bits in all three channels",
     renumbered(lambda w, n: (n & 255) * 0x010101),
