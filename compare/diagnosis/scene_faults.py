@@ -82,12 +82,13 @@ def scene_guesses(
     evidence: Evidence, claims: geometry_fit.Claims | None, fits: Sequence[geometry_fit.GeometryFit]
 ) -> Iterator[Guess]:
     """Yield guesses that have changes of the scene, from fits of the cameras without; likely ones first."""
+    # One mistake that turns everything comes before many that turn or leave out each object.
+    yield from with_axes(evidence, fits[-1])
     others = _without_one_object(claims, evidence.nominal) if claims is not None else iter(())
     for fit in itertools.chain(fits, others):
         found = _with_objects(evidence, claims, fit)
         if found is not None:
             yield found
-    yield from with_axes(evidence, fits[-1])
 
 
 def _named_objects(evidence: Evidence) -> set[int] | None:
