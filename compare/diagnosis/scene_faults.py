@@ -288,8 +288,15 @@ def with_axes(evidence: Evidence, plain: geometry_fit.GeometryFit) -> Iterator[G
         name = Z_NEGATED if value == "x, y, -z" else AXES_EXCHANGED
         fault = Fault(fault=name, value=value, words=f"axes are wrong: {words} ({value} in place of x, y, z)")
         if not claiming:
-            model = replace(nominal, changes=(change,))
-            found.append((0, float(evidence.wrong(model)), (replace(plain, model=model), (fault,))))
+            # Registration may have turned pictures to suit other axes, and found the order rightly.
+            as_found = itertools.product(
+                dict.fromkeys((nominal.orientation, plain.model.orientation)),
+                dict.fromkeys((nominal.order, plain.model.order)),
+            )
+            for one, two in as_found:
+                model = replace(nominal, orientation=one, order=two, changes=(change,))
+                also = (one != nominal.orientation) + (two != nominal.order)
+                found.append((also, float(evidence.wrong(model)), (replace(plain, model=model), (fault,))))
             continue
         claims = geometry_fit.claims_of(changed(reference, (change,)).scene, claiming)
         few, cap = claims.thinned(geometry_fit.MAX_SEARCHED_CLAIMS), resolution[0] / 2
