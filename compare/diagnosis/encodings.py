@@ -425,8 +425,12 @@ class _Search:
     def _restarting(self) -> FoundEncoding | None:
         """Find numbers of triangles that begin anew with each object, as `gl_PrimitiveID` does."""
         _, first = np.unique(self.scene.object_of_triangle, return_index=True)
-        found, _ = self._best(Restoring(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist())))
-        if len(first) < 2 or found.share < MIN_AGREEING_FRACTION:
+        damage = Restoring(kind=RESTARTING, reading=self.stated, first=tuple(first.tolist()))
+        found, parts = self._best(damage)
+        # The first object has the same numbers either way: the others must say that theirs begin anew.
+        telling = np.concatenate([(part.object[0] > 0).ravel() for part in parts])
+        matching = np.concatenate([part.explained(found).any(axis=0).ravel() for part in parts])
+        if not telling.any() or min(found.share, matching[telling].mean()) < MIN_AGREEING_FRACTION:
             return None
         words = f"numbers of triangles begin anew with each of {len(first)} objects, as gl_PrimitiveID does: "
         words += "add the number of each object's first triangle"

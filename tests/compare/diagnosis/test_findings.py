@@ -82,6 +82,18 @@ def test_a_film_a_lens_a_shading_and_a_camera_are_named_from_few_small_hogels(
     assert set(by_name(found)) == {name} and not found.passed
 
 
+def test_numbers_begin_anew_only_where_objects_beside_the_first_say_so() -> None:
+    """Where one object fills the picture, its numbers are the same either way."""
+    scene = oblong()
+    first, *others = sorted(scene.objects, key=lambda one: -np.ptp(one.vertices, axis=0).max())
+    middles = [one.vertices.mean(axis=0) for one in others]
+    smaller = [m + 0.15 * (one.vertices - m) for one, m in zip(others, middles, strict=True)]
+    objects = [replace(one, vertices=there) for one, there in zip(others, smaller, strict=True)]
+    scene = replace(scene, objects=(replace(first, vertices=first.vertices * (3.0, 3.0, 1.0)), *objects))
+    model = DrawnModel(shift=(0.5, 0.5))
+    assert set(by_name(of_model(scene, model, ["triangle"], FEW))) == {"shift-x", "shift-y"}
+
+
 @pytest.mark.slow
 def test_what_does_not_explain_is_no_finding() -> None:
     # An offset widens the picture most near the plate, a field of view everywhere: neither explains both.
