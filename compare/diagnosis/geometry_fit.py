@@ -100,6 +100,10 @@ CORNER_PITCHES = 0.01
 # right to a fraction of a pixel, so that edges farther away bound nothing.
 NEIGHBORHOOD_PX = 0.5
 
+# Movement of outlines, in pixels, from which on a number is not bounded, and the one at which numbers are
+# held: so far beyond the neighborhood that none which is bounded comes near.
+UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
+
 # Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
 # are told apart it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
@@ -623,14 +627,20 @@ def _interval(
         box[-1, 1] = UNSEEN_NEAR_PER_REACH * claims.scene.frustum.longest_reach / steps[-1]
         # Surfaces in the plate itself move by any distance, and not in proportion.
         kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
-    # Step 3: the smallest and the largest value of each number in the cell.
-    room = distance[rows][kept] + allowed
-    for column, (place, step) in enumerate(zip(free, steps, strict=False)):
+    # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in pixels by
+    # which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no bounds, the solver
+    # failed, and said so on standard output, among the JSON.
+    largest = np.abs(slopes[kept]).max(axis=0, initial=0.0)
+    largest[largest == 0] = 1.0
+    limits = np.clip(box * largest[:, None], -FARTHEST_PX, FARTHEST_PX)
+    scaled, room = -slopes[kept] / largest, distance[rows][kept] + allowed
+    for column, (place, step) in enumerate(zip(free, steps / largest, strict=False)):
         ends = []
         for sign in (1.0, -1.0):
             cost = sign * (np.arange(len(moving)) == column)
-            found = linprog(cost, A_ub=-slopes[kept], b_ub=room, bounds=box)
-            ends.append(found.x[column] * step if found.status == 0 else -sign * np.inf)
+            found = linprog(cost, A_ub=scaled, b_ub=room, bounds=limits)
+            bounded = found.status == 0 and abs(found.x[column]) < UNBOUNDED_PX
+            ends.append(found.x[column] * step if bounded else -sign * np.inf)
         low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
         if np.isfinite(ends).all():
             middle[place] = (low[place] + high[place]) / 2
