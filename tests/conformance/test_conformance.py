@@ -89,7 +89,7 @@ def test_a_right_renderer_passes() -> None:
     assert all(one.pixels.shown > 100 and one.pixels.unexplained == 0 for one in verdicts)
 
 
-@pytest.mark.parametrize("name", ["mirrored", "blue-red", "no-front"])
+@pytest.mark.parametrize("name", [pytest.param("mirrored", marks=pytest.mark.slow), "blue-red", "no-front"])
 def test_a_wrong_convention_fails_its_level_with_its_cause(name: str) -> None:
     one = next(one for one in WRONG if one.name == name)
     found = tried(one, FEW)

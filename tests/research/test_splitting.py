@@ -106,6 +106,7 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
             assert row.displacement_p99 == pytest.approx(row.predicted_p99, rel=0.2)
 
 
+@pytest.mark.slow
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """Twice the smallest separation is ordered, half of it is not; between them anything may happen."""
     decided = [r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2]

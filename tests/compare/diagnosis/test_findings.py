@@ -67,7 +67,9 @@ def by_name(found: Verification) -> dict[str, Fault]:
     ("model", "said", "name"),
     [
         (DrawnModel(film=Film(angles="xy")), ["triangle"], "equal-angles"),
-        (DrawnModel(film=Film(distortion=0.05)), ["triangle"], "distortion"),
+        pytest.param(
+            *(DrawnModel(film=Film(distortion=0.05)), ["triangle"], "distortion"), marks=pytest.mark.slow
+        ),
         (DrawnModel(normals=Normals.FLAT), ["triangle", "color"], "flat-normals"),
         (DrawnModel(one_camera=OneCamera(1, flip_x=True)), ["triangle"], "back-mirrored"),
     ],
@@ -116,7 +118,10 @@ def test_what_does_not_explain_is_no_finding() -> None:
     assert "No known fault explains what is wrong" in render_page(found)
 
 
-@pytest.mark.parametrize(("shown", "witnesses"), [("color", "colors"), ("object", "object numbers")])
+@pytest.mark.parametrize(
+    ("shown", "witnesses"),
+    [("color", "colors"), pytest.param("object", "object numbers", marks=pytest.mark.slow)],
+)
 def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(shown: str, witnesses: str) -> None:
     # Three triangles beside one another, 30 mm behind the plate, where an offset of 5 mm is a sixth.
     corners = [(-24, -9), (-4, -13), (-12, 12), (3, -12), (22, -8), (5, -1), (-3, 4), (25, 6), (8, 16)]
@@ -161,7 +166,7 @@ def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale:
     assert set(off) <= set(np.flatnonzero(expected.parameters != nominal))
 
 
-@pytest.mark.parametrize("hogels", [(5, 1), (1, 1)])
+@pytest.mark.parametrize("hogels", [pytest.param((5, 1), marks=pytest.mark.slow), (1, 1)])
 def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int]) -> None:
     whole = oblong(width=SIZE)
     scene = replace(whole, plate=Plate(size=(whole.plate.size[0], 12.0), hogels=hogels))

@@ -26,8 +26,8 @@ NEARS = (1e-1, 5e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  #: as shares of the reach
     ("name", "reasons"),
     [
         ("car", {CROSSES, STARVED}),
-        ("crossing", {CROSSES}),
-        ("large-triangles", {LARGE, STARVED}),
+        pytest.param("crossing", {CROSSES}, marks=pytest.mark.slow),
+        pytest.param("large-triangles", {LARGE, STARVED}, marks=pytest.mark.slow),
         ("sheets", {STARVED}),
         ("grating", {PARALLEL}),
         pytest.param("car-recentered", {CROSSES, STARVED}, marks=pytest.mark.slow),
