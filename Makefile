@@ -1,5 +1,5 @@
 # make report   sets up, then makes the error report of a built-in scene
-# make test     sets up, then runs all checks
+# make test     sets up, then runs all checks but the slow tests
 # make test-quick  a part of them, in under a minute
 SCENE ?= car
 OUT ?= report
@@ -24,7 +24,7 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
-	@echo 'make test      all checks: ruff, mypy, import-linter, pytest'
+	@echo 'make test      all checks but the slow tests: ruff, mypy, import-linter, pytest'
 	@echo 'make test-quick  one of each of them, in under a minute'
 	@echo 'make test-all  the same, with the slow tests'
 	@echo 'make test-blender  the tests that need Blender, which it installs into build/blender (900 MB)'
