@@ -165,8 +165,11 @@ class Recommendation:
         if first is not None and self.chosen.slabs:
             first = f"in one pair {first}"
         elif first is not None:
-            first += ", and near is smaller for a margin"
-            first += ": the noise of a replay" if self.binds == EYE else ""
+            # The crack has a closed form: no noise of a replay to keep a margin for.
+            if self.binds == EYE and self.eye_limit is not None and self.eye_limit.name == STEREO:
+                first += ", and near is smaller for a margin: the noise of a replay"
+            elif self.binds != EYE:
+                first += ", and near is smaller for a margin"
         bound = [] if first is None else [f"What binds: {first}."]
         return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
 

@@ -54,7 +54,7 @@ def check_program(command: str, folder: Path | None = None) -> None:
     except ValueError as error:
         raise InputError(f"--command {command!r}: {error}; mind the quotes") from error
     # A name with a folder in it is not looked for in PATH.
-    if shutil.which((folder or Path.cwd()) / name if os.sep in name else name) is None:
+    if shutil.which((folder or Path()).resolve() / name if os.sep in name else name) is None:
         raise InputError(
             f"--command {command!r}: {name} is no program that can be run; name one in this folder with ./"
         )

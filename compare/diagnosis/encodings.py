@@ -19,7 +19,7 @@ from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import Claims, claims_of, fit_geometry, outside_px
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray, as_stored
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.files.foreign_images import (
@@ -171,7 +171,8 @@ class _Beside:
             np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
             for padded in (np.pad(one, 1, mode="edge") for one in (truth.triangle, truth.object))
         )
-        rgb, gray = orientation.upright(stored_rgb(image))[::step, ::step], as_gray(truth)[::step, ::step]
+        rgb = orientation.upright(stored_rgb(image))[::step, ::step]
+        gray = as_gray(as_stored(truth, image))[::step, ::step]
         return cls(rgb=rgb, triangle=triangle, object=objects, gray=gray)
 
     @property

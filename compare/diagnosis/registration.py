@@ -24,7 +24,13 @@ from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, START_NEARS
 from xfrustum.compare.renderer_model.changed_scene import changed
 from xfrustum.compare.renderer_model.conventions import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, places, screen_lengths
-from xfrustum.compare.renderer_model.pictures import as_gray, picture_of, reference_colors, trace_drawn
+from xfrustum.compare.renderer_model.pictures import (
+    as_gray,
+    as_stored,
+    picture_of,
+    reference_colors,
+    trace_drawn,
+)
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -115,7 +121,7 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         shifted = replace(model, shift=(x, y))
         wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
         upright = model.orientation.upright(as_gray(image))
-        gray = as_gray(wide if image.color is not None else replace(wide, color=None))
+        gray = as_gray(as_stored(wide, image) if image.color is not None else replace(wide, color=None))
         pairs.append(_Pair(image=upright, wide=gray, offset=offset / SUPERSAMPLING))
     # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
     blurred = [
@@ -182,7 +188,8 @@ def _conventions(reference: Reference, images: Sequence[HogelImage], nominal: Dr
     @cache
     def truth(index: tuple[int, int]) -> Floats:
         shown = reference.trace(scene.plate.aperture(*index))
-        return as_gray(shown if images[0].color is not None else replace(shown, color=None))
+        stored = as_stored(shown, images[0])
+        return as_gray(stored if images[0].color is not None else replace(shown, color=None))
 
     best, found = -np.inf, nominal
     orders = orientations(scene.plate.hogels) if several else (UPRIGHT,)
@@ -281,6 +288,7 @@ def fit_drawn(
         for image in evidence.images:
             drawn = trace_drawn(reference, model, model.answers(reference.scene, image.camera.aperture))
             drawn = drawn if image.color is None else reference_colors(reference, model, drawn)
+            drawn = as_stored(drawn, image)
             found.append(gaussian_filter(gray(drawn) - model.upright(gray(image)), blur_px).ravel())
         return np.concatenate(found)
 

@@ -6,13 +6,14 @@ import math
 from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
+from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Diagnosis, doubtful
 from xfrustum.compare.judging.judged import (
     SURFACES,
     WRONG_WORDS,
@@ -301,17 +302,27 @@ class Verification(Shown):
         wrong = self.diagnosis.does_not_explain or not all(check.held for check in self.checks)
         return not self.left if self.diagnosis.faults else False if wrong else None
 
-    @property
+    @cached_property
     def left(self) -> dict[Aperture, int]:
-        """Hogels, worst first, of which correction leaves more pixels wrong than the limit allows: these."""
-        found = [(one.aperture, one.corrected) for one in self.hogels if one.corrected]
-        beyond = {a: left_in(of) for a, of in found if left_in(of) > max(1, self.limits.wrong * of.shown)}
+        """Hogels, worst first, of which correction leaves more pixels wrong than is allowed: how many.
+
+        These are more than the limit, and more than a diagnosis may leave of what was wrong: pictures that
+        are resampled or compressed are mended approximately.
+        """
+        beyond = {}
+        for one in self.hogels:
+            if one.as_found and one.corrected:
+                allowed = self.limits.wrong * one.corrected.shown
+                allowed = max(1, allowed, (1 - MIN_EXPLAINED_FRACTION) * wrong_in(one.as_found))
+                if (count := left_in(one.corrected)) > allowed:
+                    beyond[one.aperture] = count
         return dict(sorted(beyond.items(), key=lambda item: -item[1]))
 
     @property
     def where(self) -> dict[str, Any] | None:
-        """Where images are wrong, where nothing explains it; else None."""
-        return where_wrong(self.scene, self._places) if self.explained is False else None
+        """Where images are wrong, where nothing is named; else None."""
+        named = self.diagnosis.faults or self.explained is not False
+        return None if named else where_wrong(self.scene, self._places)
 
     @property
     def _places(self) -> list[tuple[Aperture, Places]]:
@@ -364,8 +375,9 @@ def wrong_in(numbers: HogelNumbers) -> int:
 
 
 def left_in(numbers: HogelNumbers) -> int:
-    """Return the number of wrong pixels of a corrected hogel that no rounding explains."""
-    return numbers.causes["unexplained"] if numbers.causes else wrong_in(numbers)
+    """Return the number of wrong pixels of a corrected hogel that no rounding explains, colors included."""
+    rounded = 0 if numbers.causes is None else numbers.wrong - numbers.causes["unexplained"]
+    return wrong_in(numbers) - rounded
 
 
 def with_correction_tested(found: Verification) -> Verification:
@@ -539,8 +551,8 @@ def explained(found: Verification) -> list[str]:
     told = [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
     if left := found.left:
         worst = ", ".join(f"{one.column},{one.row} ({count:,} pixels)" for one, count in [*left.items()][:4])
-        who = "1 hogel has" if len(left) == 1 else f"{len(left)} hogels have"
-        told.append(f"not all: {who} another mistake, which is left when these are mended: {worst}")
+        who = "1 hogel stays" if len(left) == 1 else f"{len(left)} hogels stay"
+        told.append(f"not all: {who} wrong when these are mended, by another mistake: {worst}")
     return told
 
 
@@ -551,7 +563,8 @@ def nothing_found(found: Verification) -> str:
     count = (found.as_found.causes or {}).get("unexplained", 0)
     if not count:
         return "nothing found"
-    worst = max(found.hogels, key=lambda one: left_in(one.as_found) if one.as_found else 0).aperture
+    by_hogel = {one.aperture: (one.as_found and one.as_found.causes) or {} for one in found.hogels}
+    worst = max(by_hogel, key=lambda one: by_hogel[one].get("unexplained", 0))
     return (
         f"nothing found; {count:,} pixels are wrong by no rounding, most in hogel {worst.column},{worst.row}"
     )

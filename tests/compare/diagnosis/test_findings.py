@@ -22,6 +22,7 @@ from xfrustum import DepthFormat, DoubleFrustum, Rasterizer
 from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Evidence
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import claims_of, fit_geometry
+from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Film, Front, Normals, OneCamera
 from xfrustum.compare.renderer_model.pictures import colored, trace_drawn
@@ -29,6 +30,7 @@ from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification, render_page, table
 from xfrustum.scenes import Aperture, HogelImage, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 
 SIZE = 48
 CENTERED, RECENTERED = "asymmetric", "asymmetric-recentered"
@@ -136,6 +138,22 @@ def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(shown: st
         assert fault.value == pytest.approx(7 / 6, abs=0.01)
         assert fault.alternatives == ("near",)
         assert f"or near: {witnesses} cannot tell" in fault.words
+
+
+@pytest.mark.slow
+def test_highlights_that_a_picture_clips_do_not_move_it(tmp_path: Path) -> None:
+    """In 7 % of the pixels of one of the pictures radiance exceeds one, which is all that integers store."""
+    scene = small(CENTERED, 96)
+    lights = tuple(replace(light, color=(2.2, 2.2, 2.2)) for light in scene.appearance.lights)
+    scene = replace(scene, appearance=replace(scene.appearance, lights=lights))
+    reference, model, images = Reference(scene), DrawnModel(shift=(0.3, 0.2)), []
+    for index in FEW:
+        aperture, path = scene.plate.aperture(*index), tmp_path / "{}-{}.png".format(*index)
+        color = colored(scene, model, trace_drawn(reference, model, aperture)).color
+        assert color is not None
+        Image.fromarray(np.rint(255 * np.clip(color, 0, 1)).astype(np.uint8)).save(path)
+        images.append(read_foreign(path, reference.camera(aperture), Encoding.RGB))
+    assert register(reference, images, DrawnModel()).model.shift == pytest.approx((0.3, 0.2), abs=0.01)
 
 
 @pytest.mark.slow

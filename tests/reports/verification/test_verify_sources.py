@@ -27,6 +27,7 @@ from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.diagnosis import doubtful
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.diagnosis.faults import HYPOTHESES, Fault
+from xfrustum.compare.judging.judged import ColorFigures
 from xfrustum.compare.renderer_model import drawn_model
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, OneCamera
 from xfrustum.raster import Rasterizer
@@ -37,6 +38,7 @@ from xfrustum.reports.verification.verdict import (
     with_correction_tested,
 )
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, InputError, Scene, open_scene
+from xfrustum.scenes.arguments import check_program
 from xfrustum.scenes.files.exr import write_image
 
 SCENE = (
@@ -160,6 +162,19 @@ def test_a_program_that_is_not_there_is_told_before_anything_is_run(world: Scene
         xfrustum.verify(world, command="no-such-renderer {out}")
 
 
+def test_a_program_beside_its_folder_is_found_wherever_that_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "renderer").write_text("#!/bin/sh\n")
+    (tmp_path / "renderer").chmod(0o755)
+    check_program("./renderer {out}", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for folder in (None, Path()):
+        check_program("./renderer {out}", folder)
+        with pytest.raises(InputError, match=r"with \./"):
+            check_program("renderer {out}", folder)
+
+
 def test_a_function_that_raises_or_returns_something_else_is_reported(world: Scene) -> None:
     smaller = replace(world, frustum=replace(world.frustum, resolution=(24, 24)))
     with Rasterizer(world) as rasterizer, Rasterizer(smaller) as other:
@@ -225,7 +240,7 @@ def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
     tested = with_correction_tested(found)
     assert (tested.diagnosis.faults == (SHIFT,)) is named
     assert tested.explained is (corrected == (0, 0))
-    told = "not all: 1 hogel has another mistake, which is left when these are mended: 1,0 (120 pixels)"
+    told = "not all: 1 hogel stays wrong when these are mended, by another mistake: 1,0 (120 pixels)"
     assert (told in table(tested)) is (corrected == (0, 60))
     assert ("no single fault that was tried explains all hogels" in table(tested)) is not named
     assert ("o single fault that was tried explains all hogels" in render_page(tested)) is not named
@@ -235,6 +250,24 @@ def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
         assert guess.alternatives == ("near",)
         assert guess.explains == 0.0
         assert "800 pixels of all judged hogels are wrong instead of 400" in guess.words
+
+
+@pytest.mark.parametrize(
+    ("colors", "rounded", "left", "explained"),
+    [(0, 0, 0, True), (500, 0, 0, False), (0, 500, 500, True), (0, 500, 0, False), (0, 60, 0, True)],
+)
+def test_a_diagnosis_explains_unless_more_than_a_tenth_stays_wrong_by_no_rounding(
+    colors: int, rounded: int, left: int, explained: bool
+) -> None:
+    """Of 1,000 wrong pixels: wrong colors stay, and wrong surfaces, some of which rounding explains."""
+    found, mended = verification({(0, 0): 1000}), verification({(0, 0): rounded}).hogels[0].as_found
+    assert mended is not None
+    causes = {"edge": left, "order": 0, "lost": 0, "unexplained": rounded - left}
+    mended = replace(mended, causes=causes, radiance=ColorFigures(wrong=colors))
+    hogels = (replace(found.hogels[0], corrected=mended),)
+    found = replace(found, hogels=hogels, diagnosis=replace(found.diagnosis, faults=(SHIFT,)))
+    assert found.explained is explained
+    assert ("stays wrong when these are mended" in table(found)) is not explained
 
 
 def test_what_is_wrong_within_the_limits_is_told_unless_rounding_explains_it() -> None:
