@@ -165,11 +165,11 @@ class Recommendation:
         if first is not None and self.chosen.slabs:
             first = f"in one pair {first}"
         elif first is not None:
-            # The crack has a closed form: no noise of a replay to keep a margin for.
-            if self.binds == EYE and self.eye_limit is not None and self.eye_limit.name == STEREO:
-                first += ", and near is smaller for a margin: the noise of a replay"
-            elif self.binds != EYE:
+            largest = self.eye_limit.largest_near if self.binds == EYE and self.eye_limit else None
+            # A crack has a closed form: where a change of depth would allow more, there is no margin.
+            if largest is None or digits(largest) != digits(self.chosen.near or 0.0):
                 first += ", and near is smaller for a margin"
+                first += ": the noise of a replay" if self.binds == EYE else ""
         bound = [] if first is None else [f"What binds: {first}."]
         return [*bound, f"{others[0].upper()}{others[1:]}."] if others else bound
 
