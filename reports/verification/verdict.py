@@ -13,7 +13,8 @@ from typing import Any, Self
 import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.diagnosis.diagnosis import MIN_EXPLAINED_FRACTION, Diagnosis, doubtful
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
+from xfrustum.compare.diagnosis.encodings import LOSING_FAULTS
 from xfrustum.compare.judging.judged import (
     SURFACES,
     WRONG_WORDS,
@@ -304,18 +305,14 @@ class Verification(Shown):
 
     @cached_property
     def left(self) -> dict[Aperture, int]:
-        """Hogels, worst first, of which correction leaves more pixels wrong than is allowed: how many.
+        """Hogels, worst first, of which correction leaves more pixels wrong than the limit allows: how many.
 
-        These are more than the limit, and more than a diagnosis may leave of what was wrong: pictures that
-        are resampled or compressed are mended approximately.
+        There are none where numbers were lost, for such pictures are mended approximately.
         """
-        beyond = {}
-        for one in self.hogels:
-            if one.as_found and one.corrected:
-                allowed = self.limits.wrong * one.corrected.shown
-                allowed = max(1, allowed, (1 - MIN_EXPLAINED_FRACTION) * wrong_in(one.as_found))
-                if (count := left_in(one.corrected)) > allowed:
-                    beyond[one.aperture] = count
+        if any(fault.fault in LOSING_FAULTS for fault in self.diagnosis.faults):
+            return {}
+        found = [(one.aperture, one.corrected) for one in self.hogels if one.corrected]
+        beyond = {a: left_in(of) for a, of in found if left_in(of) > max(1, self.limits.wrong * of.shown)}
         return dict(sorted(beyond.items(), key=lambda item: -item[1]))
 
     @property
@@ -552,7 +549,7 @@ def explained(found: Verification) -> list[str]:
     if left := found.left:
         worst = ", ".join(f"{one.column},{one.row} ({count:,} pixels)" for one, count in [*left.items()][:4])
         who = "1 hogel stays" if len(left) == 1 else f"{len(left)} hogels stay"
-        told.append(f"not all: {who} wrong when these are mended, by another mistake: {worst}")
+        told.append(f"not all: {who} beyond the limit when these are mended: {worst}")
     return told
 
 
