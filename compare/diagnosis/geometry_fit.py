@@ -104,6 +104,10 @@ NEIGHBORHOOD_PX = 0.5
 # held: so far beyond the neighborhood that none which is bounded comes near.
 UNBOUNDED_PX, FARTHEST_PX = 1e3, 1e6
 
+# Movement of outlines by a step, in pixels, below which it is noise of the differences. HiGHS takes so small
+# numbers for zero.
+SMALLEST_SLOPE_PX = 1e-9
+
 # Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
 # are told apart it widens the film by the smallest factor that has a name.
 UNSEEN_NEAR_PER_REACH = SMALLEST_FACTOR * TOLD_APART_PER_REACH
@@ -630,17 +634,18 @@ def _interval(
     # Step 3: the smallest and the largest value of each number in the cell. Numbers count here in pixels by
     # which they move outlines at most: with columns of 1e-8 and of 1e-5 px a step, and no bounds, the solver
     # failed, and said so on standard output, among the JSON.
-    largest = np.abs(slopes[kept]).max(axis=0, initial=0.0)
+    known = np.where(np.abs(slopes[kept]) < SMALLEST_SLOPE_PX, 0.0, slopes[kept])
+    largest = np.abs(known).max(axis=0, initial=0.0)
     largest[largest == 0] = 1.0
     limits = np.clip(box * largest[:, None], -FARTHEST_PX, FARTHEST_PX)
-    scaled, room = -slopes[kept] / largest, distance[rows][kept] + allowed
-    for column, (place, step) in enumerate(zip(free, steps / largest, strict=False)):
+    scaled, room = -known / largest, distance[rows][kept] + allowed
+    for column, (place, step) in enumerate(zip(free, steps, strict=False)):
         ends = []
-        for sign in (1.0, -1.0):
+        for sign, end in zip((1.0, -1.0), box[column], strict=True):
             cost = sign * (np.arange(len(moving)) == column)
             found = linprog(cost, A_ub=scaled, b_ub=room, bounds=limits)
             bounded = found.status == 0 and abs(found.x[column]) < UNBOUNDED_PX
-            ends.append(found.x[column] * step if bounded else -sign * np.inf)
+            ends.append((found.x[column] / largest[column] if bounded else end) * step)
         low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
         if np.isfinite(ends).all():
             middle[place] = (low[place] + high[place]) / 2
