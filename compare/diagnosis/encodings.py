@@ -40,15 +40,12 @@ SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB = "srgb-read-as-linear", "linear-read-a
 GAMMA, WRONG_TRANSFER = "gamma", "wrong-transfer"
 WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY = "wrong-encoding", "8-bit-overflow", "resampled", "lossy"
 RESTARTING = "numbers-restarting"
-LOSING_FAULTS = (OVERFLOW, RESTARTING, RESAMPLED, LOSSY)
-"""Names of the faults after which numbers are lost, so that correction is approximate."""
-
 ENCODING_FAULTS = (
     *(CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING),
     *(SRGB_READ_AS_LINEAR, LINEAR_READ_AS_SRGB, GAMMA, WRONG_TRANSFER),
-    *LOSING_FAULTS,
+    *(OVERFLOW, RESTARTING, RESAMPLED, LOSSY),
 )
-"""Names of all faults of encoding."""
+"""Names of the faults; after the last four numbers are lost."""
 
 # The damage that loses number 0 alone, where it is stored like nothing; no fault by itself.
 FIRST_NUMBER = "first"

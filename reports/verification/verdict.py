@@ -14,7 +14,7 @@ import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
-from xfrustum.compare.diagnosis.encodings import LOSING_FAULTS
+from xfrustum.compare.diagnosis.encodings import LOSSY, RESAMPLED
 from xfrustum.compare.judging.judged import (
     SURFACES,
     WRONG_WORDS,
@@ -307,9 +307,9 @@ class Verification(Shown):
     def left(self) -> dict[Aperture, int]:
         """Hogels, worst first, of which correction leaves more pixels wrong than the limit allows: how many.
 
-        There are none where numbers were lost, for such pictures are mended approximately.
+        There are none of pictures that were resampled or compressed, which are mended approximately.
         """
-        if any(fault.fault in LOSING_FAULTS for fault in self.diagnosis.faults):
+        if any(fault.fault in (RESAMPLED, LOSSY) for fault in self.diagnosis.faults):
             return {}
         found = [(one.aperture, one.corrected) for one in self.hogels if one.corrected]
         beyond = {a: left_in(of) for a, of in found if left_in(of) > max(1, self.limits.wrong * of.shown)}

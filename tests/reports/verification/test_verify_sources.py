@@ -25,7 +25,7 @@ from xfrustum.cli.app import cli
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.diagnosis import doubtful
-from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS, LOSSY
+from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS, LOSSY, RESTARTING
 from xfrustum.compare.diagnosis.faults import HYPOTHESES, Fault
 from xfrustum.compare.judging.judged import ColorFigures
 from xfrustum.compare.renderer_model import drawn_model
@@ -259,7 +259,8 @@ def test_a_fault_is_named_where_its_correction_makes_no_more_pixels_wrong(
         (500, 0, 0, SHIFT, False),
         (0, 500, 500, SHIFT, True),
         (0, 500, 0, SHIFT, False),
-        # What is compressed is mended approximately.
+        # What is compressed is mended approximately; numbers that begin anew are put back one by one.
+        (0, 500, 0, replace(SHIFT, fault=RESTARTING), False),
         (0, 500, 0, replace(SHIFT, fault=LOSSY), True),
     ],
 )
