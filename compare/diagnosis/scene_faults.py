@@ -85,7 +85,11 @@ def scene_guesses(
     # One mistake that turns everything comes before many that turn or leave out each object.
     yield from with_axes(evidence, fits[-1])
     others = _without_one_object(claims, evidence.nominal) if claims is not None else iter(())
-    for fit in itertools.chain(fits, others):
+    # An object that is off misleads a fit to all claims, which then does not hold: those to the claims of the
+    # other objects come before it.
+    asked = evidence.nominal.parameters
+    sure = [fit for fit in fits if fit.holds or np.array_equal(fit.model.parameters, asked)]
+    for fit in itertools.chain(sure, others, [fit for fit in fits if fit not in sure]):
         found = _with_objects(evidence, claims, fit)
         if found is not None:
             yield found

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from xfrustum.compare.judging.judged import Figures, steps_of
+from xfrustum.compare.judging.judged import COLOR_ONLY, Figures, steps_of
+from xfrustum.compare.metrics.error_maps import covered_by
+from xfrustum.compare.renderer_model.pictures import shows_something
 from xfrustum.scenes import NOTHING, Aperture, Scene
 
 DISTANCES_PX = (1.5, 4.5)
@@ -23,7 +25,10 @@ Places = dict[str, tuple[int, int]]
 def places_of(figures: Figures) -> Places:
     """Return where the wrong pixels of one hogel are."""
     answer, error = figures.answer, figures.error
-    shown = answer.covered | figures.image.covered | error
+    # Plain pictures name no surfaces: what is not black shows something.
+    shows = shows_something if figures.numbers.by in COLOR_ONLY else covered_by
+    covered = shows(figures.image)
+    shown = answer.covered | covered | error
     across, down = steps_of(answer.object)
     outline = np.pad(across > 0, ((0, 0), (0, 1))) | np.pad(down > 0, ((0, 1), (0, 0)))
     apart = distance_transform_edt(~outline) if outline.any() else np.full(outline.shape, np.inf)
@@ -35,7 +40,7 @@ def places_of(figures: Figures) -> Places:
         "distance/within 1 px": apart <= near,
         "distance/2 to 4 px": (apart > near) & (apart <= far),
         "distance/farther": apart > far,
-        "shown/nothing": ~figures.image.covered,
+        "shown/nothing": ~covered,
     }
     for number in np.unique(answer.object[answer.object != NOTHING]).tolist():
         masks[f"object/{number}"] = answer.object == number

@@ -99,6 +99,28 @@ def test_numbers_begin_anew_only_where_objects_beside_the_first_say_so() -> None
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("number", [0, 1, 3, 5])
+def test_an_object_that_is_off_and_the_sampling_point_are_both_named_and_nothing_else(number: int) -> None:
+    """The object misleads a fit to all claims; by the numbers asked for, other objects seem to be off."""
+    scene = small(RECENTERED, SIZE)
+    objects = list(scene.objects)
+    vertices = objects[number].vertices + np.array([0.0, -6.0, 4.0])
+    objects[number] = replace(objects[number], vertices=vertices)
+    reference = Reference(replace(scene, objects=tuple(objects)))
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        return saying(trace_drawn(reference, DrawnModel(shift=(0.5, 0.5)), aperture), "triangle")
+
+    found = xfrustum.verify(scene, draw, apertures=SOME)
+    faults = by_name(found)
+    assert set(faults) == {"shift-x", "shift-y", "object-moved"}
+    for name in ("shift-x", "shift-y"):
+        assert float(faults[name].value) == pytest.approx(0.5, abs=0.01)
+    assert faults["object-moved"].words.startswith(f"object {number} ")
+    assert float(faults["object-moved"].value) == pytest.approx(np.hypot(6.0, 4.0), rel=0.01)
+
+
+@pytest.mark.slow
 def test_what_does_not_explain_is_no_finding() -> None:
     # An offset widens the picture most near the plate, a field of view everywhere: neither explains both.
     scene = small(CENTERED, SIZE)
@@ -270,6 +292,23 @@ def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     mixed = replace(scene, objects=(with_smooth_normals(first), *others))
     found = of_model(mixed, DrawnModel(normals=Normals.INVERTED), ["color"])
     assert set(by_name(found)) == {"inverted-normals"}
+
+
+def test_what_a_picture_shows_is_what_is_not_black() -> None:
+    """Colors that are wrong in all of a picture but its black corner."""
+    scene = oblong()
+    reference = Reference(scene)
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        image = saying(colored(scene, DrawnModel(), trace_drawn(reference, DrawnModel(), aperture)), "color")
+        assert image.color is not None
+        noise = np.random.default_rng(0).uniform(0.1, 1.0, image.color.shape).astype(np.float32)
+        noise[:12, :16] = 0.0
+        return replace(image, color=noise)
+
+    where = xfrustum.verify(scene, draw, apertures=[(2, 2)]).summary()["where"]
+    covered = reference.trace(scene.plate.aperture(2, 2)).covered
+    assert where["shares"]["shown"]["nothing"]["wrong"] == covered[:12, :16].sum() > 0
 
 
 @pytest.mark.slow
