@@ -72,7 +72,8 @@ def depths(shown: PixelTriangles) -> Depths:
     # What is stored lies between two bounds beside what was computed.
     (low, high), step = precision.device.stored(precision.depth), STEP[precision.depth]
     tolerance = tolerance + step * (high - low) / 2 + FLOAT32_ROUNDING * np.abs(depth)
-    undefined = ~np.isfinite(depth)
+    # A camera draws nothing that lies behind it: there it has no depths to order.
+    undefined = ~np.isfinite(depth) | (inverse <= 0)
     # C starts from its far value, C* from its near value.
     starts_at_one = film.orthoscopic == (mapping is not DepthMapping.REVERSED)
     return Depths(

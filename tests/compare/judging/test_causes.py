@@ -147,3 +147,21 @@ def test_a_missing_half_lies_on_no_edge_however_fine_its_mesh() -> None:
     some[::3, ::3] = here[::3, ::3]
     cracked = replace(exact, triangle=np.where(some, NOTHING, exact.triangle))
     assert causes(scene, DrawnModel(), exact, cracked, some)["edge"] > 0.3 * some.sum()
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_camera_orders_nothing_that_lies_behind_it(side: float) -> None:
+    """Two sheets before the plate, and two behind it, a tenth of their height apart: both depths are known.
+
+    The near half is C*'s, and the other C's: the camera of the other half, behind which they lie, has
+    depths of them, too, by its matrix alone.
+    """
+    square = np.array([[-90.0, -90.0], [90.0, -90.0], [0.0, 90.0]])
+    sheets = [np.column_stack((square, np.full(3, side * height))) for height in (30.0, 33.0)]
+    scene = soup(np.stack(sheets), FRUSTUM)
+    exact = trace_drawn(Reference(scene), DrawnModel(), CENTER)
+    covered = exact.triangle != NOTHING
+    other = replace(exact, triangle=np.where(covered, 1 - exact.triangle, NOTHING).astype(np.int32))
+    found = causes(scene, DrawnModel(), exact, other, covered)
+    assert found["order"] == found["lost"] == 0
+    assert found["unexplained"] > 0.9 * covered.sum() > 0
