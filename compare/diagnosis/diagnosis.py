@@ -66,6 +66,9 @@ unexplained.
 # fault. A fault of one camera or of one object that is blamed on all of them spoils what was right.
 MAX_SPOILED_FRACTION = 0.02
 
+NOTHING_WRONG = ", in which nothing is wrong"
+"""Words at the end of what a diagnosis was made by, where none of its hogels is wrong."""
+
 # Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
 # pixels: the share of one hogel is that of all within a few percent.
 MAX_TESTED_HOGELS = 9
@@ -307,7 +310,7 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
         found = _of_wrong(evidence)
     else:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
-        means = f"{_counted(len(evidence.tested), 'hogel')}, in which nothing is wrong"
+        means = f"{_counted(len(evidence.tested), 'hogel')}{NOTHING_WRONG}"
         found = Diagnosis(model=evidence.nominal, means=means)
     found = _with_depth(evidence, _with_film(evidence, found))
     pictures = [one for one in evidence.images if one.color is not None]
@@ -347,7 +350,7 @@ def _of_wrong(evidence: Evidence) -> Diagnosis:
     # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
     whole, reference, nominal, images = evidence, evidence.reference, evidence.nominal, evidence.images
     fit = GeometryFit(model=nominal, low=nominal.parameters, high=nominal.parameters)
-    means = "nothing, as no hogel shows enough to tell"
+    means = "nothing, as no hogel shows enough of the scene to tell"
     claims, claiming = _claims(evidence)
     pictures = [one for one in images if one.color is not None or (one.object != NOTHING).any()]
     if claims is not None:

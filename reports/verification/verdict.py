@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
+from xfrustum.compare.diagnosis.diagnosis import NOTHING_WRONG, Diagnosis, doubtful
 from xfrustum.compare.diagnosis.encodings import LOSSY, RESAMPLED
 from xfrustum.compare.judging.judged import (
     SURFACES,
@@ -532,6 +532,13 @@ def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
     words = several if found.diagnosis.refuted else "no known fault explains what is wrong"
+    if found.diagnosis.means.endswith(NOTHING_WRONG):
+        # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
+        wrong = [one for one in found.hogels if one.verdict == "fail"]
+        named = ";".join(f"{one.aperture.column},{one.aperture.row}" for one in wrong[:MAX_LISTED])
+        words += (
+            f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
+        )
     black = (found.where or {}).get("shown", {}).get("nothing", {}).get("wrong", 0)
     if black and found.as_found is not None and found.as_found.by == "outlines":
         # A surface that no light reaches and one that is not drawn make the same picture.

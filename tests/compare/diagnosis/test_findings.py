@@ -36,6 +36,7 @@ SIZE = 48
 CENTERED, RECENTERED = "asymmetric", "asymmetric-recentered"
 FEW = [(0, 0), (4, 1), (2, 3)]
 SOME = [*FEW, (1, 4), (3, 2)]
+BESIDE = [(0, 0), (4, 3), (8, 6), (1, 5), (6, 1)]
 Offset = tuple[float, float, float]
 
 
@@ -292,6 +293,24 @@ def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     mixed = replace(scene, objects=(with_smooth_normals(first), *others))
     found = of_model(mixed, DrawnModel(normals=Normals.INVERTED), ["color"])
     assert set(by_name(found)) == {"inverted-normals"}
+
+
+def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
+    """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them named."""
+    scene = oblong()
+    scene = replace(scene, plate=replace(scene.plate, hogels=(9, 7)))
+    reference, exchanged = Reference(scene), {(3, 2): (7, 5), (7, 5): (3, 2)}
+
+    def draw(_: Scene, aperture: Aperture) -> HogelImage:
+        shown = scene.plate.aperture(*exchanged.get(aperture.index, aperture.index))
+        image = saying(trace_drawn(reference, DrawnModel(), shown), "triangle")
+        return replace(image, camera=reference.camera(aperture))
+
+    found = xfrustum.verify(scene, draw)
+    assert not found.passed and not found.diagnosis.faults
+    assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(found)
+    again = xfrustum.verify(scene, draw, apertures=[(3, 2), (7, 5), *BESIDE])
+    assert set(by_name(again)) == {"hogels-exchanged"}
 
 
 def test_what_a_picture_shows_is_what_is_not_black() -> None:
