@@ -409,9 +409,7 @@ def _with_other_faults(evidence: Evidence, guesses: Iterable[Guess], found: Diag
         known, share = replace(guess, model=model, alternatives=()), of_named.share(model)
         if not known.holds:
             # Intervals of a fit that something misled are too wide, and would leave out numbers that pay.
-            values, asked = model.parameters, evidence.nominal.parameters
-            unknown = np.where(values == asked, asked, np.nan)
-            known = replace(known, low=unknown, high=unknown)
+            known = known.unbounded(evidence.nominal)
         faults = (*_named(evidence, known), *(replace(fault, explains=share) for fault in more))
         better = of_named.pays(model, found.model)
         simpler = len(faults) < len(found.faults) and not of_named.pays(found.model, model)
@@ -419,7 +417,7 @@ def _with_other_faults(evidence: Evidence, guesses: Iterable[Guess], found: Diag
             found = Diagnosis(model=model, faults=faults, means=found.means)
             # A shorter reach nearly explains that the farthest object is missing, and the reverse. Several
             # objects that are off may be one mistake of the cameras, which is tried later.
-            if len(more) == 1 and not _left(evidence, found):
+            if len(more) <= 1 and not _left(evidence, found):
                 break
     return found
 

@@ -275,6 +275,12 @@ class GeometryFit:
         """Whether the claims hold at all."""
         return self.noise_px <= MAX_NOISE_PX
 
+    def unbounded(self, nominal: DrawnModel) -> GeometryFit:
+        """Return the guess without intervals of what is off nominal: its numbers were not fitted so."""
+        values, asked = self.model.parameters, nominal.parameters
+        unknown = np.where(values == asked, asked, np.nan)
+        return replace(self, low=unknown, high=unknown)
+
 
 def fit_geometry(claims: Claims, nominal: DrawnModel, *, simple: bool = False) -> GeometryFit:
     """Find the simplest guess about conventions and geometry under which claims of several hogels hold.

@@ -207,8 +207,15 @@ def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
             offsets[model.order.index(index, scene.plate.hogels)] = (x, y)
     apertures = [model.answers(scene, image.camera.aperture) for image in evidence.images]
     there = {one.index for one in apertures}
-    if not offsets or (claims is None and _of_one_rule(apertures, offsets, smallest)):
+    if not offsets:
         return None
+    if claims is None:
+        # Farther than registration follows pictures, all apertures may be moved alike.
+        alike = _moved(model, np.median([*offsets.values()], axis=0))
+        if evidence.explains(alike):
+            return replace(fit, model=alike).unbounded(nominal), ()
+        if _of_one_rule(apertures, offsets, smallest):
+            return None
     fault = _jitter(scene, offsets, there, smallest)
     return replace(fit, model=replace(model, offsets=tuple(offsets.items()))), (fault,)
 

@@ -295,6 +295,19 @@ def test_inverted_normals_are_named_of_smooth_and_of_flat_objects() -> None:
     assert set(by_name(found)) == {"inverted-normals"}
 
 
+@pytest.mark.slow
+def test_apertures_that_are_all_moved_far_are_not_moved_each_by_its_own_offset() -> None:
+    """Half a pitch moves pictures of objects farther than registration follows them."""
+    scene = oblong()
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 72)))
+    half_pitch = scene.plate.size[0] / scene.plate.hogels[0] / 2
+    (fault,) = of_model(
+        scene, DrawnModel(aperture_offset=(-half_pitch, 0.0)), ["object"], FEW
+    ).diagnosis.faults
+    assert fault.fault == "aperture-offset-x" and "half a pitch" in fault.words
+    assert float(fault.value) == pytest.approx(-half_pitch, rel=0.01)
+
+
 def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
     """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them named."""
     scene = oblong()
