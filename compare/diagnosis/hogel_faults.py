@@ -205,18 +205,27 @@ def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
             x, y = np.subtract(found.aperture_offset, model.aperture_offset).tolist()
         if np.hypot(x, y) > smallest:
             offsets[model.order.index(index, scene.plate.hogels)] = (x, y)
+    return _told(evidence, claims, replace(fit, model=model), offsets, smallest) if offsets else None
+
+
+def _told(
+    evidence: Evidence,
+    claims: Claims | None,
+    fit: GeometryFit,
+    offsets: dict[Index, tuple[float, float]],
+    smallest: float,
+) -> Guess | None:
+    """Return a guess in which apertures have offsets; None where pictures' offsets follow a rule of all."""
+    scene, model = evidence.reference.scene, fit.model
     apertures = [model.answers(scene, image.camera.aperture) for image in evidence.images]
-    there = {one.index for one in apertures}
-    if not offsets:
-        return None
     if claims is None:
         # Farther than registration follows pictures, all apertures may be moved alike.
         alike = _moved(model, np.median([*offsets.values()], axis=0))
         if evidence.explains(alike):
-            return replace(fit, model=alike).unbounded(nominal), ()
+            return replace(fit, model=alike).unbounded(evidence.nominal), ()
         if _of_one_rule(apertures, offsets, smallest):
             return None
-    fault = _jitter(scene, offsets, there, smallest)
+    fault = _jitter(scene, offsets, {one.index for one in apertures}, smallest)
     return replace(fit, model=replace(model, offsets=tuple(offsets.items()))), (fault,)
 
 
