@@ -406,7 +406,8 @@ def _with_other_faults(evidence: Evidence, guesses: Iterable[Guess], found: Diag
         model = replace(model, **{name: getattr(guess.model, name) for name in OTHER_FIELDS})
         if not (evidence.explains(model) and of_named.explains(model)):
             continue
-        known, share = replace(guess, model=model, alternatives=()), of_named.share(model)
+        known = replace(guess, model=model, alternatives=() if more else guess.alternatives)
+        share = of_named.share(model)
         if not known.holds:
             # Intervals of a fit that something misled are too wide, and would leave out numbers that pay.
             known = known.unbounded(evidence.nominal)

@@ -219,10 +219,12 @@ def _told(
     scene, model = evidence.reference.scene, fit.model
     apertures = [model.answers(scene, image.camera.aperture) for image in evidence.images]
     if claims is None:
-        # Farther than registration follows pictures, all apertures may be moved alike.
+        # Farther than registration follows pictures, all apertures may be moved alike, or the scene.
         alike = _moved(model, np.median([*offsets.values()], axis=0))
-        if evidence.explains(alike):
-            return replace(fit, model=alike).unbounded(evidence.nominal), ()
+        (x, y), z = alike.aperture_offset, model.scene_offset[2]
+        ways = tuple(filter(evidence.explains, (alike, replace(model, scene_offset=(-x, -y, z)))))
+        if ways:
+            return replace(fit, model=ways[0], alternatives=ways[1:]).unbounded(evidence.nominal), ()
         if _of_one_rule(apertures, offsets, smallest):
             return None
     fault = _jitter(scene, offsets, {one.index for one in apertures}, smallest)

@@ -305,6 +305,7 @@ def test_apertures_that_are_all_moved_far_are_not_moved_each_by_its_own_offset()
         scene, DrawnModel(aperture_offset=(-half_pitch, 0.0)), ["object"], FEW
     ).diagnosis.faults
     assert fault.fault == "aperture-offset-x" and "half a pitch" in fault.words
+    assert fault.alternatives == ("scene-offset-x",)
     assert float(fault.value) == pytest.approx(-half_pitch, rel=0.01)
 
 
