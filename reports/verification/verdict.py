@@ -532,10 +532,10 @@ def unexplained(found: Verification) -> str:
     """Return in words that no fault is named for what is wrong."""
     several = "no single fault that was tried explains all hogels; one of the alternatives may"
     words = several if found.diagnosis.refuted else "no known fault explains what is wrong"
-    if found.diagnosis.means.endswith(NOTHING_WRONG):
-        # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
-        wrong = [one for one in found.hogels if one.verdict == "fail"]
-        named = ";".join(f"{one.aperture.column},{one.aperture.row}" for one in wrong[:MAX_LISTED])
+    # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
+    wrong = [one.aperture for one in found.hogels if one.verdict == "fail"]
+    if wrong and found.diagnosis.means.endswith(NOTHING_WRONG):
+        named = ";".join(f"{one.column},{one.row}" for one in wrong[:MAX_LISTED])
         words += (
             f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
         )
