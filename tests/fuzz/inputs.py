@@ -16,6 +16,7 @@ The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 
 import io
 import json
+import shlex
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
@@ -82,8 +83,8 @@ class Seed:
 def _seed(
     name: str, files: Mapping[str, bytes], mutated: str, line: str, outputs: str = "", how: str = "mutated"
 ) -> Seed:
-    """Return a seed; its command line and its outputs are words with spaces between."""
-    command, allowed = tuple(line.split()), frozenset(outputs.split())
+    """Return a seed; its command line is quoted as for a shell, its outputs have spaces between."""
+    command, allowed = tuple(shlex.split(line)), frozenset(outputs.split())
     return Seed(name=name, files=files, mutated=mutated, command=command, outputs=allowed, how=how)
 
 
@@ -274,7 +275,7 @@ def patterns() -> list[Seed]:
     lines = [
         "verify scene.toml {i}x{j}.png --apertures 1,1 --encoding triangle-id --quiet",
         "view scene.toml --eye 0,0,300 --resolution 4,4 --images {i}x{j}.png --encoding triangle-id --quiet",
-        "verify scene.toml --command true{i}{j}{x:.3f}{out} --encoding triangle-id --apertures 1,1 --quiet",
+        "verify scene.toml --command 'true {i}{j}{x:f}{out}' --encoding triangle-id --apertures 1,1 --quiet",
     ]
     return [_seed(f"pattern-{number}", files, "", line, "out") for number, line in enumerate(lines)]
 
