@@ -66,9 +66,6 @@ unexplained.
 # fault. A fault of one camera or of one object that is blamed on all of them spoils what was right.
 MAX_SPOILED_FRACTION = 0.02
 
-NOTHING_WRONG = ", in which nothing is wrong"
-"""Words at the end of what a diagnosis was made by, where none of its hogels is wrong."""
-
 # Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
 # pixels: the share of one hogel is that of all within a few percent.
 MAX_TESTED_HOGELS = 9
@@ -246,6 +243,7 @@ class Diagnosis:
     faults: tuple[Fault, ...] = ()  # its differences from what was asked
     does_not_explain: tuple[Fault, ...] = ()  # those of the best guess, if it explains too little
     means: str
+    nothing_wrong: bool = False  # whether the images needed no explanation
     refuted: bool = False  # whether the guess makes the judged hogels no better, all taken together
 
     @property
@@ -310,8 +308,8 @@ def diagnosis_of(evidence: Evidence) -> Diagnosis:
         found = _of_wrong(evidence)
     else:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
-        means = f"{_counted(len(evidence.tested), 'hogel')}{NOTHING_WRONG}"
-        found = Diagnosis(model=evidence.nominal, means=means)
+        means = f"{_counted(len(evidence.tested), 'hogel')}, in which nothing is wrong"
+        found = Diagnosis(model=evidence.nominal, means=means, nothing_wrong=True)
     found = _with_depth(evidence, _with_film(evidence, found))
     pictures = [one for one in evidence.images if one.color is not None]
     if not pictures or not found.model.plain or {*SHADINGS} & {*found_in(found.model)}:

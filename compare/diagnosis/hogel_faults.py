@@ -205,10 +205,10 @@ def _with_offsets(evidence: Evidence, claims: Claims | None, fit: GeometryFit) -
             x, y = np.subtract(found.aperture_offset, model.aperture_offset).tolist()
         if np.hypot(x, y) > smallest:
             offsets[model.order.index(index, scene.plate.hogels)] = (x, y)
-    return _told(evidence, claims, replace(fit, model=model), offsets, smallest) if offsets else None
+    return _moved_apart(evidence, claims, replace(fit, model=model), offsets, smallest) if offsets else None
 
 
-def _told(
+def _moved_apart(
     evidence: Evidence,
     claims: Claims | None,
     fit: GeometryFit,

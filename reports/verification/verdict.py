@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from xfrustum.compare.beyond import is_beyond
-from xfrustum.compare.diagnosis.diagnosis import NOTHING_WRONG, Diagnosis, doubtful
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
 from xfrustum.compare.diagnosis.encodings import LOSSY, RESAMPLED
 from xfrustum.compare.judging.judged import (
     SURFACES,
@@ -534,7 +534,7 @@ def unexplained(found: Verification) -> str:
     words = several if found.diagnosis.refuted else "no known fault explains what is wrong"
     # Mistakes of single hogels are seen only where these are among the hogels that are diagnosed.
     wrong = [one.aperture for one in found.hogels if one.verdict == "fail"]
-    if wrong and found.diagnosis.means.endswith(NOTHING_WRONG):
+    if wrong and found.diagnosis.nothing_wrong:
         named = ";".join(f"{one.column},{one.row}" for one in wrong[:MAX_LISTED])
         words += (
             f": the hogels that were diagnosed are right; diagnose some of both, --apertures '{named};..'"
