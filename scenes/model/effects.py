@@ -34,8 +34,8 @@ FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
 #: Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
 #: eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much.
 ROUNDING_MARGIN = 2.0**-16
-#: Triangles that are tried together. This bounds the memory, some 500 bytes for each.
-TRIANGLES_AT_ONCE = 1 << 15
+#: Triangles that are tried together: most objects are shown by one among the first.
+TRIANGLES_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True, kw_only=True)

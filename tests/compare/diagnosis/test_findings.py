@@ -309,6 +309,7 @@ def test_apertures_that_are_all_moved_far_are_not_moved_each_by_its_own_offset()
     assert float(fault.value) == pytest.approx(-half_pitch, rel=0.01)
 
 
+@pytest.mark.slow
 def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
     """Two hogels of 63 are exchanged, none of the 25 that are diagnosed; text says how to have them named."""
     scene = oblong()
@@ -325,23 +326,6 @@ def test_hogels_that_no_sample_has_are_named_to_be_diagnosed() -> None:
     assert "diagnose some of both, --apertures '3,2;7,5;..'" in table(found)
     again = xfrustum.verify(scene, draw, apertures=[(3, 2), (7, 5), *BESIDE])
     assert set(by_name(again)) == {"hogels-exchanged"}
-
-
-def test_what_a_picture_shows_is_what_is_not_black() -> None:
-    """Colors that are wrong in all of a picture but its black corner."""
-    scene = oblong()
-    reference = Reference(scene)
-
-    def draw(_: Scene, aperture: Aperture) -> HogelImage:
-        image = saying(colored(scene, DrawnModel(), trace_drawn(reference, DrawnModel(), aperture)), "color")
-        assert image.color is not None
-        noise = np.random.default_rng(0).uniform(0.1, 1.0, image.color.shape).astype(np.float32)
-        noise[:12, :16] = 0.0
-        return replace(image, color=noise)
-
-    where = xfrustum.verify(scene, draw, apertures=[(2, 2)]).summary()["where"]
-    covered = reference.trace(scene.plate.aperture(2, 2)).covered
-    assert where["shares"]["shown"]["nothing"]["wrong"] == covered[:12, :16].sum() > 0
 
 
 @pytest.mark.slow
