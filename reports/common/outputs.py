@@ -36,13 +36,14 @@ def json_ready(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    named = isinstance(value, Mapping) or (is_dataclass(value) and not isinstance(value, type))
+    # Dataclasses first: that they are no Mapping is asked of all subclasses of Mapping, once for each class.
+    named = (is_dataclass(value) and not isinstance(value, type)) or isinstance(value, Mapping)
     return json_object(value) if named else value
 
 
 def json_object(record: Any) -> dict[str, Any]:
     """Return a mapping, or a dataclass, as a JSON object; see `json_ready`."""
-    if not isinstance(record, Mapping):
+    if is_dataclass(record):
         record = {field.name: getattr(record, field.name) for field in fields(record)}
     return {str(name): json_ready(value) for name, value in record.items()}
 
