@@ -41,6 +41,7 @@ from xfrustum.reports.common.outputs import Staging, refused
 from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.parts import differences_words
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, Frustum, HogelCamera, InputError
+from xfrustum.scenes.disk.durable import new_file
 from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture, ApertureBlocks, Plate
 
@@ -283,10 +284,9 @@ class Table:
         rows = {(row["row"], row["column"]): row for row in (*before, *added.to_pylist())}
         merged = [rows[place] for place in sorted(rows)]
         self.folder.mkdir(exist_ok=True)
-        aside = self.path(block).with_suffix(".partial")
-        # From plain values, so that equal rows make equal bytes, whatever tables they come from.
-        pq.write_table(pa.Table.from_pylist(merged, schema=added.schema), aside)
-        aside.replace(self.path(block))
+        with new_file(self.path(block)) as aside:
+            # From plain values, so that equal rows make equal bytes, whatever tables they come from.
+            pq.write_table(pa.Table.from_pylist(merged, schema=added.schema), aside)
         return merged
 
 

@@ -22,11 +22,8 @@ from xfrustum.cli.main import main
 from xfrustum.compare.metrics.comparison import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, write_plate
-from xfrustum.reports.plate.store import (
-    StoredPlate,
-    camera_of,
-)
+from xfrustum.reports.plate.plate import PlateFiles, blocks_of_apertures, layout_of, write_plate
+from xfrustum.reports.plate.store import StoredPlate, Table, camera_of
 from xfrustum.scenes import InputError
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
@@ -244,6 +241,23 @@ def test_rows_of_one_block_add_up_in_any_order(measured: Path, tmp_path: Path) -
     assert (files.drawn, files.found) == (len(CHOSEN) - 1, 1)
     assert tree(out) == tree(measured)
     assert tree(out.with_suffix(".parquet")) == tree(measured.with_suffix(".parquet"))
+
+
+def test_two_processes_write_the_measures_of_one_block_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole blocks are written under a lock that all share: neither file is in the other's way."""
+    scene, table, write = small(), Table(tmp_path), pq.write_table
+    block, *_ = layout_of(scene, EVERYTHING, BLOCK).blocks(scene.plate.apertures())
+
+    def overtaken(*arguments: Any) -> None:
+        monkeypatch.setattr(pq, "write_table", write)
+        write(*arguments)
+        table.add(block, ())
+
+    monkeypatch.setattr(pq, "write_table", overtaken)
+    table.add(block, ())
+    assert list(tmp_path.iterdir()) == [table.path(block)] and pq.read_table(table.path(block)).num_rows == 0
 
 
 @pytest.mark.parametrize("written", [1, pytest.param(12, marks=pytest.mark.slow)])
