@@ -1,6 +1,7 @@
 """The question: plate, frustum, meshes, settings, and the image that every renderer returns.
 
 appearance/  The look of surfaces: materials, lights, and the sampling of color
+conformance/ The conformance suite: frozen questions to renderers of hogels
 disk/        Files on the disk: read within bounds, written whole or not at all
 files/       Scenes from files: tables, meshes, maps and images
 geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals

@@ -1,7 +1,7 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
-Through the chain's own links (near offset to depth) every image is shaded truly: as the true frustum shows
-the surface points that the image has. So each tells what *showing another point* costs, and the eye vector's
+In the chain's own links, from near offset to depth, the surface points of every image are shaded as the true
+frustum shows them. So each link tells what *showing another point* costs, and the eye vector's
 bend, which belongs to a point and not to a pixel, is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]

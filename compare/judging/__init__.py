@@ -1,1 +1,5 @@
-"""One hogel of a foreign renderer judged (`judged`); `xfrustum.compare.run` judges our own rasterizer's."""
+"""One hogel of a foreign renderer judged; `xfrustum.compare.run` judges our own rasterizer's.
+
+conformance  By a case of the conformance suite: which wrong pixels are accepted, and why
+judged       By what was asked for: wrong pixels, displacement, colors and causes
+"""

@@ -1,4 +1,4 @@
-"""A hogel judged by a case of the conformance suite: no share of wrong pixels is excused without a reason.
+"""A hogel judged by a case of the conformance suite: each wrong pixel needs a reason to be excused.
 
 The truth is that of the case's cameras without any rounding. A pixel that names another triangle is accepted
 where the truth is a tie of both, or where rounding explains it: the classifier of causes knows the bounds of

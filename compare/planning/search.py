@@ -1,10 +1,10 @@
 """The best plan with a given number of cuts: where to cut, how large near may be, and whether all is kept.
 
-With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, within it the less the
-smaller z1 is. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends at
-the reach, and its cut may be as low as the separation at the farthest surface seen in it allows. A lower cut
-only helps the next slab, which then ends sooner and sees nothing farther. So each slab in turn takes as much
-as it may, and no other k cuts have a smaller z1.
+With k cuts, the first one, z1, is minimised: outside of z1 nothing is displaced, and within it displacement
+shrinks with z1. How near to the plate z1 can be is decided from the far end inward. The outermost slab ends
+at the reach, and its cut may be as low as the separation at the farthest surface seen in it allows. A lower
+cut only helps the next slab, which then ends sooner and sees nothing farther. So each slab in turn takes as
+much as it may, and no other k cuts have a smaller z1.
 
 Displacement falls in proportion to n, and errors of depth grow as n falls: between the two lies the near that
 is farthest from either limit, and that one is planned, for apertures that nobody has looked at.

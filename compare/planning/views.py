@@ -3,7 +3,7 @@
 A plan must hold when it is measured, over the pixels of the drawn picture, which at contours show another
 surface than the truth's. So the closed form of displacement gives each of the truth's pixels the largest
 displacement of itself and its neighbors: a picture displaced by less than a pixel shows nothing else there.
-What no pixel of the truth shows that form cannot know: a camera that has stepped back by n sees farther to
+That form cannot know what no pixel of the truth shows: a camera that has stepped back by n sees farther to
 the side where |z| is no larger than n. That is left to the reference, which traces the offset cameras.
 """
 

@@ -3,12 +3,12 @@
 A picture may show another triangle at a pixel than exact cameras do, because rasterizing rounds vertices and
 depths, and starts from a clear value that a surface must beat (docs/method.md, "The error budget"):
 
-* edge: rounding may have moved an edge of one of the two triangles across the pixel's center; an edge that
-  clipping makes, a cut by the near plane or the reach, the film's border, a seam, is one. Where one picture
-  alone shows something, in all neighbors too, what is missing is no edge that was snapped;
-* order: both triangles cover the pixel, and their stored depths differ by less than the roundings of depth;
-* lost: the stored depth of the expected surface differs by less than that from the clear value, and what is
-  shown covers the pixel.
+* edge: rounding may have moved an edge of one of the two triangles across the pixel's center. Edges are also
+  those that clipping makes: cuts by the near plane and by the reach, the film's border, and seams. Where only
+  one picture shows something, at the pixel and all its neighbors, no snapped edge explains what is missing;
+* order: both triangles cover the pixel, and their stored depths differ by no more than depth's roundings;
+* lost: the stored depth of the expected surface differs by no more than that from the clear value, and what
+  is shown covers the pixel.
 
 A pixel that bears no mark is unexplained: somebody's bug. The classifier knows nothing of settings or of
 models of renderers. It takes cameras; `xfrustum.compare.attribution.budget` makes them for our rasterizer,

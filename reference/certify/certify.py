@@ -2,7 +2,8 @@
 
 The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every rounding
 error. So a triangle that surely is met before the nearest possible point of every other triangle is first,
-whatever any tracer says: the pixel is proven. All other pixels are decided in integers.
+whatever any tracer says: the pixel is proven. In what is left open integers first say which triangles cover
+the pixel; where that leaves several, they decide the order as well.
 """
 
 from __future__ import annotations

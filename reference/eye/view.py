@@ -169,8 +169,8 @@ class EyeReference:
     def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
         """Return what an eye sees of a plate whose hogels are all true: no renderer is worse than this.
 
-        What the pixels show that the eye is shown is, bit for bit, what they show in `Reference.trace` of
-        their hogels. Without color (`shaded`) the picture is made faster.
+        The eye is shown some pixels of each hogel: these show, bit for bit, what they show in
+        `Reference.trace` of that hogel. Without color (`shaded`) the picture is made faster.
         """
         taken = self.replay(eye)
         width, height = eye.resolution

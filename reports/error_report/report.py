@@ -1,7 +1,8 @@
 """`xfrustum report`: rasterizes and judges every setting at every aperture, and writes what it found.
 
-Its index.html, report.json and measurements.parquet appear together or not at all. Beside its rows a report
-says of light: which effects are drawn, what the bent eye vector costs, and what a rasterizer misses.
+Its index.html, report.json, measurements.parquet and inspect.html appear together or not at all. Beside its
+rows a report says of light: which effects are drawn, what the bent eye vector costs, and what a rasterizer
+misses.
 """
 
 import math
@@ -449,7 +450,7 @@ def default_folder(scene: Scene) -> Path:
 def make_report(
     scene: Scene, out: Path | str | None = None, options: ReportOptions | None = None
 ) -> ReportFiles:
-    """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
+    """Measure the error of a scene over settings and write its page, numbers and inspection (`FILES`).
 
     They go into the folder `out`, by default `default_folder`, where no file appears before all are complete.
 

@@ -1,14 +1,14 @@
 """A plate on disk: its arrays and their labels, its blocks of hogels, and the Zarr group that holds them.
 
-This is the only place that opens the Zarr group of a plate, and that draws into one; `exchange.convert`
-writes a converted plate row by row. The shards of the group are blocks of hogels. Zarr writes every file
+This is the only place that draws into the Zarr group of a plate; `exchange.convert` writes a converted plate
+row by row. The shards of the group are blocks of hogels. Zarr writes every file
 aside and renames it. The array `finished` says which hogels are there; its part of a block is written after
 all others, so that whatever ends a process, a hogel that it calls finished is. What a process that was killed
 may leave is a file `*.partial`, which the next command on the plate removes.
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a block is
-read, completed and written under a lock on the group's description that nobody shares; whole blocks, of which
-every process has the same bytes, share it.
+read, completed and written under an exclusive lock on the group's description. Whole blocks are written under
+a shared lock, for every process has the same bytes of them.
 """
 
 from __future__ import annotations

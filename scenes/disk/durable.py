@@ -1,7 +1,7 @@
 """Files and folders that are whole or absent: written aside, in the folder where they belong, then renamed.
 
 What is aside has a name `.xfrustum-HOST-PID-..` until it is renamed or removed. A process that was killed
-leaves it; the next one that writes there removes it, for no process has this number any more.
+leaves it; the next one that writes there removes it, unless a running process has that number by then.
 """
 
 import errno

@@ -18,7 +18,7 @@ from xfrustum.scenes.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class Aperture:
-    """One aperture (hogel): the point that every line of its image passes through; else InputError."""
+    """One aperture: the point that every line of its hogel passes through; else InputError."""
 
     column: int
     row: int  #: 0 is at the top
