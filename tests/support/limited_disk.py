@@ -66,6 +66,8 @@ def _outcome(arguments: list[str], limit: int, folder: Path) -> Outcome:
 
 
 if __name__ == "__main__":
+    # Python does not notice that a compiled module was cut off, and nobody could import that module again.
+    sys.dont_write_bytecode = True
     asked = json.load(sys.stdin)
     found = [_outcome(asked["arguments"], limit, Path(sys.argv[1])) for limit in asked["limits"]]
     json.dump([vars(outcome) for outcome in found], sys.stdout)
