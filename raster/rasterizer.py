@@ -155,6 +155,8 @@ class Rasterizer(ContextOwner):
 
     def check_sampling(self, sampling: Sampling) -> None:
         """Raise InputError where the device cannot sample so finely."""
+        if sampling == SINGLE_SAMPLE:
+            return  # as every device can
         device = self.device["renderer"]
         with self._context:
             coverage, largest = most_samples(), largest_image()
