@@ -198,9 +198,10 @@ class PlatePicture:
 
     def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
         """Clear a slot's target and draw into it from now on; see `LayeredTarget.begin`."""
+        slot.target.begin(box)
+        # Afterwards: a picture begins with all switched off, RASTERIZER_DISCARD too.
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
-        slot.target.begin(box)
 
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM

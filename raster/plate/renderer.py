@@ -215,7 +215,7 @@ class PlateRenderer(ContextOwner):
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
 
-        Without `rasterize` OpenGL discards triangles before they become pixels, and ignores clears.
+        Without `rasterize` OpenGL discards triangles before they become pixels, and clears no depth.
         """
         enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:

@@ -19,6 +19,7 @@ from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached
 from xfrustum.raster.plate.one_by_one import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
+    NOTHING,
     Aperture,
     Camera,
     Cull,
@@ -302,3 +303,16 @@ def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", (32, 24))
     chosen = DoubleFrustum(near=0.1)
     assert checked_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
+
+
+@pytest.mark.parametrize("rasterize", [True, False])
+def test_discarded_triangles_make_no_pixels(rasterize: bool) -> None:
+    """They measure vertices alone: the picture stays as it was cleared."""
+    scene = view("asymmetric", (16, 12))
+    with PlateRenderer(scene, DoubleFrustum(near=0.3), EVERYTHING) as renderer:
+        renderer.draw_only([scene.plate.middle], rasterize=rasterize)
+        with renderer._context:
+            target = renderer._rounds[0][0].target
+            target.start_reading()
+            triangle = target.finish_triangle()
+    assert (triangle != NOTHING).any() == rasterize
