@@ -406,18 +406,19 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     """Say with sizes why apertures see nothing; None where one sees an object, or where there are none."""
-    # Most often one aperture answers. The count over the whole plate leaves out those that see nothing.
-    for one in apertures[len(apertures) // 2 :][:1]:
-        if any(in_view(part, scene.frustum, one) for part in scene.objects):
-            return None
+    # Most often the first aperture answers. Millions may be asked for, which are never listed.
+    first = next(iter(apertures), None)
+    if first is not None and any(in_view(part, scene.frustum, first) for part in scene.objects):
+        return None
     for part in scene.objects:
+        # The count over the whole plate first leaves out apertures that see nothing.
         flags = apertures_in_view(part, scene.frustum, scene.plate)
         if any(flags[one.row, one.column] and in_view(part, scene.frustum, one) for one in apertures):
             return None
     if not scene.objects:
         return None
-    first = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
-    named = [f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in first]
+    few = enumerate(scene.objects[:MAX_NAMED_OBJECTS])
+    named = [f"{_called(number, part)} {_why_unseen(scene, part, apertures)}" for number, part in few]
     if more := len(scene.objects) - len(named):
         named.append(f"and {more} more objects are not in view")
     who = f"none of the {len(apertures)} apertures asked for sees anything"

@@ -1,8 +1,8 @@
 """The radiance error of an image, link by link: signed differences that add up (docs/method.md).
 
 In the chain's own links, from near offset to depth, the surface points of every image are shaded as the true
-frustum shows them. So each link tells what *showing another point* costs, and the eye vector's
-bend, which belongs to a point and not to a pixel, is counted once:
+frustum shows them. So each link tells what *showing another point* costs, and the eye vector's bend, which
+belongs to a point and not to a pixel, is counted once:
 
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> [culling]
     -> rasterization -> depth -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output

@@ -2,8 +2,8 @@
 
 The argument (docs/truth.md): `filter` leaves out no triangle that a line meets, and bounds every rounding
 error. So a triangle that surely is met before the nearest possible point of every other triangle is first,
-whatever any tracer says: the pixel is proven. In what is left open integers first say which triangles cover
-the pixel; where that leaves several, they decide the order as well.
+whatever any tracer says: the pixel is proven. What the filter leaves open, edge functions at the pixel's
+center may still prove; triangles that coincide are a tie; integers decide the rest.
 """
 
 from __future__ import annotations

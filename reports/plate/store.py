@@ -1,10 +1,11 @@
 """A plate on disk: its arrays and their labels, its blocks of hogels, and the Zarr group that holds them.
 
 This is the only place that draws into the Zarr group of a plate; `exchange.convert` writes a converted plate
-row by row. The shards of the group are blocks of hogels. Zarr writes every file
-aside and renames it. The array `finished` says which hogels are there; its part of a block is written after
-all others, so that whatever ends a process, a hogel that it calls finished is. What a process that was killed
-may leave is a file `*.partial`, which the next command on the plate removes.
+row by row. The shards of the group are blocks of hogels. Zarr writes every file aside and renames it. The
+array `finished` says which hogels are there; its part of a block is written after all others, so that
+whatever ends a process, a hogel that it calls finished is. What a process that was killed may leave is a file
+`*.partial`, which the next command on the plate removes, and beside it a part of the measures, which the next
+one that writes measures removes (`scenes.disk`).
 
 Concurrent writers of one shard would lose each other's hogels (zarr-python 3682). So a part of a block is
 read, completed and written under an exclusive lock on the group's description. Whole blocks are written under
