@@ -6,6 +6,7 @@ disk/        Files on the disk: read within bounds, written whole or not at all
 files/       Scenes from files: tables, meshes, maps and images
 geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals
 library/     The built-in scenes, made by code
+meshes/      Mesh files as objects: read right, listed as unread, or refused
 model/       The scene that is asked about, and the image that every renderer returns
 plate/       The plate, its apertures, their crossed frustum, and the settings of the two cameras
 arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all

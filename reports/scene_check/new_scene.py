@@ -17,7 +17,7 @@ from xfrustum.reports.common.templates_environment import plain_text
 from xfrustum.scenes import InputError
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.input_files import check_hogels
-from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.shapes import place as placed
 from xfrustum.scenes.geometry.shapes import placement
 from xfrustum.scenes.geometry.tessellation import load_patches

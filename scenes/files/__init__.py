@@ -1,7 +1,6 @@
 """Scenes from files: tables, meshes, maps and images.
 
 layouts           Layouts: the ways in which people store the pictures of a plate, as a table
-meshes            Mesh files through trimesh: geometry, colors and textures, and nothing that it makes up
 exr               Hogel images and other pictures as OpenEXR files
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
 pictures          Pictures, videos and environment maps as arrays

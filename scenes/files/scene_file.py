@@ -296,7 +296,7 @@ def _object(path: Path, entry: _ObjectTable, index: int) -> SceneObject:
             own = None if tolerance is None else tolerance / shapes.magnification(matrix)
             part = load_patches(path.parent / entry.mesh, chord_tolerance=own, material=entry.material)
         else:
-            from xfrustum.scenes.files.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
+            from xfrustum.scenes.meshes.mesh_file import load_mesh  # noqa: PLC0415 - loads trimesh
 
             part = load_mesh(path.parent / entry.mesh, material=entry.material)
         part = shapes.flipped(part) if entry.flip_winding else part

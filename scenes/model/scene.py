@@ -53,6 +53,20 @@ class NormalsMade(StrEnum):
     ALL = "all"
 
 
+@dataclass(frozen=True, kw_only=True)
+class UnreadFeature:
+    """Feature of a mesh file that changes looks alone and is not honoured.
+
+    A feature that would change geometry or place is refused with InputError instead.
+    """
+
+    feature: str  #: name in the file's own format, such as "KHR_texture_transform"
+    consequence: str  #: what follows, as a verb phrase, such as "is not applied to the texture"
+
+    def __str__(self) -> str:
+        return f"{self.feature} {self.consequence}"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SceneObject(Shown):
     """One object of a scene: a triangle mesh in scene coordinates.
@@ -71,7 +85,7 @@ class SceneObject(Shown):
     vertex_normals: Floats | None = None  #: (V, 3), NaN at vertices without
     vertex_colors: Floats | None = None  #: (V, 3) linear RGB
     normals_made: NormalsMade = NormalsMade.NONE  #: from the faces, as `smooth = true` asks
-    warnings: tuple[str, ...] = ()  #: faults found on reading that do not hinder drawing, one line each
+    unread: tuple[UnreadFeature, ...] = ()  #: features of the mesh file that are not honoured
 
     def __post_init__(self) -> None:
         one_of(self.name, str, "an object's name")
@@ -227,8 +241,9 @@ class Scene(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Faults found on reading the meshes that do not hinder drawing, each line once."""
-        return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
+        """Features of mesh files that are not honoured, one line each with the file, each line once."""
+        lines = (f"{part.name}: {feature}" for part in self.objects for feature in part.unread)
+        return tuple(dict.fromkeys(lines))
 
     @cached_property
     def vertices(self) -> Floats:

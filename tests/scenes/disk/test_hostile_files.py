@@ -22,7 +22,7 @@ from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, input_memory
 from xfrustum.scenes.files.exr import read_image, write_image
 from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.files.pictures import read_environment, read_rgb
 from xfrustum.scenes.geometry.tessellation import load_patches
 

@@ -14,7 +14,7 @@ from trimesh.triangles import closest_point
 from tests.support.long_tail import examples
 from xfrustum.scenes import InputError, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.tessellation import (
     cut,
     evenly,

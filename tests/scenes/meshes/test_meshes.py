@@ -25,7 +25,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject, open_scene
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.files.meshes import load_mesh
+from xfrustum.scenes.meshes.mesh_file import load_mesh
 from xfrustum.scenes.geometry.shapes import build_shape, magnification, place, refine, smoothed
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"

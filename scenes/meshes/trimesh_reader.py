@@ -1,4 +1,4 @@
-"""Mesh files through trimesh, numbered as CONVENTIONS.md says, without what trimesh makes up (docs/adr/0007).
+"""Mesh files through trimesh, without what it makes up (docs/adr/0007).
 
 Colors are those that its loaders read, before its meshes round them to 8 bits; glTF's base colors and names
 of textures come from the file's JSON.
@@ -11,7 +11,7 @@ import logging
 import re
 import struct
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,9 +26,11 @@ from trimesh.resolvers import FilePathResolver
 from trimesh.visual.color import srgb_to_linear
 from trimesh.visual.material import SimpleMaterial
 
-from xfrustum.scenes import InputError, SceneObject
-from xfrustum.scenes.arrays import Bytes, Floats, Numbers
+from xfrustum.scenes import InputError
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.model.scene import UnreadFeature
 
 GLTF_SUFFIXES = (".gltf", ".glb")
 #: Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits.
@@ -54,88 +56,21 @@ class _Material:
 
     texture: str | None = None  # name of the base color texture
     base_color: tuple[float, float, float] | None = None  #: linear RGB, in glTF only
-    not_read: tuple[str, ...] = ()  #: parts of the color that are left out, in words
+    unread: tuple[UnreadFeature, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Part:
-    """One mesh of a file, where its node places it; parts of one name share a texture."""
-
-    name: str
-    mesh: trimesh.Trimesh
-    uv: Floats | None  #: (V, 2), v up
-    color: Floats | None  #: (V, 3) or (3,) linear RGB
-    picture: Any  #: Pillow's image of the texture, not yet decoded
-    texture: str | None  #: the file's name of that texture
-    not_read: tuple[str, ...]
-
-
-def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
-    """Read a mesh file as one object, in the mesh's own coordinates.
-
-    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice counted
-    twice. Parts are joined here, for trimesh would pack their textures into an atlas that cannot repeat.
-    Raises InputError where the file is missing, of another type, damaged, or without triangles.
-    """
+def read_with_trimesh(path: Path) -> MeshContent:
+    """Read a mesh file in a format of trimesh's; InputError where it cannot be read."""
     tree, resolver = _checked_source(path), _Resolver(str(path))
-    with input_files.bounded_memory(path):
-        with _readable(path):
-            named, missing = _named_textures(path)
-            parts = _parts(path, resolver, tree, named)
-        if resolver.refused:
-            raise InputError(f"{path}: {resolver.refused[0]}")
-        if not parts:
-            raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
-        _check_geometry(path, [part.mesh for part in parts])
-        offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts[:-1])])
-        pictures, texture_of_triangle, faults = _textures(path, parts)
-        left_out = [f"not read: {what} (see CONVENTIONS.md, Light)" for p in parts for what in p.not_read]
-        return SceneObject(
-            name=str(path),
-            vertices=np.concatenate([part.mesh.vertices for part in parts]),
-            faces=np.concatenate([part.mesh.faces + at for part, at in zip(parts, offsets, strict=True)]),
-            material=material,
-            uv=_joined(parts, (part.uv for part in parts), (np.nan, np.nan)),
-            textures=pictures,
-            texture_of_triangle=texture_of_triangle,
-            vertex_normals=_joined(parts, (_normals(part.mesh) for part in parts), (np.nan,) * 3),
-            vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
-            warnings=tuple(f"{path}: {line}" for line in dict.fromkeys([*missing, *faults, *left_out])),
-        )
-
-
-def _joined(
-    parts: Sequence[_Part], values: Iterable[Floats | None], otherwise: tuple[float, ...]
-) -> Floats | None:
-    """Return (V, n) values at the vertices of all parts; None where no part has any."""
-    given = list(values)
-    if all(value is None for value in given):
-        return None
-    found = [np.array(otherwise) if value is None else value for value in given]
-    shapes = [(len(part.mesh.vertices), len(otherwise)) for part in parts]
-    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)])
-
-
-def _check_geometry(path: Path, meshes: Sequence[trimesh.Trimesh]) -> None:
-    """Raise InputError where faces leave their own vertices, or vertices are no points in space."""
-    for mesh in meshes:
-        if mesh.vertices.ndim != 2 or mesh.vertices.shape[1] != 3 or mesh.faces.shape[1:] != (3,):
-            raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
-        lowest, highest = int(mesh.faces.min()), int(mesh.faces.max())
-        if lowest < 0 or highest >= len(mesh.vertices):
-            raise InputError(
-                f"{path}: faces point past the vertices (index {lowest if lowest < 0 else highest}, "
-                f"{len(mesh.vertices)} vertices); export the mesh again"
-            )
-    finite = np.concatenate([np.isfinite(mesh.vertices).all(axis=1) for mesh in meshes])
-    if not finite.all():
-        raise InputError(
-            f"{path}: {np.count_nonzero(~finite)} of {len(finite)} vertices are NaN or infinite, "
-            f"the first is number {int(np.argmin(finite))}; repair the mesh"
-        )
-
-
-# Before trimesh reads a file: its declared size, and the files it refers to
+    with _readable(path):
+        named, unread = _named_textures(path)
+        parts = _parts(path, resolver, tree, named)
+    if resolver.refused:
+        raise InputError(f"{path}: {resolver.refused[0]}")
+    return MeshContent(
+        parts=tuple(part for part, _ in parts),
+        unread=(*unread, *(feature for _, features in parts for feature in features)),
+    )
 
 
 class _Resolver(FilePathResolver):  # type: ignore[misc]
@@ -172,9 +107,6 @@ class _Resolver(FilePathResolver):  # type: ignore[misc]
 
 def _checked_source(path: Path) -> dict[str, Any]:
     """Return the JSON of a glTF file, else nothing; refuse a file that declares more than it has."""
-    input_files.check_mesh_file(path)
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     name = path.name.lower()
     try:
         if name.endswith((".gz", ".bz2")):
@@ -208,9 +140,6 @@ def _checked_source(path: Path) -> dict[str, Any]:
     return tree
 
 
-# The parts of a file
-
-
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """Turn whatever trimesh's loaders raise within a block into an InputError with the reason."""
@@ -237,7 +166,9 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
 
 
-def _parts(path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping[str, str]) -> list[_Part]:
+def _parts(
+    path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping[str, str]
+) -> list[tuple[MeshPart, list[UnreadFeature]]]:
     """Return the meshes of a file that have faces."""
     suffix = path.suffix.lower()
     if suffix in _RAW_COLOR_SUFFIXES:
@@ -265,12 +196,13 @@ def _parts(path: Path, resolver: _Resolver, tree: dict[str, Any], named: Mapping
 
 def _part(
     name: str, geometry: trimesh.Trimesh, placed: Floats, gltf: _Material | None, named: Mapping[str, str]
-) -> _Part:
+) -> tuple[MeshPart, list[UnreadFeature]]:
     # trimesh keeps the normals that it has read in its cache.
     mesh = geometry.copy(include_cache=True, include_visual=False)
     mesh.apply_transform(placed)
     visual: Any = geometry.visual
-    kind, not_read = getattr(visual, "kind", None), [] if gltf is None else list(gltf.not_read)
+    kind = getattr(visual, "kind", None)
+    unread = [] if gltf is None else list(gltf.unread)
     stored = geometry.vertex_attributes.get("color")
     if stored is None:  # textured glTF keeps them here
         stored = getattr(visual, "vertex_attributes", {}).get("color")
@@ -280,26 +212,32 @@ def _part(
     if colors is not None and colors.dtype == np.object_:
         raise ValueError("vertices have different numbers of color channels")
     if colors is not None and len(colors) != len(mesh.vertices):
-        not_read.append("colors at vertices, which texture coordinates split")
+        unread.append(
+            UnreadFeature(
+                feature="colors at vertices", consequence="are left out: texture coordinates split vertices"
+            )
+        )
         colors = None
     if "color" in geometry.face_attributes or kind == "face":
-        not_read.append("colors of faces")
+        unread.append(UnreadFeature(feature="colors of faces", consequence="are not shown"))
     uv, material = getattr(visual, "uv", None), getattr(visual, "material", None)
     picture = getattr(material, "baseColorTexture", None)
     if picture is None:
         picture = getattr(material, "image", None)
     own_name = str(material.name) if isinstance(material, SimpleMaterial) else _ANY_MATERIAL
-    return _Part(
+    part = MeshPart(
         name=name,
-        mesh=mesh,
+        vertices=np.asarray(mesh.vertices, np.float64),
+        faces=np.asarray(mesh.faces, np.int64),
         uv=np.array(uv, np.float64) if uv is not None and np.shape(uv) == (len(mesh.vertices), 2) else None,
         color=_color(colors, gltf),
         # Pictures that Pillow has opened have a format. trimesh made those without one: the 2 x 2 gray
         # placeholder of meshes with coordinates and no texture, or a conversion of another material.
         picture=None if getattr(picture, "format", None) is None else picture,
         texture=named.get(own_name, named.get(_ANY_MATERIAL)) if gltf is None else gltf.texture,
-        not_read=tuple(not_read),
+        normals=_normals(mesh),
     )
+    return part, unread
 
 
 def _normals(part: trimesh.Trimesh) -> Floats | None:
@@ -312,9 +250,6 @@ def _normals(part: trimesh.Trimesh) -> Floats | None:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
     return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
-
-
-# Colors and textures
 
 
 def _color(stored: NDArray[np.generic] | None, gltf: _Material | None) -> Floats | None:
@@ -354,15 +289,26 @@ def _gltf_materials(tree: dict[str, Any]) -> list[_Material]:
 
 
 def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
-    rough, not_read, texture = entry.get("pbrMetallicRoughness", {}), [], None
+    rough, texture = entry.get("pbrMetallicRoughness", {}), None
+    unread: list[UnreadFeature] = []
     red, green, blue = (float(part) for part in rough.get("baseColorFactor", (1.0, 1.0, 1.0))[:3])
     if "KHR_materials_pbrSpecularGlossiness" in entry.get("extensions", {}):
-        not_read.append("colors of KHR_materials_pbrSpecularGlossiness")
+        specular = "KHR_materials_pbrSpecularGlossiness"
+        unread.append(
+            UnreadFeature(feature=specular, consequence="is not shown: colors are those of the core material")
+        )
     if (reference := rough.get("baseColorTexture")) is not None:
         if reference.get("texCoord", 0) != 0:
-            not_read.append("the texture's own set of coordinates: it is placed by the first set")
+            unread.append(
+                UnreadFeature(
+                    feature="texCoord of a texture",
+                    consequence="is not applied: the first set of coordinates places it",
+                )
+            )
         if "KHR_texture_transform" in reference.get("extensions", {}):
-            not_read.append("KHR_texture_transform: the texture is placed as if it were not there")
+            unread.append(
+                UnreadFeature(feature="KHR_texture_transform", consequence="is not applied to the texture")
+            )
         index = reference["index"]
         source = tree["textures"][index].get("source")
         for extension in tree["textures"][index].get("extensions", {}).values():
@@ -370,13 +316,13 @@ def _gltf_material(tree: dict[str, Any], entry: dict[str, Any]) -> _Material:
         uri = "" if source is None else str(tree["images"][source].get("uri", "data:"))
         texture = f"in image {source} of the file itself" if uri.startswith("data:") else uri
         texture = texture or f"number {index} without an image"
-    return _Material(texture=texture, base_color=(red, green, blue), not_read=tuple(not_read))
+    return _Material(texture=texture, base_color=(red, green, blue), unread=tuple(unread))
 
 
 _ANY_MATERIAL = ""  # key of a texture that belongs to all parts of a file
 
 
-def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
+def _named_textures(path: Path) -> tuple[dict[str, str], list[UnreadFeature]]:
     """Return an OBJ file's textures by material or a PLY file's for all, and lines for libraries not read."""
     if path.suffix.lower() == ".ply":
         with path.open("rb") as file:
@@ -387,11 +333,13 @@ def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
         return {}, []
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
     first, *others = [name.decode("utf-8", "replace") for name in dict.fromkeys(lines)] or [""]
-    told = [f"the material library {name} is not read: only the first one is" for name in others]
+    only_first = "is not read: only the first one is"
+    unread = [UnreadFeature(feature=f"material library {name}", consequence=only_first) for name in others]
     if first and not (path.parent / first).is_file():
-        told.insert(0, f"the material library {first} is missing; textures that it may name are not shown")
+        lost = "is missing; textures that it may name are not shown"
+        unread.insert(0, UnreadFeature(feature=f"material library {first}", consequence=lost))
     if not first or not (path.parent / first).is_file():
-        return {}, told
+        return {}, unread
     named, current = {}, _ANY_MATERIAL
     for line in (path.parent / first).read_bytes().decode("utf-8", "replace").splitlines():
         key, _, value = line.strip().partition(" ")
@@ -399,39 +347,4 @@ def _named_textures(path: Path) -> tuple[dict[str, str], list[str]]:
             current = " ".join(value.split())
         elif key.lower() == "map_kd" and current:
             named[current] = value.strip()
-    return named, told
-
-
-def _textures(path: Path, parts: Sequence[_Part]) -> tuple[tuple[Bytes, ...], Numbers | None, list[str]]:
-    """Return the textures of a mesh file's parts, decoded, each triangle's number of one, and warnings.
-
-    Pictures are (H, W, 4) uint8 sRGB, row 0 at the top, each different one once; numbers (F,) are -1 where a
-    triangle has none, and None where there are no pictures. There is a warning for each texture that is named
-    and not shown, such as a damaged one.
-    """
-    pictures: list[Bytes] = []
-    warnings: list[str] = []
-    index_of_name: dict[str, int] = {}
-    for part in parts:
-        if part.name in index_of_name:
-            continue
-        pixels, name = None, part.texture
-        if part.picture is not None:
-            input_files.check_picture_size(path, *part.picture.size)  # pictures within glTF files too
-            with suppress(OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
-                if part.picture.mode == "I;16":  # gray of 16 bits, which Pillow would clip, not scale
-                    gray = np.round(np.asarray(part.picture).astype(np.float64) / 257).astype(np.uint8)
-                    pixels = np.dstack([gray, gray, gray, np.full_like(gray, 255)])
-                elif part.picture.mode not in ("I", "F"):  # 32 bits a pixel, of any scale
-                    pixels = np.array(part.picture.convert("RGBA"), dtype=np.uint8)
-        index_of_name[part.name] = -1 if pixels is None else len(pictures)
-        if pixels is not None:
-            pictures.append(pixels)
-            if part.uv is None:
-                warnings.append(f"the texture {name} is not shown: there are no coordinates for it")
-        elif name is not None:
-            there = name.startswith("in image") or (path.parent / name).is_file()
-            lost = "cannot be read" if there else "is missing"
-            warnings.append(f"the texture {name} {lost}; the surface is drawn without it")
-    indices = [np.full(len(part.mesh.faces), index_of_name[part.name], np.int32) for part in parts]
-    return tuple(pictures), np.concatenate(indices) if pictures else None, warnings
+    return named, unread

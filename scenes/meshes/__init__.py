@@ -1,0 +1,7 @@
+"""Mesh files as scene objects: what a file says is read right, listed as unread, or refused.
+
+mesh_file    One mesh file as one object: the reader of its format, the checks that all formats share
+content      What a reader returns: parts with their attributes, and the features that it does not honour
+textures     Pictures of base colors, decoded once each
+trimesh_reader  Formats that trimesh reads
+"""

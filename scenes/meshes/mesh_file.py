@@ -1,0 +1,85 @@
+"""One mesh file as one object: the reader of its format, and the checks that all formats share.
+
+Faces are numbered as CONVENTIONS.md says; nothing that a library makes up is drawn (docs/adr/0007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.disk import input_files
+from xfrustum.scenes.meshes.content import MeshContent, MeshPart
+from xfrustum.scenes.meshes.textures import decode_textures
+from xfrustum.scenes.meshes.trimesh_reader import read_with_trimesh
+
+#: Readers by suffix; trimesh reads all other formats.
+_READERS: dict[str, Callable[[Path], MeshContent]] = {}
+
+
+def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
+    """Read a mesh file as one object, in the mesh's own coordinates.
+
+    Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`, a part used twice counted
+    twice. Parts are joined here, for trimesh would pack their textures into an atlas that cannot repeat.
+    Raises InputError where the file is missing, of another type, damaged, without triangles, or where it
+    holds geometry that the reader does not honour.
+    """
+    input_files.check_mesh_file(path)
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the mesh file is empty; export the mesh again")
+    with input_files.bounded_memory(path):
+        content = _READERS.get(path.suffix.lower(), read_with_trimesh)(path)
+        parts = content.parts
+        if not parts:
+            raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
+        _check_geometry(path, parts)
+        offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        pictures, texture_of_triangle, not_shown = decode_textures(path, parts)
+        return SceneObject(
+            name=str(path),
+            vertices=np.concatenate([part.vertices for part in parts]),
+            faces=np.concatenate([part.faces + at for part, at in zip(parts, offsets, strict=True)]),
+            material=material,
+            uv=_joined(parts, (part.uv for part in parts), (np.nan, np.nan)),
+            textures=pictures,
+            texture_of_triangle=texture_of_triangle,
+            vertex_normals=_joined(parts, (part.normals for part in parts), (np.nan,) * 3),
+            vertex_colors=_joined(parts, (part.color for part in parts), (1.0, 1.0, 1.0)),
+            unread=tuple(dict.fromkeys([*content.unread, *not_shown])),
+        )
+
+
+def _joined(
+    parts: Sequence[MeshPart], values: Iterable[Floats | None], otherwise: tuple[float, ...]
+) -> Floats | None:
+    """Return (V, n) values at the vertices of all parts; None where no part has any."""
+    given = list(values)
+    if all(value is None for value in given):
+        return None
+    found = [np.array(otherwise) if value is None else value for value in given]
+    shapes = [(len(part.vertices), len(otherwise)) for part in parts]
+    return np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(found, shapes, strict=True)])
+
+
+def _check_geometry(path: Path, parts: Sequence[MeshPart]) -> None:
+    """Raise InputError where faces leave their own vertices, or vertices are no points in space."""
+    for part in parts:
+        if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.shape[1:] != (3,):
+            raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
+        lowest, highest = int(part.faces.min()), int(part.faces.max())
+        if lowest < 0 or highest >= len(part.vertices):
+            raise InputError(
+                f"{path}: faces point past the vertices (index {lowest if lowest < 0 else highest}, "
+                f"{len(part.vertices)} vertices); export the mesh again"
+            )
+    finite = np.concatenate([np.isfinite(part.vertices).all(axis=1) for part in parts])
+    if not finite.all():
+        raise InputError(
+            f"{path}: {np.count_nonzero(~finite)} of {len(finite)} vertices are NaN or infinite, "
+            f"the first is number {int(np.argmin(finite))}; repair the mesh"
+        )
