@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.disk.input_files import check_declared, damage_refused, read_input
-from xfrustum.scenes.errors import InputError
 
 
 def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
@@ -21,9 +20,7 @@ def read_member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
     return archive.read(name)  # `zipfile` reads no more than the member declares
 
 
-def read_arrays(
-    path: Path, what: str, advice: str, content: bytes | None = None
-) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path, what: str, advice: str, content: bytes | None = None) -> dict[str, NDArray[Any]]:
     """Return the arrays of a .npz by their names: that of a file, or `content`, which lay in the file.
 
     InputError where it is damaged, declares too much memory, or has members other than plain arrays.

@@ -89,10 +89,11 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     if stat.S_ISREG(status.st_mode):
         if status.st_size == 0:
             raise InputError(f"{path}: the {what} is empty; write it again")
-        if status.st_size > allowed_memory(BLOCK_BYTES * status.st_blocks):
+        filled = BLOCK_BYTES * status.st_blocks
+        if status.st_size > allowed_memory(filled):
             raise InputError(
-                f"{path}: claims {in_words(status.st_size)} and fills {in_words(BLOCK_BYTES * status.st_blocks)} "
-                f"of the disk; mend the file, or raise the bound with {RAISING_OPTION}"
+                f"{path}: claims {in_words(status.st_size)} and fills {in_words(filled)} of the disk; "
+                f"mend the file, or raise the bound with {RAISING_OPTION}"
             )
         return status.st_size
     if stat.S_ISDIR(status.st_mode):
