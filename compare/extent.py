@@ -283,7 +283,8 @@ def apertures_drawn(scene: Scene, settings: Sequence[DoubleFrustum]) -> Mask:
             slope = (abs(frustum.screen.center[axis]) + size / 2) / abs(frustum.screen.height)
         farthest = FAR_MARGIN * frustum.longest_reach + step
         widened.append((half + slope) * step + ROUNDING_MARGIN * (size + (half + slope) * farthest))
-    farther = replace(frustum, reach=tuple(FAR_MARGIN * reach for reach in frustum.reach))
+    toward, back = frustum.reach
+    farther = replace(frustum, reach=(FAR_MARGIN * toward, FAR_MARGIN * back))
     for part in scene.objects:
         flags |= apertures_in_view(part, farther, plate, (widened[0], widened[1]))
         if flags.all():

@@ -129,15 +129,15 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
 
     Raises ValueError, TypeError or LookupError where the arrays are others.
     """
-    # Types as `digest` takes them, so that nothing differs of what has the frozen one.
-    triangle = arrays["triangle"].astype(np.int32)
+    # Types and shapes are those that `stored` gives: what has the frozen `digest` then differs in nothing.
+    triangle = arrays["triangle"].astype(np.int32).reshape(camera.resolution[::-1])
     color = arrays.get("color")
     return HogelImage(
         camera=camera,
         triangle=triangle,
         object=scene.object_of_number[triangle],
         position=np.full((*triangle.shape, 3), np.nan),
-        companions=arrays["companions"].astype(np.int32),
+        companions=arrays["companions"].astype(np.int32).reshape(-1, 3),
         color=None if color is None else color.astype(np.float32).reshape(*triangle.shape, 3),
     )
 

@@ -117,7 +117,8 @@ def test_apertures_that_may_draw_something_are_counted_with_none_left_out(frustu
         assert not (seen & ~flags).any() and not flags.all()
         with Rasterizer(scene) as raster:
             for aperture in plate.apertures():
-                covered = raster.render(aperture, settings, normals=False, color=False).covered.any()
+                image = raster.render(aperture, settings, normals=False, color=False)
+                covered = bool(image.covered.any())
                 assert flags[aperture.row, aperture.column] or not covered
                 drawn += covered
                 only_drawn += covered and not seen[aperture.row, aperture.column]
