@@ -137,7 +137,7 @@ def restored(scene: Scene, camera: HogelCamera, arrays: Mapping[str, NDArray[Any
         triangle=triangle,
         object=scene.object_of_number[triangle],
         position=np.full((*triangle.shape, 3), np.nan),
-        companions=arrays["companions"].astype(np.int32).reshape(-1, 3),
+        companions=arrays["companions"].astype(np.int32).astype(np.int64).reshape(-1, 3),
         color=None if color is None else color.astype(np.float32).reshape(*triangle.shape, 3),
     )
 
